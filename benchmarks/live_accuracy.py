@@ -16,9 +16,10 @@ from typing import Final
 
 from accuracy import SCENES, TITLES, TRUTH_FILE
 
+from anchorpose.live.first_seconds import LiveOptions, User
 from anchorpose.live.latency import LatencySummary
 from anchorpose.live.playback import Playback
-from anchorpose.live.session import LiveOptions, track_live
+from anchorpose.live.session import track_live
 from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.recording.reader import open_recording
 from anchorpose.results.evaluate import evaluate
@@ -40,7 +41,8 @@ def live_mm(recording: Path, truth: Path, results: Path, wait_frames: int) -> tu
     results.mkdir()
     options = LiveOptions(TrackConfig(), wait_frames=wait_frames, start_s=LEARNT_S)
     source = Playback(open_recording(recording))
-    latency = track_live([source], results, options, [], lambda sentence: print(sentence, file=sys.stderr), Event())
+    user = User(lambda sentence: print(sentence, file=sys.stderr), Event())
+    latency = track_live([source], results, options, [], user)
     return evaluate(results, truth, LEARNT_S).overall.mean_mm or float("nan"), latency
 
 

@@ -4,7 +4,9 @@ A recording is simulated (or given: --recording FOLDER, as ``simulate`` writes i
 on one thread, with the true body, so that learning is left out: the room (clocks, empty room, everybody in the sampled
 frames, where to begin), then all frames, stored as ``track`` stores them. --before: the same with the package of
 another ``src`` folder, for example of the commit before, just after; the ratios are to it. Seconds are the processor's:
-they grow with what else the machine does, the ratios hardly. Errors are those of all frames but the first second's.
+they grow with what else the machine does, the ratios hardly; time passed is what a clock on the wall shows. --threads:
+cameras and people shared among so many threads, as ``live`` does; the ratios are to one. Errors are those of all frames
+but the first second's.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.pipeline import TrackConfig
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.write import simulate_recording
-from anchorpose.threads import one_thread
+from anchorpose.threads import one_thread, worker_threads
 from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.journal import Journal
 from anchorpose.tracker.passes import plan_route, track_on
@@ -50,12 +52,13 @@ def measure(simulated: Path, warm: bool) -> dict[str, Any]:
     room = prepare_room(inputs.recording, config)
     room_s = time.process_time() - began
     motions = load_motions(config.motion_file, inputs.recording.rate_hz, config.motion)
-    ticks = list[float]()
+    ticks, passed_s = list[float](), list[float]()
 
     def tick() -> None:
         if not ticks:
             watch.seconds.clear()  # the first pose is found
         ticks.append(time.process_time())
+        passed_s.append(time.perf_counter())
 
     run, route = Run(room, config, motions, watch), plan_route(room, config, tick)
     with np.load(simulated / "truth/truth.npz") as truth, TemporaryDirectory() as folder:
@@ -73,16 +76,17 @@ def measure(simulated: Path, warm: bool) -> dict[str, Any]:
         "clock_frames": room.clocks.frames_read,
         "frames": len(ticks) - 1,
         "stages": stages,
+        "passed_ms": 1e3 * (passed_s[-1] - passed_s[0]) / max(len(passed_s) - 1, 1),
         "mean_mm": 1e3 * float(np.nanmean(np.linalg.norm(off, axis=2))) if late else None,
         "in_band": 100.0 * float((np.abs(off) < 1.96 * sigma[:, :, None]).mean()) if late else None,
         "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
 
 
-def run_with(source: Path, simulated: Path) -> dict[str, Any]:
+def run_with(source: Path, simulated: Path, threads: int = 1) -> dict[str, Any]:
     """``measure`` in a process of its own with the package in ``source``, once its kernels are compiled."""
     environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(source)}
-    command = [sys.executable, __file__, "--child", str(simulated)]
+    command = [sys.executable, __file__, "--child", str(simulated), "--threads", str(threads)]
     subprocess.run([*command, "--warm"], env=environment, check=True, stdout=subprocess.DEVNULL)
     done = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True)
     return dict(json.loads(done.stdout))
@@ -100,6 +104,7 @@ def report(now: dict[str, Any], before: dict[str, Any] | None) -> str:
     for stage in now["stages"]:
         lines.append(row(stage, *(1e3 * one["stages"].get(stage, 0.0) / one["frames"] for one in runs)))
     lines.append(row("**a frame**", *(1e3 * sum(one["stages"].values()) / one["frames"] for one in runs)))
+    lines.append(row("time passed a frame, ms", *(one["passed_ms"] for one in runs)))
     lines.append(row("room, s", *(one["room_s"] for one in runs)))
     lines.append(row("depth images read for the clocks", *(one["clock_frames"] for one in runs)))
     lines.append(row("mean error, mm", *(one["mean_mm"] for one in runs)))
@@ -115,11 +120,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--recording", type=Path, nargs="*", help="simulated recordings instead: recording and truth")
     parser.add_argument("--before", type=Path, help="src folder of another version")
+    parser.add_argument("--threads", type=int, default=1, help="compared with one thread")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--warm", action="store_true", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.child is not None:
-        with one_thread():
+        with one_thread(), worker_threads(chosen.threads):
             print(json.dumps(measure(chosen.child, chosen.warm)))
         return
     with TemporaryDirectory() as folder:
@@ -128,8 +134,9 @@ def main() -> None:
             if chosen.recording is None:
                 simulate_recording(out, SCENES[cameras](chosen.seed, chosen.seconds))
         for out in simulated:
-            now = run_with(SOURCE, out)
-            before = None if chosen.before is None else run_with(chosen.before, out)
+            now = run_with(SOURCE, out, chosen.threads)
+            compared = chosen.before or (SOURCE if chosen.threads > 1 else None)
+            before = None if compared is None else run_with(compared, out)
             print(f"\n{out.name}\n\n{report(now, before)}", flush=True)
 
 

@@ -22,9 +22,9 @@ FLOW = (
     "recording", "calibration", "isolation", "surface", "geodesics", "association", "tracking", "body", "results",
     "report",
 )  # fmt: skip
-VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings")
+VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings", "threads")
 BESIDE_THE_FLOW = (
-    "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "run_account", "threads", "writing",
+    "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "run_account", "writing",
     "track_inputs", "cli", "live", "check", "checking", "verifying", "research", "exports", "pages", "viewer",
     "viewing", "sources", "batch", "agreement", "remote",
 )  # fmt: skip
@@ -104,7 +104,7 @@ def test_nothing_that_tracks_can_reach_the_simulation_and_its_truth() -> None:
     assert forbidden_imports("check", {*FLOW, *VALUES, "tracker", "check"}) == []
     ways = ("pipeline", "writing", "run_account", "track_inputs", "calibrating", "checking", "inspecting", "collecting")
     for way in ways:
-        allowed = {*FLOW, *VALUES, "tracker", "threads", "pages", "run_account", "track_inputs", "check", "writing"}
+        allowed = {*FLOW, *VALUES, "tracker", "pages", "run_account", "track_inputs", "check", "writing"}
         assert forbidden_imports(way, allowed) == []
 
 
@@ -124,7 +124,7 @@ def test_the_comparison_with_other_systems_reads_results_and_reaches_neither_tra
 
 
 def test_what_reads_recorders_files_reaches_no_stage_but_the_recording() -> None:
-    assert forbidden_imports("sources", {*VALUES, "recording", "results", "threads", "sources", PACKAGE_ITSELF}) == []
+    assert forbidden_imports("sources", {*VALUES, "recording", "results", "sources", PACKAGE_ITSELF}) == []
 
 
 def test_the_simulation_uses_the_body_and_the_format_but_no_stage_that_is_judged_by_it() -> None:

@@ -1,64 +1,69 @@
-"""Work per camera in threads: the same results in the same order, whatever their number."""
+"""Work shared among threads: the same bytes with one thread and with four."""
 
 from __future__ import annotations
 
-import threading
 import time
+from threading import Barrier, get_ident
 
+import numpy as np
 import pytest
+from body_builder import true_shape
 
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.simulate.config import clinic
 from anchorpose.simulate.write import simulate_recording
-from anchorpose.threads import camera_threads, for_each_camera
+from anchorpose.threads import each, worker_threads
+from anchorpose.tracker.config import FollowConfig, TrackConfig
+from anchorpose.tracker.following import follow_openly
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.run import Run
+
+FRAMES = 5
 
 
-def test_results_come_in_the_order_of_the_cameras_whichever_is_done_first():
-    def late(camera: int) -> int:
-        time.sleep(0.02 * (3 - camera))
-        return camera
+def test_results_come_in_the_order_of_the_arguments_whoever_ends_first():
+    def slower_first(k: int) -> int:
+        time.sleep(0.02 * (4 - k))
+        return k
 
-    with camera_threads(4):
-        assert for_each_camera(late, [0, 1, 2]) == [0, 1, 2]
-
-
-@pytest.mark.parametrize(("count", "together"), [(1, False), (2, True)])
-def test_cameras_are_worked_on_at_the_same_time_where_threads_are_allowed(count, together):
-    both = threading.Barrier(2)
-
-    def meet(_: int) -> bool:
-        try:
-            both.wait(0.5)
-        except threading.BrokenBarrierError:
-            return False
-        return True
-
-    with camera_threads(count):
-        assert for_each_camera(meet, [0, 1]) == [together, together]
+    with worker_threads(4):
+        assert each(slower_first, range(4)) == [0, 1, 2, 3]
 
 
-def test_an_error_in_a_thread_is_raised():
-    def fail(camera: int) -> None:
-        raise ValueError(f"camera {camera}")
-
-    with camera_threads(2), pytest.raises(ValueError, match="camera 0"):
-        for_each_camera(fail, [0, 1])
-
-
-def test_work_inside_the_work_of_a_camera_does_not_wait_for_itself():
-    with camera_threads(2):
-        assert for_each_camera(lambda _: for_each_camera(abs, [-1, -2]), range(4)) == [[1, 2]] * 4
+def test_calls_run_at_the_same_time_and_only_where_threads_are_given():
+    with worker_threads(3):
+        together = Barrier(3)
+        assert sorted(each(lambda _: together.wait(timeout=10.0), range(3))) == [0, 1, 2]
+    assert each(lambda _: get_ident(), range(3)) == [get_ident()] * 3
 
 
-@pytest.mark.slow
-def test_a_clinic_is_tracked_to_the_same_bytes_by_one_thread_and_by_four(tmp_path):
-    simulate_recording(tmp_path / "clinic", clinic(21, seconds=1.5, fps=8.0))
-    tables = []
-    for count in (1, 4):
-        results = tmp_path / str(count)
-        results.mkdir()
-        with camera_threads(count):
-            track_recording(tmp_path / "clinic/recording", results, TrackConfig(), lambda done, total: None)
-        tables.append({path.name: path.read_bytes() for path in sorted(results.glob("*.parquet"))})
-    assert "joints.parquet" in tables[0]
-    assert tables[0] == tables[1]
+def test_a_call_within_a_call_does_not_wait_for_itself():
+    with worker_threads(2):
+        assert each(lambda _: each(lambda k: k, range(3)), range(4)) == [[0, 1, 2]] * 4
+
+
+def test_an_error_and_arguments_of_unequal_number_are_raised():
+    with worker_threads(2):
+        with pytest.raises(ZeroDivisionError):
+            each(lambda k: 1 // k, [1, 0])
+        with pytest.raises(ValueError, match="shorter"):
+            each(lambda a, b: a + b, [1, 2], [3])
+
+
+def test_three_cameras_and_two_therapists_give_the_same_bytes_with_one_thread_and_with_four(tmp_path):
+    simulate_recording(tmp_path / "out", clinic(7, seconds=FRAMES / 15.0))
+    few = TrackConfig(follow=FollowConfig(samples=2))  # looking around takes longer than all the rest
+    room = prepare_room(open_recording(tmp_path / "out/recording"), few)
+    frames = [read_frame(room.recording, k) for k in range(FRAMES)]
+    with np.load(tmp_path / "out/truth/truth.npz") as truth:
+        shape = true_shape(truth["shape_coefficients"], 0.007)
+
+    def joints(threads: int) -> list[bytes]:
+        with worker_threads(threads):
+            followed = follow_openly(Run(room, TrackConfig()), frames, room.initial_frames[0].choice, shape)
+            return [np.concatenate([one.joints_m, one.sigma_m[:, None]], axis=1).tobytes() for one, _ in followed]
+
+    alone, shared = joints(1), joints(4)
+    assert len(alone) == FRAMES
+    assert np.isfinite(np.frombuffer(alone[-1])).mean() > 0.9
+    assert shared == alone

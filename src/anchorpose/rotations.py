@@ -69,7 +69,7 @@ def quaternions(matrices: np.ndarray) -> np.ndarray:
     return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
     """Rodrigues' formula."""
     for m in range(len(vectors)):
@@ -87,7 +87,7 @@ def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
         matrices[m, 2, 2] = 1.0 - versine * (x * x + y * y)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _vectors(matrices: np.ndarray, vectors: np.ndarray) -> None:
     """The logarithm by way of the unit quaternion, its largest part first (Shepperd 1978, doi:10.2514/3.55767b)."""
     q = np.empty(4)
@@ -116,7 +116,7 @@ def _vectors(matrices: np.ndarray, vectors: np.ndarray) -> None:
             vectors[m, axis] = scale * q[axis]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def inverse_left_jacobian(vector: np.ndarray, change: np.ndarray) -> None:
     """``log(exp(d) exp(w)) = w + J d`` to first order (Barfoot 2017, doi:10.1017/9781316671528)."""
     squared = vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2

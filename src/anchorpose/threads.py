@@ -1,6 +1,8 @@
-"""One thread for everything: sums added in a fixed order give the same bytes on every machine.
+"""How many threads work: results never depend on it.
 
-Work that each camera needs by itself may run in a thread a camera: nothing is added up between them.
+Linear algebra and OpenCV keep to one thread, so that sums are added in a fixed order and give the same bytes on every
+machine. Work on each camera or person by itself may be shared among threads, since each result is computed whole by one
+of them and results are joined in a fixed order.
 """
 
 from __future__ import annotations
@@ -9,36 +11,13 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, TypeVar
+from typing import Final, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 Result = TypeVar("Result")
 
-_CAMERA_THREADS: ContextVar[ThreadPoolExecutor | None] = ContextVar("camera_threads", default=None)
-
-
-@contextmanager
-def camera_threads(count: int) -> Iterator[None]:
-    """Let ``for_each_camera`` use so many threads; the results are the same."""
-    if count < 2:
-        yield
-        return
-    with ThreadPoolExecutor(count, thread_name_prefix="camera") as threads:
-        token = _CAMERA_THREADS.set(threads)
-        try:
-            yield
-        finally:
-            _CAMERA_THREADS.reset(token)
-
-
-def for_each_camera(work: Callable[..., Result], *of_cameras: Iterable[Any]) -> list[Result]:
-    """``work`` with the values of each camera, in the order of the cameras; raises what ``work`` raises.
-
-    Inside ``camera_threads`` the cameras are worked on at the same time.
-    """
-    threads = _CAMERA_THREADS.get()
-    return list((map if threads is None else threads.map)(work, *of_cameras))
+_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # a worker has none itself
 
 
 @contextmanager
@@ -53,3 +32,28 @@ def one_thread() -> Iterator[None]:
             yield
     finally:
         cv2.setNumThreads(before)
+
+
+@contextmanager
+def worker_threads(count: int) -> Iterator[None]:
+    """``each`` shares its work among ``count`` threads while this lasts; with one, all is done in the caller's."""
+    if count < 2:
+        yield
+        return
+    with ThreadPoolExecutor(count) as workers:
+        before = _WORKERS.set(workers)
+        try:
+            yield
+        finally:
+            _WORKERS.reset(before)
+
+
+def each(work: Callable[..., Result], *arguments: Iterable[object]) -> list[Result]:
+    """``work`` of the first arguments, of the second ones and so on; results in this order.
+
+    The calls must not change what another one reads. Raises what the first call that fails raises.
+    """
+    calls, workers = list(zip(*arguments, strict=True)), _WORKERS.get()
+    if workers is None:
+        return [work(*call) for call in calls]
+    return list(workers.map(lambda call: work(*call), calls))

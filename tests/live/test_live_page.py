@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from threading import Event, Thread
 from typing import Any
 
@@ -15,6 +16,7 @@ from viewer_page import until
 from anchorpose.joints import JointState
 from anchorpose.live.output import LiveFrame
 from anchorpose.live.page_server import PageOutput
+from anchorpose.live.people import PersonInView
 
 
 class Playing:
@@ -175,6 +177,48 @@ def test_a_sound_on_request_when_a_target_is_reached(live, playing):
     playing.show(standing_frame)
     until(live, lambda: reading(live) == "0°")
     assert live.evaluate("anchorpose.sound.played") == 1
+
+
+BESIDE = (PersonInView(1, (0.0, 0.9), 1.7), PersonInView(3, (0.3, -0.9), 1.6))
+
+
+def with_others(number: int, time_s: float) -> LiveFrame:
+    return replace(standing_frame(number, time_s), people=BESIDE)
+
+
+def test_a_click_or_a_key_makes_another_person_the_patient(live, playing):
+    playing.show(with_others)
+    first = live.get_by_role("button", name="Make person 1 the patient")
+    until(live, lambda: first.is_visible() and live.locator("#people .patient-label").is_visible())
+    stage = live.locator("#stage").bounding_box()
+    boxes = [one.bounding_box() for one in live.locator("#people > *").all()]
+    assert len(boxes) == 3
+    for box in boxes:
+        assert stage["x"] <= box["x"] <= stage["x"] + stage["width"] - box["width"] + 1
+    assert first.evaluate("e => parseFloat(getComputedStyle(e).fontSize)") >= 20
+    first.click()
+    until(live, lambda: playing.output.asked() == 1)
+    playing.show(None)
+    time.sleep(0.2)  # a frame may be under way
+    playing.output.say("Looking at the new patient for 6 s.")
+    until(live, lambda: live.locator("#message").inner_text() == "Looking at the new patient for 6 s.")
+    assert reading(live) == "–"
+    assert live.locator("#people button").count() == 0
+    playing.show(with_others)
+    until(live, lambda: live.locator("#people button").count() == 2)
+    live.get_by_role("button", name="Make person 3 the patient").focus()
+    live.keyboard.press("Enter")
+    until(live, lambda: playing.output.asked() == 3)
+
+
+def test_a_person_who_has_gone_is_a_sentence_on_the_page(live, playing):
+    playing.show(with_others)
+    until(live, lambda: live.locator("#people button").count() == 2)
+    gone = {"error": "Person 3 is not in view now; the patient is as before."}
+    live.evaluate("gone => { fetch = async () => new Response(JSON.stringify(gone), { status: 400 }); }", gone)
+    live.locator("#people button").last.click()
+    until(live, lambda: "Person 3 is not in view now" in live.locator("#message").inner_text())
+    assert playing.output.asked() is None
 
 
 def test_everything_has_a_name(live, playing):

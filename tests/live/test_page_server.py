@@ -4,6 +4,7 @@ import http.client
 import json
 import socket
 import time
+from dataclasses import replace
 from threading import Thread
 from urllib.parse import urlsplit
 
@@ -15,6 +16,7 @@ from anchorpose.cli import main
 from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, LOST
 from anchorpose.live.page_server import BUFFER_BYTES, PageOutput
+from anchorpose.live.people import PersonInView
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
 
 
@@ -74,14 +76,56 @@ def test_nobody_gets_in_without_the_token_or_by_another_name(output):
         assert status_of(output, f"{path}{there}") == status
 
 
-def test_nothing_can_be_changed(output):
+def posted(output: PageOutput, body: object, name: str = "patient", token: str = "", **more: str) -> tuple[int, str]:
+    """Status and sentence of a request that would change something."""
     place = urlsplit(output.address)
     connection = http.client.HTTPConnection("127.0.0.1", place.port, timeout=10)
     host = f"127.0.0.1:{place.port}"
-    headers = {"Host": host, "Origin": f"http://{host}", "Content-Type": "application/json"}
-    connection.request("POST", f"{place.path}patient", "{}", headers)
-    assert connection.getresponse().status == 404
+    headers = {"Host": host, "Origin": f"http://{host}", "Content-Type": "application/json"} | more
+    connection.request("POST", f"/{token}/{name}" if token else f"{place.path}{name}", json.dumps(body), headers)
+    answer = connection.getresponse()
+    found = answer.status, json.loads(answer.read()).get("error", "")
     connection.close()
+    return found
+
+
+BESIDE = (PersonInView(2, (0.5, 0.8), 1.7),)
+
+
+def test_a_person_in_view_is_asked_for_once_and_nobody_until_the_next_frame(output):
+    output.send(replace(standing_frame(1, 0.1), people=BESIDE))
+    assert output.asked() is None
+    assert posted(output, {"person": 2}) == (200, "")
+    assert [output.asked(), output.asked()] == [2, None]
+    assert posted(output, {"person": 2})[0] == 400  # the numbers may be others' from now on
+    output.send(replace(standing_frame(2, 0.2), people=BESIDE))
+    assert posted(output, {"person": 2})[0] == 200
+
+
+def test_a_request_that_is_wrong_is_one_sentence_and_changes_nothing(output):
+    output.send(replace(standing_frame(1, 0.1), people=BESIDE))
+    assert posted(output, {"person": 3}) == (400, "Person 3 is not in view now; the patient is as before.")
+    for wrong in ({}, {"person": "2"}, {"person": True}, {"person": None}, {"person": 2.0}):
+        status, sentence = posted(output, wrong)
+        assert (status, sentence.count(".")) == (400, 1)
+    assert posted(output, [2])[0] == 400
+    assert posted(output, {"person": 2}, "joints")[0] == 404
+    assert posted(output, {"person": 2}, token="x" * 22)[0] == 403
+    assert posted(output, {"person": 2}, Origin="http://evil.example")[0] == 403
+    assert posted(output, {"person": 2}, Host="evil.example")[0] == 403
+    assert output.asked() is None
+
+
+def test_the_people_arrive_and_the_time_upright_begins_again_with_another_patient(output):
+    client = Client(output)
+    for number in range(3):
+        output.send(replace(standing_frame(number, number / 10.0), people=BESIDE))
+        found = client.next("frame")
+    assert found["people"] == [{"number": 2, "x": 0.5, "z": 0.8, "top": 1.7}]
+    assert found["upright_s"] == pytest.approx(0.2)
+    output.send(replace(standing_frame(3, 0.3), patient=2))
+    assert client.next("frame")["upright_s"] == 0.0
+    client.close()
 
 
 def test_two_clients_read_joints_and_angles_with_sigma_and_state(output):

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from anchorpose.errors import AnchorposeError
+from anchorpose.live.first_seconds import LiveOptions, User
 from anchorpose.live.playback import Playback
-from anchorpose.live.session import LiveOptions, track_live
+from anchorpose.live.session import track_live
 from anchorpose.recording.reader import open_recording
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.unfinished import unfinished_results
-from anchorpose.simulate.config import single
+from anchorpose.simulate.config import clinic, single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
 
@@ -67,11 +68,11 @@ class Collecting:
         pass
 
 
-def run(source, results: Path, stop: Event, output: Collecting, options: LiveOptions | None = None):
+def run(source, results: Path, stop: Event, output: Collecting, options: LiveOptions | None = None, asked=lambda: None):
     options = options or LiveOptions(config=TrackConfig())
     said = []
     with unfinished_results(results, results.parent / "nothing") as folder:
-        summary = track_live([source], folder, options, [output], said.append, stop)
+        summary = track_live([source], folder, options, [output], User(said.append, stop, asked))
     return summary, said
 
 
@@ -94,6 +95,49 @@ def test_frames_are_sent_while_they_happen_and_a_whole_results_folder_is_left(re
     assert any("Tracking live" in sentence for sentence in said)
     kept = open_recording(tmp_path / "kept")
     assert set(joints.frame.tolist()) <= set(kept.streams[0].frame.tolist())
+
+
+class Choosing(Collecting):
+    """Asks for nobody known, then for a person in view; stops after some frames of the second patient."""
+
+    def __init__(self, stop: Event) -> None:
+        super().__init__(-1, stop)
+        self.wishes, self.chosen = [99], False
+
+    def send(self, frame):
+        super().send(frame)
+        of_patient = [one for one in self.frames if one.patient == frame.patient]
+        if frame.patient == 2 and len(of_patient) == 8:
+            self._stop.set()
+        if frame.patient == 1 and len(of_patient) >= 8 and frame.people and not self.chosen:
+            self.chosen = True
+            self.wishes.append(frame.people[0].number)
+
+    def asked(self):
+        return self.wishes.pop(0) if self.wishes else None
+
+
+@pytest.mark.slow
+def test_a_therapist_is_made_the_patient_and_the_results_of_both_are_apart(tmp_path):
+    simulate_recording(tmp_path / "out", replace(clinic(61020, SECONDS, FPS), cameras=1, therapists=1))
+    stop = Event()
+    output, options = Choosing(stop), LiveOptions(config=TrackConfig(), start_s=4.0)
+    threading.Timer(400.0, stop.set).start()
+    source = Again(open_recording(tmp_path / "out/recording"))
+    _, said = run(source, tmp_path / "results", stop, output, options, output.asked)
+    assert "The new patient could not be looked at; the patient is as before." in said  # nobody has number 99
+    assert "Looking at the new patient for 4 s." in said
+    last, earlier = (read_joints(tmp_path / "results" / name / JOINTS_FILE) for name in ("", "earlier-patient-1"))
+    assert earlier.frame.max() < last.frame.min()
+    sent = {patient: {one.frame for one in output.frames if one.patient == patient} for patient in (1, 2)}
+    assert sent[1] <= set(earlier.frame.tolist())
+    assert sent[2] <= set(last.frame.tolist())
+    apart_m = np.linalg.norm(np.nanmedian(earlier.position_m[:, 0], 0) - np.nanmedian(last.position_m[:, 0], 0))
+    assert apart_m > 0.3  # another person's pelvis
+    frame = f"frame {last.frame.min()}"
+    for name, sentence in (("", f"until {frame}, another"), ("earlier-patient-1", f"from {frame} on, another")):
+        assert sentence in (tmp_path / "results" / name / "run.json").read_text()
+        assert (tmp_path / "results" / name / "report.html").is_file()
 
 
 @pytest.mark.slow

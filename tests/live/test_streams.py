@@ -66,7 +66,8 @@ def test_an_osc_receiver_gets_one_bundle_per_frame():
     assert messages[6].params[1:5] == pytest.approx([15.0, 16.0, 17.0, 0.01])
     assert (messages[6].params[0], messages[6].params[5]) == (JOINT_NAMES[5], "observed")
     assert messages[3].params == [JOINT_NAMES[2], "lost"]
-    assert len(messages) == 1 + JOINT_COUNT + len(ANGLE_NAMES)
+    assert len(messages) == 2 + JOINT_COUNT + len(ANGLE_NAMES)
+    assert (messages[-1].address, messages[-1].params) == ("/anchorpose/patient", [1])
 
 
 def test_an_output_that_fails_is_left_out_and_the_others_go_on():

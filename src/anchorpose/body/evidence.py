@@ -20,6 +20,7 @@ from anchorpose.body.visibility import Projection, pixels_of, projection_of
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Surface
+from anchorpose.threads import each
 
 OUTLINE_SIGMA_M: Final = 0.020  # one to two pixels at 2.5 m, edges flicker
 THICK_PX: Final = 5  # what hides a limb is wider; a silhouette's rim of lost readings is thinner
@@ -51,7 +52,7 @@ def gather_evidence(
     surface: Surface, views: Sequence[View | None], cameras: Sequence[Camera], floor_m: float | None = None
 ) -> Evidence:
     """Evidence of one frame; outlines are found once."""
-    outlines = tuple(None if view is None else find_outline(view) for view in views)
+    outlines = tuple(each(lambda view: None if view is None else find_outline(view), views))
     return Evidence(surface, tuple(views), outlines, tuple(cameras), floor_m)
 
 
@@ -122,7 +123,7 @@ def outline_constraints(
     return Constraints.alike(point, target, direction, OUTLINE_SIGMA_M, reach_m)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _stray_rows(
     points: np.ndarray,
     projection: Projection,
@@ -161,7 +162,7 @@ def _stray_rows(
     return kept[:count].copy(), target[:count].copy(), direction[:count].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _stray(label: int, depth: float, farthest: float) -> bool:
     """Whether a pixel shows the room, or another person, beyond the farthest depth that the skin may have."""
     if label != PixelLabel.BACKGROUND and label < PixelLabel.OTHER_PERSON:
@@ -169,7 +170,7 @@ def _stray(label: int, depth: float, farthest: float) -> bool:
     return depth <= 0.0 or depth > farthest
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int) -> tuple[int, int]:
     """Row and column of the nearest True pixel no more than reach_px rows and columns off; -1, -1 without one."""
     height, width = possible.shape
@@ -219,7 +220,7 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
     return Constraints.alike(below, target, up, _SIGMA_M, 2.0 * _DEEPEST_M)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _nearest(points: np.ndarray, arms: np.ndarray, trunk: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Which arm points have trunk skin nearer than the deepest a limb may be, and the nearest of it; rows of both."""
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0

@@ -84,7 +84,7 @@ def range_information(points: SkinPoints, pose: Pose) -> np.ndarray:
     return prior_equations(points, pose, None).hessian
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _range_equations(
     vectors: np.ndarray, ranges: JointRange, hinge_limit_sigma: float
 ) -> tuple[np.ndarray, np.ndarray, float]:

@@ -66,7 +66,7 @@ def shape_body(asset: BodyAsset, coefficients: np.ndarray) -> BodyMesh:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def forward(parents: np.ndarray, heads: np.ndarray, rotations: np.ndarray, root: np.ndarray) -> np.ndarray:
     """T_world_rest (b, 4, 4); see ``BodyMesh.bone_transforms``."""
     transforms = np.zeros((len(parents), 4, 4))
@@ -93,7 +93,7 @@ def forward(parents: np.ndarray, heads: np.ndarray, rotations: np.ndarray, root:
     return transforms
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def skin(
     bones: np.ndarray, weights: np.ndarray, transforms: np.ndarray, rest_m: np.ndarray, rest_normals: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -123,7 +123,7 @@ def skin(
     return points, normals
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def joint_frames(
     transforms: np.ndarray, heads: np.ndarray, parents: np.ndarray, moving: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -142,7 +142,7 @@ def joint_frames(
     return pivot, frame
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def joint_derivative(
     pivot: np.ndarray, frame: np.ndarray, below: np.ndarray, bones: np.ndarray, joints_m: np.ndarray
 ) -> np.ndarray:

@@ -33,7 +33,7 @@ class Grid(NamedTuple):
     shape: np.ndarray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def nearest_facing(
     skin: Oriented, nodes: Oriented, seen_from: np.ndarray, eyes: np.ndarray, reach: float, normal_weight: float
 ) -> np.ndarray:
@@ -62,7 +62,7 @@ def nearest_facing(
     return nearest
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def facing_rows(
     skin: Oriented,
     nodes: Oriented,
@@ -98,7 +98,7 @@ def facing_rows(
     return point[:count].copy(), found[:count].copy(), direction[:count].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.ndarray:
     """(n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 where none is nearer than reach."""
     nearest = np.full(len(nodes), -1, np.int64)
@@ -109,7 +109,7 @@ def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.nda
     return nearest
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _facing(skin: Oriented, eye: np.ndarray) -> np.ndarray:
     """Rows of the points whose outer side faces the eye."""
     facing, count = np.empty(len(skin.places_m), np.int64), 0
@@ -123,7 +123,7 @@ def _facing(skin: Oriented, eye: np.ndarray) -> np.ndarray:
     return facing[:count]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _grid(surface: Oriented, chosen: np.ndarray) -> Grid:
     """The chosen points by cell."""
     points = surface.places_m
@@ -143,7 +143,7 @@ def _grid(surface: Oriented, chosen: np.ndarray) -> Grid:
     return Grid(order, skin, start, origin, shape)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _distance2(skin: np.ndarray, spot: int, nodes: Oriented, node: int, normal_weight: float) -> float:
     away, turned = 0.0, 0.0
     for axis in range(3):
@@ -152,7 +152,7 @@ def _distance2(skin: np.ndarray, spot: int, nodes: Oriented, node: int, normal_w
     return away + normal_weight * normal_weight * turned
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: float) -> int:
     """Row of ``grid.skin`` of the nearest that is nearer than the root of ``best``, -1 where there is none.
 
@@ -187,14 +187,14 @@ def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: 
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _cells_within(place: float, radius: float, count: int) -> tuple[int, int]:
     """First and last cell along one axis that are nearer than the radius."""
     first, last = int(np.floor((place - radius) / CELL_M)), int(np.floor((place + radius) / CELL_M))
     return max(0, first), min(count - 1, last)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _gap(place: float, cell: int) -> float:
     """How far a place is from a cell along one axis, 0 within it."""
     return max(cell * CELL_M - place, place - (cell + 1) * CELL_M, 0.0)

@@ -95,7 +95,7 @@ def skin_distance(vertices: np.ndarray, faces: np.ndarray, sources: np.ndarray) 
     return fields
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _relax(points: np.ndarray, start: np.ndarray, opposite: np.ndarray, order: np.ndarray, field: np.ndarray) -> None:
     """Shorten the distances (v,) across triangles; opposite (c, 2): the other corners of the triangles of a vertex."""
     for _ in range(MOST_SWEEPS):

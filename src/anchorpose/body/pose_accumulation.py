@@ -32,7 +32,7 @@ def accumulate_pose(
     return _by_parameter(body.points.moving, pivot, frame, pairs, forces)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _by_point(
     count: int, index: np.ndarray, direction: np.ndarray, residual: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -48,7 +48,7 @@ def _by_point(
     return spread, pull
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _by_bones(
     bones: np.ndarray,
     influence: np.ndarray,
@@ -90,7 +90,7 @@ def _by_bones(
     return pairs, forces
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _lever(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, arm: np.ndarray) -> None:
     """Fills arm (6, 3): torque about the origin and force of a force on the point, as far as it is the bone's."""
     T, r = T_world_rest, rest_m
@@ -102,7 +102,7 @@ def _lever(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, arm: np.n
     arm[3, 0], arm[4, 1], arm[5, 2] = share, share, share
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _mirror(pairs: np.ndarray) -> None:
     """In place: adds the transpose, except to a bone's moments with itself, which are complete."""
     for one in range(len(pairs)):
@@ -113,7 +113,7 @@ def _mirror(pairs: np.ndarray) -> None:
                     pairs[one, other, i, j], pairs[other, one, j, i] = both, both
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarray) -> None:
     """In place: adds to each bone what moves its descendants. Parents come before children."""
     for bone in range(len(parents) - 1, 0, -1):  # no slices, which take seconds to compile
@@ -130,7 +130,7 @@ def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarra
                     pairs[other, parents[bone], i, j] += pairs[other, bone, i, j]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _by_parameter(
     moving: np.ndarray, pivot: np.ndarray, frame: np.ndarray, pairs: np.ndarray, forces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -162,7 +162,7 @@ def _by_parameter(
     return hessian, gradient
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _screws(pivot: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """(m + 1, 3, 6) each parameter as turn and shift about the origin."""
     count = len(pivot)

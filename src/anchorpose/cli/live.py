@@ -86,9 +86,10 @@ def live(
     results
         The folder to write.
     """
-    from anchorpose.cli.live_setup import make_outputs, open_sources, page_output, stop_on_signals, teller
+    from anchorpose.cli.live_setup import asked_on, make_outputs, open_sources, page_output, stop_on_signals, teller
     from anchorpose.cli.track import TrackOptions
-    from anchorpose.live.session import LiveOptions, track_live
+    from anchorpose.live.first_seconds import LiveOptions, User
+    from anchorpose.live.session import track_live
     from anchorpose.results.unfinished import unfinished_results
 
     given = options or LiveGiven()
@@ -108,6 +109,6 @@ def live(
         page_output(given) as page,
     ):
         outputs = [*make_outputs(given.lsl, given.osc), *page]
-        summary = track_live(opened, folder, chosen, outputs, teller(page), stop)
+        summary = track_live(opened, folder, chosen, outputs, User(teller(page), stop, asked_on(page)))
     print(f"{summary.sentence}. The results are in {results}.")
     return 0

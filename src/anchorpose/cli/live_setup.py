@@ -94,6 +94,11 @@ def teller(pages: Sequence[PageOutput]) -> Callable[[str], None]:
     return say
 
 
+def asked_on(pages: Sequence[PageOutput]) -> Callable[[], int | None]:
+    """What gives the person whom somebody chose on a page as the patient."""
+    return lambda: next((number for page in pages if (number := page.asked()) is not None), None)
+
+
 @contextmanager
 def stop_on_signals() -> Iterator[Event]:
     """The event that the first Ctrl+C (or the system's request to end) sets; a second one stops at once."""

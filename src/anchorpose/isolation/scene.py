@@ -28,7 +28,7 @@ from anchorpose.isolation.smear import smeared
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
-from anchorpose.threads import for_each_camera
+from anchorpose.threads import each
 
 SMALLEST_PIECE_M2: Final = 0.0005  # a piece smaller than a fingertip is not a person
 FEET_M: Final = 0.3  # an ankle's height, and what a removed floor takes with it
@@ -138,7 +138,7 @@ def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces
     def pieces_of(depth_m: np.ndarray | None, scene: Scene) -> Pieces | None:
         return None if depth_m is None else find_pieces(depth_m, scene, frame_set.time_s)
 
-    return for_each_camera(pieces_of, frame_set.depths_m, scenes)
+    return each(pieces_of, frame_set.depths_m, scenes)
 
 
 def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) -> Pieces:

@@ -31,6 +31,7 @@ from anchorpose.isolation.region_growing import grow_regions
 from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.stray_pieces import without_strays
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.threads import each
 
 DECISION_PX: Final = 2  # between two people every second row and column is decided; the pixels between grow from them
 DETACHED_M: Final = 0.12  # a bar's width, and what a forearm moves behind it unseen
@@ -82,7 +83,7 @@ def separate(
     remembered = memory.without(bodies).likelihood(elapsed_s, 0.0 if expected is None else UNSUPPORTED_SIGMA_M)
     likelihood = join_likelihoods([remembered, *([] if expected is None else [expected])])
     grid = sort_likelihood(likelihood) if len(likelihood) else None
-    decided = [_decided(pixels, grid) for pixels in shown]
+    decided = each(lambda pixels: _decided(pixels, grid), shown)
     owners = without_strays(shown, _with_detached(shown, _grown(shown, decided)))
     free = memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
     owners = _with_remembered_patient(shown, owners, memory.points_m[memory.owner == PixelLabel.PATIENT])
@@ -117,7 +118,7 @@ def _decision_pixels(pixels: Pieces) -> np.ndarray:
 
 
 def _grown(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.ndarray]:
-    return [grow_regions(pixels, owner) for pixels, owner in zip(shown, owners, strict=True)]
+    return each(grow_regions, shown, owners)
 
 
 def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from anchorpose.body.contact_regions import area_of_point, region_of_points
@@ -13,6 +13,7 @@ from anchorpose.isolation.other_place import without_other_places
 from anchorpose.live.feed import LiveSet
 from anchorpose.live.latency import LatencyMeter
 from anchorpose.live.output import Outputs, live_frame
+from anchorpose.live.people import people_in
 from anchorpose.recording.recording import Clock, FrameSet
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.tracker.estimate import Estimate
@@ -29,7 +30,7 @@ ROUNDING_S: Final = 1e-5  # recorded times have six decimals
 @dataclass(slots=True, eq=False)
 class LiveFollower:
     """Takes sets in the order of time. blocks: where tracked frames are stored; with_labels: with the person label of
-    each pixel, of use only beside a recording of the depth images."""
+    each pixel, of use only beside a recording of the depth images; patient: number of the patient in the session."""
 
     run: Run
     body: Body | None
@@ -37,12 +38,13 @@ class LiveFollower:
     outputs: Outputs
     blocks: Blocks[TrackedFrame]
     with_labels: bool
-    latency: LatencyMeter = field(default_factory=LatencyMeter)
+    latency: LatencyMeter
+    patient: int = 1
     _taken_s: dict[int, float] = field(default_factory=dict)  # by frame number, of frames still in the look-ahead
     _kept: list[TrackedFrame] = field(default_factory=list)
     _stored: int = 0
     _last_s: float = float("-inf")  # time of the last frame
-    _dropped: int = 0
+    first_frame: int | None = None
     _contacts: ContactIntervals | None = None
     _touched: Mapping[str, bool] | None = None
 
@@ -59,13 +61,13 @@ class LiveFollower:
         """One more frame of the first seconds, which were recorded."""
         self._last_s = frame_set.time_s
         self._taken_s[frame_set.frame] = float("nan")
+        self.first_frame = frame_set.frame if self.first_frame is None else self.first_frame
         self._pass_on(self.follower.step(frame_set), live=False)
 
     def finish(self) -> None:
-        """The frames that still wait in the look-ahead; then everything is stored, and no more is sent."""
+        """The frames that still wait in the look-ahead; then everything is stored."""
         self._pass_on(self.follower.finish(), live=False)
         self._store()
-        self.outputs.close()
 
     @property
     def _cameras(self) -> Sequence[Camera]:
@@ -79,8 +81,13 @@ class LiveFollower:
         for estimate in estimates:
             taken_s = self._taken_s.pop(estimate.frame_set.frame)
             if live:
-                self._dropped += dropped
-                frame = live_frame(estimate, taken_s, self._touched, self._dropped)
+                frame = replace(
+                    live_frame(estimate, taken_s),
+                    touched=self._touched,
+                    dropped=self.latency.dropped + dropped,
+                    people=people_in(self.follower.memory),
+                    patient=self.patient,
+                )
                 self.outputs.send(frame)
                 self.latency.add(frame.latency_s, dropped)
                 dropped = 0

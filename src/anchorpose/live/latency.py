@@ -34,17 +34,17 @@ class LatencySummary:
 
 
 class LatencyMeter:
-    """Counts latencies by milliseconds."""
+    """Counts latencies by milliseconds. dropped: images so far that nobody tracked."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(int(LONGEST_S / STEP_S) + 1, np.int64)
-        self._longest_s, self._dropped = 0.0, 0
+        self._longest_s, self.dropped = 0.0, 0
 
     def add(self, latency_s: float, dropped: int = 0) -> None:
         """One more frame; dropped: images before it that nobody tracked."""
         self._counts[min(max(round(latency_s / STEP_S), 0), len(self._counts) - 1)] += 1
         self._longest_s = max(self._longest_s, latency_s)
-        self._dropped += dropped
+        self.dropped += dropped
 
     def summary(self) -> LatencySummary:
         """Of all frames so far."""
@@ -53,4 +53,4 @@ class LatencyMeter:
         median_s, p99_s = (
             float(np.searchsorted(below, share * count)) * STEP_S if count else float("nan") for share in (0.5, 0.99)
         )
-        return LatencySummary(median_s, p99_s, self._longest_s, count, self._dropped)
+        return LatencySummary(median_s, p99_s, self._longest_s, count, self.dropped)

@@ -42,6 +42,7 @@ class OscOutput:
         for row, name in enumerate(ANGLE_NAMES):
             values = [float(frame.degrees[row]), float(frame.sigma_deg[row])]
             self._add_named(bundle, "/anchorpose/angle", name, values, int(frame.angle_state[row]))
+        self._add(bundle, "/anchorpose/patient", int(frame.patient))
         self._client.send(bundle.build())
 
     def close(self) -> None:

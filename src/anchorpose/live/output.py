@@ -10,6 +10,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from anchorpose.joints import LOST, JointState
+from anchorpose.live.people import PersonInView
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.tables import JointTable
 from anchorpose.tracker.estimate import Estimate
@@ -25,7 +26,8 @@ class LiveFrame:
     world, sigma_m (21,), state_code (21,) index into ``JointState``; degrees, sigma_deg, angle_state (a,): the angles
     of ``ANGLE_NAMES``. why_lost: why every joint is lost, empty where one is not. touched: parts of the patient
     (``REGIONS``) that other people touched in the frame before, and whether that was seen; None where it is not known.
-    dropped: images that were not tracked, since tracking live began.
+    dropped: images that were not tracked, since tracking live began. people: everybody else in view; patient: 1, and
+    one more whenever another person becomes the patient.
     """
 
     frame: int
@@ -40,6 +42,8 @@ class LiveFrame:
     why_lost: str
     touched: Mapping[str, bool] | None = None
     dropped: int = 0
+    people: tuple[PersonInView, ...] = ()
+    patient: int = 1
 
     @property
     def latency_s(self) -> float:
@@ -66,8 +70,8 @@ class Output(Protocol):
         ...
 
 
-def live_frame(estimate: Estimate, taken_s: float, touched: Mapping[str, bool] | None, dropped: int) -> LiveFrame:
-    """What is sent of an estimate; taken_s, touched and dropped as in ``LiveFrame``."""
+def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
+    """What is sent of an estimate; taken_s as in ``LiveFrame``."""
     frame_set = estimate.frame_set
     codes = np.array([_CODES[state] for state in estimate.states], np.int8)
     angles = joint_angles(_one_row(frame_set.frame, frame_set.time_s, estimate.joints_m, codes, estimate.sigma_m))
@@ -82,8 +86,6 @@ def live_frame(estimate: Estimate, taken_s: float, touched: Mapping[str, bool] |
         angles.sigma_deg[0],
         angles.state_code[0],
         estimate.why_lost if (codes == LOST).all() else "",
-        touched,
-        dropped,
     )
 
 

@@ -14,6 +14,7 @@ from http import HTTPStatus
 from threading import Condition, Thread
 from typing import Any, Final
 
+from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
 from anchorpose.live.output import LiveFrame
 from anchorpose.live.standing import Standing, UprightClock
@@ -23,7 +24,7 @@ from anchorpose.results.stand_training.stance import UprightConfig
 from anchorpose.results.tables import UPRIGHT
 from anchorpose.viewer.guarded_server import GuardedHandler, GuardedServer
 from anchorpose.viewer.page_files import LIVE_PAGE
-from anchorpose.viewer.responses import json_response
+from anchorpose.viewer.responses import Response, json_response
 
 EVENTS: Final = "events"
 STREAM: Final = "text/event-stream"
@@ -43,7 +44,7 @@ class PageOutput:
 
     def __init__(self, host: str, port: int) -> None:
         self._newest = _Newest()
-        self._clock = UprightClock(UprightConfig())
+        self._clock, self._patient = UprightClock(UprightConfig()), 1
         self._server = _LiveServer(self._newest, host, port)
         self._thread = Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
         self._thread.start()
@@ -55,11 +56,17 @@ class PageOutput:
 
     def send(self, frame: LiveFrame) -> None:
         """See ``Output``."""
+        if frame.patient != self._patient:  # the time upright is this patient's
+            self._clock, self._patient = UprightClock(UprightConfig()), frame.patient
         self._newest.put_frame(frame, self._clock.push(frame.joint_table))
 
     def say(self, sentence: str) -> None:
         """A sentence about the session, shown until the next one."""
         self._newest.put_sentence(sentence)
+
+    def asked(self) -> int | None:
+        """The person who is to be the patient from now on, by number (``PersonInView``); given once."""
+        return self._newest.take_asked()
 
     def close(self) -> None:
         """The page says that the session has ended; the server ends. May be called twice."""
@@ -100,6 +107,11 @@ def frame_message(frame: LiveFrame, standing: Standing) -> dict[str, Any]:
         "load_sigma": standing.load_sigma,
         "load_inferred": standing.load_inferred,
         "touched": None if frame.touched is None else dict(frame.touched),
+        "people": [
+            {"number": one.number, "x": round(one.place_xz_m[0], EXACT), "z": round(one.place_xz_m[1], EXACT)}
+            | {"top": round(one.top_m, EXACT)}
+            for one in frame.people
+        ],
     }
 
 
@@ -108,18 +120,22 @@ def _numbers(values: Iterable[float]) -> list[float | None]:
 
 
 class _Newest:
-    """The newest frame and the newest sentence, for any number of clients; nothing older is kept."""
+    """The newest frame and the newest sentence, for any number of clients, and whom one asked for; nothing older is
+    kept."""
 
     def __init__(self) -> None:
         self._changed, self.ended = Condition(), False
         self._frame: tuple[int, LiveFrame, Standing] | None = None
         self._sentence = (0, "")
         self._count = 0
+        self._people = frozenset[int]()  # whom one may ask for
+        self._asked: int | None = None
 
     def put_frame(self, frame: LiveFrame, standing: Standing) -> None:
         with self._changed:
             self._count += 1
             self._frame = (self._count, frame, standing)
+            self._people = frozenset(one.number for one in frame.people)
             self._changed.notify_all()
 
     def put_sentence(self, sentence: str) -> None:
@@ -127,6 +143,21 @@ class _Newest:
             self._count += 1
             self._sentence = (self._count, sentence)
             self._changed.notify_all()
+
+    def ask(self, number: int) -> None:
+        """This person is to be the patient; raises AnchorposeError where the newest frame shows none of this number."""
+        with self._changed:
+            if number not in self._people:
+                raise AnchorposeError(f"Person {number} is not in view now; the patient is as before.")
+            self._asked = number
+
+    def take_asked(self) -> int | None:
+        """Whom a client asked for; from then until the next frame nobody can be asked for."""
+        with self._changed:
+            asked, self._asked = self._asked, None
+            if asked is not None:
+                self._people = frozenset()
+        return asked
 
     def end(self) -> None:
         with self._changed:
@@ -173,6 +204,16 @@ class _Handler(GuardedHandler):
             self.answer(lambda: json_response(describe_live()))
         else:
             self.refuse(HTTPStatus.NOT_FOUND, "There is nothing of this name here.")
+
+    def answer_post(self, name: str, body: dict[str, Any]) -> Response:
+        """Of ``patient``: the person with a number is to be the patient."""
+        if name != "patient":
+            raise KeyError(name)
+        number = body.get("person")
+        if type(number) is not int:  # True is an int, too
+            raise ValueError("Give the number of a person who is in view; the patient is as before.")
+        self.server.newest.ask(number)
+        return json_response({"person": number})
 
     def _send_events(self) -> None:
         """Until the session ends, or the client goes away or takes nothing."""

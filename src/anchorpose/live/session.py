@@ -2,18 +2,18 @@
 
 The first seconds are recorded, and everything that tracking needs to know beforehand is found in them as in any
 recording. What the cameras see meanwhile is tracked at a few frames a second, so that the patient is never out of
-sight; from then on every newest frame is tracked, and what comes while one is worked on is dropped.
+sight; from then on every newest frame is tracked, and what comes while one is worked on is dropped. Where another
+person is made the patient, the same begins again for that person, in the room that is known by now.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
-from threading import Event
 from typing import Final
 
 import numpy as np
@@ -21,139 +21,116 @@ import numpy as np
 from anchorpose.body.skin_points import body_points, build_body
 from anchorpose.errors import AnchorposeError
 from anchorpose.live.backlog import Backlog
+from anchorpose.live.first_seconds import FirstSeconds, LiveOptions, Prepared, User, in_room
 from anchorpose.live.follow import LiveFollower
 from anchorpose.live.intake import Intake
-from anchorpose.live.latency import LatencySummary
+from anchorpose.live.latency import LatencyMeter, LatencySummary
 from anchorpose.live.output import Output, Outputs
+from anchorpose.live.people import people_in
 from anchorpose.live.recorder import Recorder
 from anchorpose.live.source import LiveSource
-from anchorpose.recording.reader import open_recording, read_frame
-from anchorpose.recording.recording import Recording, align_clocks
+from anchorpose.recording.reader import read_frame
+from anchorpose.recording.recording import Recording
 from anchorpose.results.unfinished import begin_journal, end_journal
-from anchorpose.threads import camera_threads, one_thread
-from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs
-from anchorpose.tracker.config import TrackConfig
+from anchorpose.threads import one_thread, worker_threads
 from anchorpose.tracker.following import Follower
 from anchorpose.tracker.journal import Blocks, Journal
-from anchorpose.tracker.learning import LearntPatient, learn_patient
-from anchorpose.tracker.passes import TrackedFrame, plan_route
-from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.prior_shape import is_human
+from anchorpose.tracker.passes import TrackedFrame
 from anchorpose.tracker.room import InitialFrame
-from anchorpose.tracker.run import Run
-from anchorpose.tracking.motion_file import load_motions
 from anchorpose.writing import write_results
 
 PATIENCE_S: Final = 0.5
 REPORT_S: Final = 10.0  # between two lines about latency
 NEARLY_AS_GOOD: Final = 0.5  # of the best score: a later frame to begin with saves waiting
-FIRST_WAIT_S: Final = 10.0  # for the first image of a source
-
-Say = Callable[[str], None]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LiveOptions:
-    """config: of tracking; wait_frames: how many later frames are waited for before a frame is answered; start_s: how
-    long is recorded before the body is learnt; calibration: a file of camera poses; record: a folder for all depth
-    images; seconds: of tracking, None until ``stop``."""
-
-    config: TrackConfig
-    wait_frames: int = 0
-    start_s: float = 6.0
-    calibration: Path | None = None
-    record: Path | None = None
-    seconds: float | None = None
-
-    @property
-    def live_config(self) -> TrackConfig:
-        """The settings with the look-ahead that live tracking waits for."""
-        follow = replace(self.config.follow, look_ahead=1 + self.wait_frames)
-        return replace(self.config, follow=follow)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
-    """What the first seconds show: the room with the patient in it, and the patient's body."""
+class Followed:
+    """A person who is or was the patient."""
 
-    inputs: TrackInputs
-    run: Run
-    learnt: LearntPatient
+    prepared: Prepared
+    follower: LiveFollower
 
 
 def track_live(
-    sources: Sequence[LiveSource], results: Path, options: LiveOptions, outputs: Sequence[Output], say: Say, stop: Event
+    sources: Sequence[LiveSource], results: Path, options: LiveOptions, outputs: Sequence[Output], user: User
 ) -> LatencySummary:
-    """Track the patient until the sources end or ``stop`` is set, then write everything into ``results``, which exists.
+    """Track the patient until the sources end or the user stops it, then write everything into ``results``, which
+    exists.
 
-    say: is given sentences for the user while it runs. Raises AnchorposeError where no source gives images, or the
-    patient is not found before it ends.
+    Raises AnchorposeError where no source gives images, or the patient is not found before it ends.
     """
     intake = Intake(sources)
     about = next((source.about.folder for source in sources if source.about is not None), None)
     recorder = None if options.record is None else Recorder(options.record, intake.cameras, about)
     if recorder is not None:
         intake.add(recorder.put)
-    session = _Session(intake, about, Journal(begin_journal(results, f"live {time.time_ns()}", {})), options, say, stop)
+    journal = Journal(begin_journal(results, f"live {time.time_ns()}", {}))
+    first_seconds = FirstSeconds(intake, about, journal.folder, options, user)
+    session = _Session(intake, first_seconds, journal, options, Outputs(outputs), user)
     try:
-        with one_thread(), camera_threads(min(len(intake.cameras), os.cpu_count() or 1)):
+        with one_thread(), worker_threads(min(len(intake.cameras), os.cpu_count() or 1)):
             prepared, backlog = session.prepare()
-            follower = session.begin(prepared, Outputs(outputs), with_labels=recorder is not None)
-            session.follow(follower, backlog)
+            patients = session.follow(session.begin(prepared), backlog)
+            session.outputs.close()
             intake.stop()
-            session.write(results, follower, prepared, None if recorder is None else recorder.finish())
+            session.write(results, patients, None if recorder is None else recorder.finish())
     finally:
         intake.stop()
         if recorder is not None and not recorder.finished:
             recorder.finish()
         end_journal(results)
-    return follower.latency.summary()
+    return session.latency.summary()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Session:
-    """The phases in their order; about: a recording folder whose equipment and empty room hold, None without one."""
+    """The phases in their order."""
 
     intake: Intake
-    about: Path | None
+    first_seconds: FirstSeconds
     journal: Journal
     options: LiveOptions
-    say: Say
-    stop: Event
+    outputs: Outputs
+    user: User
+    latency: LatencyMeter = field(default_factory=LatencyMeter)
 
     def prepare(self) -> tuple[Prepared, Backlog]:
         """The first seconds in which a patient is found, and what the cameras see from then on."""
         self.intake.start()
         for attempt in count(1):
-            recording = self._record(attempt)
+            recording = self.first_seconds.record(f"start-{attempt}", "the room and the patient")
             backlog = Backlog(self.intake.feed, recording.cameras)
-            found = self._learn(recording)
+            found = self.first_seconds.learn(recording)
             if found is not None:
                 return found, backlog
             backlog.drop()
-            self.say("No patient was found in these seconds; looking again.")
+            self.user.say("No patient was found in these seconds; looking again.")
         raise AssertionError("counting does not end")
 
-    def begin(self, prepared: Prepared, outputs: Outputs, with_labels: bool) -> LiveFollower:
-        """Follows the patient from a good frame of the first seconds to their end."""
+    def begin(self, prepared: Prepared, patient: int = 1) -> Followed:
+        """Follows the patient from a good frame of the first seconds to their end; patient: number in the session."""
         room, learnt = prepared.run.room, prepared.learnt
         initial = _latest_good(room.initial_frames)
         body = build_body(body_points(), learnt.shape)
-        run = replace(prepared.run, config=self.options.live_config)
-        blocks: Blocks[TrackedFrame] = Blocks(self.journal.inside("frames"))
-        follower = LiveFollower(run, body, Follower(run, initial.choice, learnt.shape), outputs, blocks, with_labels)
-        for position in range(initial.frame, len(room.recording.streams[0].files)):
-            follower.take_recorded(read_frame(room.recording, position))
-        return follower
+        config = replace(prepared.run.config, follow=self.options.live_config.follow)
+        run = replace(prepared.run, config=config)
+        blocks: Blocks[TrackedFrame] = Blocks(self.journal.inside(f"frames-{patient}"))
+        labels, found = self.options.record is not None, Follower(run, initial.choice, learnt.shape)
+        follower = LiveFollower(run, body, found, self.outputs, blocks, labels, self.latency, patient)
+        _take_recorded(follower, room.recording, initial.frame)
+        return Followed(prepared, follower)
 
-    def follow(self, follower: LiveFollower, backlog: Backlog) -> None:
-        """Catches up with what was seen meanwhile, then tracks every newest frame until the end."""
-        while not self.stop.is_set() and (waiting := backlog.take()) is not None:
-            follower.take(waiting, live=False)
-        self.say("Tracking live.")
+    def follow(self, first: Followed, backlog: Backlog) -> list[Followed]:
+        """Tracks every newest frame until the end; returns everybody who was the patient, in order."""
+        patients = [first]
+        self._catch_up(first.follower, backlog)
         began_s = reported_s = time.monotonic()
         until_s = np.inf if self.options.seconds is None else began_s + self.options.seconds
-        while not self.stop.is_set() and time.monotonic() < until_s:
+        while not self.user.stop.is_set() and time.monotonic() < until_s:
+            if (number := self.user.asked()) is not None and (new := self._change_patient(patients[-1], number)):
+                patients.append(new)
+            follower = patients[-1].follower
             found = self.intake.feed.take(PATIENCE_S)
             if found is not None:
                 follower.take(found, live=True)
@@ -161,63 +138,71 @@ class _Session:
                 break
             if time.monotonic() - reported_s > REPORT_S:
                 reported_s = time.monotonic()
-                self._report(follower)
-        follower.finish()
+                self._report()
+        patients[-1].follower.finish()
+        return patients
 
-    def write(self, results: Path, follower: LiveFollower, prepared: Prepared, recorded: Path | None) -> None:
-        """The results folder; pictures show the frames that were recorded."""
-        room = prepared.run.room
-        if recorded is not None:
-            whole = align_clocks(open_recording(recorded), room.clocks.clocks)
-            room = replace(room, recording=replace(whole, cameras=room.recording.cameras))
-        notes = (f"tracked live: {follower.latency.summary().sentence}", *follower.outputs.failed, *self.intake.failed)
-        run = replace(follower.run, room=replace(room, notes=(*room.notes, *notes)))
-        self.say("Writing the results.")
-        write_results(results, follower.blocks.read(), run, prepared.learnt, prepared.inputs)
+    def write(self, results: Path, patients: Sequence[Followed], recorded: Path | None) -> None:
+        """The last patient's results, and those of each earlier one in a folder of their own inside."""
+        self.user.say("Writing the results.")
+        *earlier, last = patients
+        notes = list[str]()
+        for one, following in zip(earlier, patients[1:], strict=True):
+            folder, frame = f"earlier-patient-{one.follower.patient}", following.follower.first_frame
+            (results / folder).mkdir()
+            self._write(results / folder, one, recorded, [f"from frame {frame} on, another person was the patient"])
+            notes.append(f"until frame {frame}, another person was the patient: the results are in {folder}")
+        self._write(results, last, recorded, notes)
 
-    def _record(self, attempt: int) -> Recording:
-        """The first seconds as a recording."""
-        folder = self.journal.folder / f"start-{attempt}"
-        recorder = Recorder(folder, self.intake.cameras, self.about)
-        self.intake.add(recorder.put)
-        self.say(f"Looking at the room and the patient for {self.options.start_s:.0f} s.")
+    def _write(self, results: Path, patient: Followed, recorded: Path | None, notes: Sequence[str]) -> None:
+        """Pictures show the frames that were recorded."""
+        run = patient.follower.run
+        room = run.room if recorded is None else replace(run.room, recording=in_room(recorded, run.room))
+        session = (f"tracked live: {self.latency.summary().sentence}", *self.outputs.failed, *self.intake.failed)
+        run = replace(run, room=replace(room, notes=(*room.notes, *notes, *session)))
+        write_results(results, patient.follower.blocks.read(), run, patient.prepared.learnt, patient.prepared.inputs)
+
+    def _catch_up(self, follower: LiveFollower, backlog: Backlog) -> None:
+        """Tracks what was seen meanwhile."""
+        while not self.user.stop.is_set() and (waiting := backlog.take()) is not None:
+            follower.take(waiting, live=False)
+        backlog.drop()
+        self.user.say("Tracking live.")
+
+    def _change_patient(self, now: Followed, number: int) -> Followed | None:
+        """The person with a number, learnt in new first seconds; None where that fails: all is as before then."""
+        before, patient = now.follower, now.follower.patient + 1
+        places = {one.number: one.place_xz_m for one in people_in(before.follower.memory)}
         try:
-            self._wait(FIRST_WAIT_S, until=lambda: recorder.images > 0)
-            self._wait(self.options.start_s, until=lambda: False)
-        finally:
-            self.intake.remove(recorder.put)
-            recorder.abandon()
-        if recorder.images == 0:
-            why = " ".join(self.intake.failed) or "no camera gives depth images."
-            raise AnchorposeError(f"Nothing can be tracked: {why}")
-        return open_recording(recorder.finish())
+            if number not in places:
+                raise AnchorposeError(f"Person {number} is not in view now.")
+            recording = self.first_seconds.record(f"patient-{patient}-{time.time_ns()}", "the new patient")
+        except AnchorposeError:
+            self.user.say("The new patient could not be looked at; the patient is as before.")
+            return None
+        backlog = Backlog(self.intake.feed, recording.cameras)
+        prepared = self.first_seconds.learn_named(recording, now.prepared.run.room, places[number])
+        if prepared is None:
+            self.user.say("No body explains who was chosen; the patient is as before.")
+            _take_recorded(before, in_room(recording.folder, now.prepared.run.room), 0)
+            self._catch_up(before, backlog)
+            return None
+        before.finish()
+        new = self.begin(prepared, patient)
+        self._catch_up(new.follower, backlog)
+        return new
 
-    def _wait(self, seconds: float, until: Callable[[], bool]) -> None:
-        end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s and self.intake.running and not until():
-            if self.stop.wait(0.02):
-                raise AnchorposeError("Stopped before a patient was found; nothing was written.")
-
-    def _learn(self, recording: Recording) -> Prepared | None:
-        """What the first seconds show; None where nobody is found in them. Raises where no more images come."""
-        config = self.options.config
-        inputs = read_inputs(recording.folder, config, UserInputs(self.options.calibration))
-        room = prepare_room(inputs.recording, config, inputs.review)
-        motions = load_motions(config.motion_file, room.recording.rate_hz, config.motion)
-        run = Run(room, config, motions)
-        learnt = learn_patient(run, plan_route(room, config, lambda: None).stretches()) if room.initial_frames else None
-        if learnt is not None and (room.recording.subject.height_m or is_human(learnt.shape)):
-            self.say(f"The patient was found: who {room.initial_frames[0].choice.reason}.")
-            return Prepared(inputs, run, learnt)
-        if not self.intake.running or self.stop.is_set():
-            raise AnchorposeError(f"No patient was found ({room.why_nobody}); nothing was written.")
-        return None
-
-    def _report(self, follower: LiveFollower) -> None:
+    def _report(self) -> None:
         silent = [self.intake.cameras[k].camera.name for k in self.intake.feed.silent()]
-        self.say(f"{follower.latency.summary().sentence}.")
+        self.user.say(f"{self.latency.summary().sentence}.")
         if silent:
-            self.say(f"No images come from {' and '.join(silent)}: check the cable.")
+            self.user.say(f"No images come from {' and '.join(silent)}: check the cable.")
+
+
+def _take_recorded(follower: LiveFollower, recording: Recording, first: int) -> None:
+    """The frames of first seconds, from one on (a position)."""
+    for position in range(first, len(recording.streams[0].files)):
+        follower.take_recorded(read_frame(recording, position))
 
 
 def _latest_good(frames: Sequence[InitialFrame]) -> InitialFrame:

@@ -32,7 +32,7 @@ DISK_ERRORS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.
 
 RESULTS: Final = FolderKind(
     ("run.json", "joints.parquet"),
-    ("run.json", "*.parquet", "report.html", "pictures/*", "log.jsonl", ".log.jsonl.lock"),
+    ("run.json", "*.parquet", "report.html", "pictures/*", "log.jsonl", ".log.jsonl.lock", "earlier-patient-*/*"),
 )
 
 

@@ -16,6 +16,7 @@ from numba import njit
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.denoise import extent
 from anchorpose.surface.surface import Surface
+from anchorpose.threads import each
 
 REACH_PX = 5  # from an edge to the nodes that it marks: two nodes, and the pixels that a depth edge loses
 SEARCH_PX = 3  # across the lost or mixed pixels of an edge
@@ -41,10 +42,11 @@ def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
     A camera without a node of the surface is skipped; a hidden node is ``INSIDE``.
     """
     kind = np.zeros(len(surface), np.uint8)
-    for camera in np.unique(surface.camera[: surface.seen_count]):
+    cameras = np.unique(surface.camera[: surface.seen_count])
+    for camera, of_pixels in zip(cameras, each(lambda k: _border_of_pixels(views[k]), cameras), strict=True):
         seen = surface.camera == camera
         row, column = surface.pixel[seen].T
-        kind[seen] = _border_of_pixels(views[camera])[row, column]
+        kind[seen] = of_pixels[row, column]
     return kind
 
 

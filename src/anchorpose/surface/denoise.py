@@ -126,7 +126,7 @@ def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.nd
     return abs(near - 2.0 * z + far) / z**2, abs(far - z) / z, abs(far - z) / z**2
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _bilateral(
     depth: np.ndarray, reach: Any, spatial: np.ndarray, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
@@ -152,7 +152,7 @@ def _bilateral(
     return smooth
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _add_tap(
     depth: np.ndarray,
     row: Any,

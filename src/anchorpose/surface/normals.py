@@ -97,7 +97,7 @@ def _tap_weight(i: int, j: int, radius: int) -> Any:
     return np.float32(1.0 - (i**2 + j**2) / (2.0 * (radius + 1) ** 2)) if j <= radius else np.float32(0.0)
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def _add_taps(
     window: Window,
     sums: np.ndarray,
@@ -137,7 +137,7 @@ def _add_taps(
         sums[SVW + k] += wva * ia + wvb * ib
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> None:
     """Plane a u + b v + c = 1 / z in the camera's own rays; NaN where the pixels seen are one, or a line of them."""
     _, inverse, u, v = window

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from anchorpose.surface.joins import join_pieces, join_rest
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.shown_skin import assign_skin, find_ambiguous_skin
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig
-from anchorpose.threads import for_each_camera
+from anchorpose.threads import each
 
 
 def patient_surface(
@@ -33,10 +32,10 @@ def patient_surface(
     """
     config = config or SurfaceConfig()
     if expected is None or not config.by_body:
-        bridged = [_bridged_mesh(view, camera, config) for view, camera in zip(views, cameras, strict=True)]
+        bridged = each(lambda view, camera: _bridged_mesh(view, camera, config), views, cameras)
         return fuse(bridged, cameras, None, config)
-    cut = partial(_cut_mesh, expected=expected, ambiguous=find_ambiguous_skin(expected), config=config)
-    meshes = for_each_camera(cut, views, cameras)
+    ambiguous = find_ambiguous_skin(expected)
+    meshes = each(lambda view, camera: _cut_mesh(view, camera, expected, ambiguous, config), views, cameras)
     surface = fuse(meshes, cameras, expected, config)
     whole = add_hidden_skin(surface, expected, [view.depth_m for view in views], cameras)
     return join_rest(whole, config.max_join_m)

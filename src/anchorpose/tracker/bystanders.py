@@ -35,6 +35,7 @@ from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.surface import Surface, SurfaceConfig
+from anchorpose.threads import each
 from anchorpose.tracker.steps import facing_points, step_onto
 
 COARSE: Final = SurfaceConfig(step=4)  # a rough body needs no finer nodes
@@ -159,20 +160,19 @@ def follow_bystanders(
     """
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
-    followed, waiting = list[Bystander](), list[Search]()
-    for label in _labels(views):
+
+    def next_of(label: int) -> Bystander | Search:
         last = searched.get(label, Search(label, 0, FIRST_PAUSE))
         if last.wait > 0:
-            waiting.append(replace(last, wait=last.wait - 1))
-            continue
+            return replace(last, wait=last.wait - 1)
         evidence = person_evidence(views, cameras, label)
         found = _follow(known[label], evidence, points, elapsed_s) if label in known else None
         found = found or _find(label, evidence, points)
-        if found:
-            followed.append(found)
-        else:
-            waiting.append(Search(label, last.pause, min(2 * last.pause, LONGEST_PAUSE)))
-    return Bystanders(tuple(followed), tuple(waiting))
+        return found or Search(label, last.pause, min(2 * last.pause, LONGEST_PAUSE))
+
+    now = each(next_of, _labels(views))
+    followed = tuple(one for one in now if isinstance(one, Bystander))
+    return Bystanders(followed, tuple(one for one in now if isinstance(one, Search)))
 
 
 def label_by_bodies(
@@ -202,7 +202,7 @@ def _labels(views: Sequence[View | None]) -> list[int]:
     return [label for label in np.flatnonzero(there).tolist() if label >= PixelLabel.OTHER_PERSON]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
     for label in labels.ravel():
         there[label] = True

@@ -8,6 +8,7 @@ import numpy as np
 
 from anchorpose.body.poor_depth import PoorDepth, too_coarse
 from anchorpose.body.skin_points import FittedShape
+from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import Estimate, nobody_found
@@ -70,6 +71,13 @@ class Follower:
             yield from self._follow(self.tracker, frame_set)
         else:
             yield self._look(frame_set)
+
+    @property
+    def memory(self) -> BystanderMemory:
+        """Who is where as of the last frame; empty before the patient is found for the first time."""
+        if self.tracker is not None:
+            return self.tracker.window.seen[-1].memory
+        return empty_memory() if self._search is None else self._search.memory
 
     def finish(self) -> Iterator[Estimate]:
         """The estimates of the last frames, which wait for frames that do not come."""

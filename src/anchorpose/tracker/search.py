@@ -56,11 +56,12 @@ class LastSeen:
 class Search:
     """Bystanders are still followed while the patient is lost, so that none of them is taken for the patient.
 
-    now: the last frame looked at; left: the patient has walked out of the picture.
+    now: the last frame looked at; left: the patient has walked out of the picture. memory: of everybody else, as of the
+    last frame.
     """
 
     def __init__(self, now: Observation, last: LastSeen, left: bool = False) -> None:
-        self._memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
+        self.memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
         self._place_xz_m, self._lost_s = last.place_m[[0, 2]], last.seen.frame_set.time_s
         self._newcomer = last.seen.memory.next_label  # labels from this on are of people who came since
         self._met, self._left = last.met, left
@@ -74,12 +75,12 @@ class Search:
         """
         pieces, config = find_all_pieces(frame_set, run.room.scenes), run.config
         elapsed_s = frame_set.time_s - self._time_s
-        views = separate(pieces, self._memory, None, elapsed_s, config.isolation)
-        self._memory = update_memory(self._memory, pieces, views, run.room.cameras, elapsed_s)
+        views = separate(pieces, self.memory, None, elapsed_s, config.isolation)
+        self.memory = update_memory(self.memory, pieces, views, run.room.cameras, elapsed_s)
         self._time_s = frame_set.time_s
         if self._left and abs(frame_set.time_s - self._lost_s) < RETURN_S:
             self._met |= _people_in(views)
-            self._newcomer = self._memory.next_label
+            self._newcomer = self.memory.next_label
         reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
         people = find_people(pieces, config.isolation).people
         axes = [one.ground_xz_m for one in people if self._may_be_patient(one, pieces, views, reach_m, config)]

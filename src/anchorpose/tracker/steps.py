@@ -154,7 +154,7 @@ def _worth(
     return np.asarray(found.mean(axis=1))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _look(
     points: np.ndarray,
     steps: np.ndarray,
@@ -186,7 +186,7 @@ def _take(points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free
         _close(points_m, projection, pixels.depth_m, open_)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _close(points: np.ndarray, projection: Projection, depth: np.ndarray, free: np.ndarray) -> None:
     height, width = depth.shape
     column, row, far = pixels_of(points, projection, height, width)

@@ -1,4 +1,4 @@
-// The skeleton of the newest frame, by the viewer's own drawing.
+// The skeleton of the newest frame, by the viewer's own drawing, and where everybody else is.
 
 import { View } from "../view/scene.js";
 import { SkeletonLayer } from "../view/skeleton.js";
@@ -7,10 +7,11 @@ const SIZE = 2; // of dots and limbs, against the viewer's: this is looked at fr
 const FAR_M = 1.2; // from the middle of the view: then the view follows
 
 export class Figure {
-  constructor(canvas, description) {
-    Object.assign(this, { canvas, description, view: null });
+  constructor(canvas, description, people) {
+    Object.assign(this, { canvas, description, people, view: null });
     this.count = description.joints.length;
     this.base = description.joints.indexOf("SpineBase");
+    this.head = description.joints.indexOf("Head");
     this.newest = { joints: new Float32Array(3 * this.count), sigma: new Float32Array(this.count), states: new Uint8Array(this.count) };
     const draw = () => { this.view?.draw(); requestAnimationFrame(draw); };
     draw();
@@ -19,6 +20,8 @@ export class Figure {
   /** message: of a frame; null where nothing is known. */
   set(message) {
     if (message) this.take(message);
+    const head = message?.joints_m[this.head] ?? [null];
+    this.people.set(message?.people ?? [], head.includes(null) ? null : head);
     if (!this.view) return;
     this.skeleton.group.visible = message !== null;
     this.skeleton.set(0);
@@ -41,6 +44,7 @@ export class Figure {
     this.view = new View(this.canvas, [x, Math.max(y, floor + 0.9), z], floor);
     this.skeleton = new SkeletonLayer(this.description, { at: () => this.newest }, this.view, SIZE);
     this.view.scene.add(this.skeleton.group);
+    this.people.begin(this.view, floor);
   }
 
   look(name) { this.view?.look(name); }

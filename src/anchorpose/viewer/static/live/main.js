@@ -1,19 +1,23 @@
 // The page of a live session: skeleton, dials, facts, and what to know when nothing comes.
 
-import { getJson } from "../view/api.js";
+import { getJson, postJson } from "../view/api.js";
 import { isFull, remember, remembered } from "./choice.js";
 import { Dial } from "./dials.js";
 import { showFacts } from "./facts.js";
 import { Figure } from "./figure.js";
+import { People } from "./people.js";
 import { Sound } from "./sound.js";
 import { Stream } from "./stream.js";
+
+const REFUSAL_MS = 5000; // that a refusal is shown
 
 const byId = (id) => document.getElementById(id);
 
 class Page {
   constructor(description) {
     this.angles = description.angles;
-    this.figure = new Figure(byId("scene"), description);
+    this.figure = new Figure(byId("scene"), description, new People(byId("people"), (number) => this.choose(number)));
+    this.refusal = "";
     this.sound = new Sound(byId("sound"));
     this.choices = remembered(this.angles);
     this.sentence = "";
@@ -47,6 +51,17 @@ class Page {
     this.rebuild();
   }
 
+  /** Another person is to be the patient; the server says what comes of it. */
+  async choose(number) {
+    try {
+      await postJson("patient", { person: number });
+    } catch (error) {
+      this.refusal = error.message;
+      this.say(error.message);
+      setTimeout(() => { this.refusal = ""; }, REFUSAL_MS);
+    }
+  }
+
   show(message) {
     this.figure.set(message);
     for (const dial of this.dials) {
@@ -56,7 +71,7 @@ class Page {
     }
     showFacts(message);
     byId("pace").textContent = `${message.latency_ms.toFixed(0)} ms from image to joints · ${message.dropped} images dropped`;
-    this.say(message.why_lost ? `The patient is lost: ${message.why_lost}.` : "");
+    this.say(message.why_lost ? `The patient is lost: ${message.why_lost}.` : this.refusal);
   }
 
   /** Nothing is known now: no value may stay. */

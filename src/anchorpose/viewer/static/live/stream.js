@@ -11,11 +11,15 @@ export class Stream extends EventTarget {
     super();
     this.began = this.heard = performance.now();
     this.connected = this.ended = this.running = false; // running: a frame has come
+    this.sentence = ""; // that came after the newest frame: it says why no other one came
     this.source = new EventSource(address);
     this.source.addEventListener("open", () => { this.connected = true; });
     this.source.addEventListener("error", () => { this.connected = false; this.check(); });
     this.source.addEventListener("frame", (event) => this.take(JSON.parse(event.data)));
-    this.source.addEventListener("sentence", (event) => this.pass("sentence", JSON.parse(event.data)));
+    this.source.addEventListener("sentence", (event) => {
+      this.sentence = JSON.parse(event.data);
+      this.pass("sentence", this.sentence);
+    });
     this.source.addEventListener("end", () => {
       this.ended = true;
       this.source.close();
@@ -26,6 +30,7 @@ export class Stream extends EventTarget {
 
   take(message) {
     this.connected = this.running = true;
+    this.sentence = "";
     this.heard = performance.now();
     this.pass("frame", message);
   }
@@ -39,7 +44,7 @@ export class Stream extends EventTarget {
     if (this.ended) return "The session has ended.";
     if (!this.connected) return "The connection is lost. Trying again.";
     const seconds = Math.floor((performance.now() - this.heard) / 1000);
-    return this.running && seconds >= STALL_S ? `No image for ${seconds} s` : "";
+    return this.running && seconds >= STALL_S ? this.sentence || `No image for ${seconds} s` : "";
   }
 
   pass(name, detail) { this.dispatchEvent(new CustomEvent(name, { detail })); }

@@ -1,0 +1,149 @@
+"""The first seconds of a patient: recorded, and everything that tracking needs to know found in them.
+
+Of the first patient that is the room, too; of another one, made the patient later, the room is known.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Event
+from typing import Final
+
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.live.intake import Intake
+from anchorpose.live.recorder import Recorder
+from anchorpose.recording.reader import open_recording
+from anchorpose.recording.recording import Recording, align_clocks
+from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.initial_frame import with_best_initial_frame
+from anchorpose.tracker.learning import LearntPatient, learn_patient
+from anchorpose.tracker.passes import plan_route
+from anchorpose.tracker.preparation import Settled, furnish_room, prepare_room
+from anchorpose.tracker.prior_shape import is_human
+from anchorpose.tracker.room import Room
+from anchorpose.tracker.run import Run
+from anchorpose.tracking.motion_file import load_motions
+
+FIRST_WAIT_S: Final = 10.0  # for the first image of a source
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveOptions:
+    """config: of tracking; wait_frames: how many later frames are waited for before a frame is answered; start_s: how
+    long is recorded before the body is learnt; calibration: a file of camera poses; record: a folder for all depth
+    images; seconds: of tracking, None until ``stop``."""
+
+    config: TrackConfig
+    wait_frames: int = 0
+    start_s: float = 6.0
+    calibration: Path | None = None
+    record: Path | None = None
+    seconds: float | None = None
+
+    @property
+    def live_config(self) -> TrackConfig:
+        """The settings with the look-ahead that live tracking waits for."""
+        follow = replace(self.config.follow, look_ahead=1 + self.wait_frames)
+        return replace(self.config, follow=follow)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class User:
+    """say: is given sentences while it runs; stop: set when it is to end; asked: the number (``PersonInView``) of a
+    person who is to be the patient from now on, given once, None in between."""
+
+    say: Say
+    stop: Event
+    asked: Callable[[], int | None] = lambda: None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """What the first seconds show: the room with the patient in it, and the patient's body."""
+
+    inputs: TrackInputs
+    run: Run
+    learnt: LearntPatient
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FirstSeconds:
+    """about: a recording folder whose equipment and empty room hold, None without one; folder: for what is recorded."""
+
+    intake: Intake
+    about: Path | None
+    folder: Path
+    options: LiveOptions
+    user: User
+
+    def record(self, name: str, whom: str) -> Recording:
+        """The next seconds as a recording; whom: looked at, for the user.
+
+        Raises AnchorposeError where none can be made.
+        """
+        folder = self.folder / name
+        recorder = Recorder(folder, self.intake.cameras, self.about)
+        self.intake.add(recorder.put)
+        self.user.say(f"Looking at {whom} for {self.options.start_s:.0f} s.")
+        try:
+            self._wait(FIRST_WAIT_S, until=lambda: recorder.images > 0)
+            self._wait(self.options.start_s, until=lambda: False)
+        finally:
+            self.intake.remove(recorder.put)
+            recorder.abandon()
+        if recorder.images == 0:
+            why = " ".join(self.intake.failed) or "no camera gives depth images."
+            raise AnchorposeError(f"Nothing can be tracked: {why}")
+        return open_recording(recorder.finish())
+
+    def _wait(self, seconds: float, until: Callable[[], bool]) -> None:
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s and self.intake.running and not until():
+            if self.user.stop.wait(0.02):
+                raise AnchorposeError("Stopped before a patient was found; nothing was written.")
+
+    def learn(self, recording: Recording) -> Prepared | None:
+        """What the first seconds show; None where nobody is found in them. Raises where no more images come."""
+        config = self.options.config
+        inputs = read_inputs(recording.folder, config, UserInputs(self.options.calibration))
+        room = prepare_room(inputs.recording, config, inputs.review)
+        found = self._learn_in(room, inputs)
+        if found is None and (not self.intake.running or self.user.stop.is_set()):
+            raise AnchorposeError(f"No patient was found ({room.why_nobody}); nothing was written.")
+        return found
+
+    def learn_named(self, recording: Recording, room: Room, place_xz_m: tuple[float, float]) -> Prepared | None:
+        """Who stands at a place in the first frame of a recording, in a room that is known.
+
+        None where nobody does, or no human body explains who does."""
+        first = int(recording.streams[0].frame[0])
+        config = replace(self.options.config, patient_xz_m=place_xz_m, patient_frame=first)
+        inputs = read_inputs(recording.folder, config, UserInputs(self.options.calibration))
+        settled = Settled(in_room(recording.folder, room), room.clocks, room.calibration, (), ())
+        try:
+            furnished = with_best_initial_frame(furnish_room(settled, config, inputs.review, room.scenes), config)
+        except InputError:  # nobody is there in it
+            return None
+        return self._learn_in(furnished, inputs)
+
+    def _learn_in(self, room: Room, inputs: TrackInputs) -> Prepared | None:
+        """The patient of a room, with the body; None where nobody is found."""
+        config = inputs.config
+        run = Run(room, config, load_motions(config.motion_file, room.recording.rate_hz, config.motion))
+        learnt = learn_patient(run, plan_route(room, config, lambda: None).stretches()) if room.initial_frames else None
+        if learnt is None or not (room.recording.subject.height_m or is_human(learnt.shape)):
+            return None
+        self.user.say(f"The patient was found: who {room.initial_frames[0].choice.reason}.")
+        return Prepared(inputs, run, learnt)
+
+
+def in_room(folder: Path, room: Room) -> Recording:
+    """Another recording of the cameras of a room, with their clocks and poses."""
+    recording = align_clocks(open_recording(folder), room.clocks.clocks)
+    return replace(recording, cameras=room.recording.cameras)
