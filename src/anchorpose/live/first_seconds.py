@@ -12,6 +12,8 @@ from pathlib import Path
 from threading import Event
 from typing import Final
 
+import numpy as np
+
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.live.intake import Intake
 from anchorpose.live.recorder import Recorder
@@ -118,10 +120,14 @@ class FirstSeconds:
             raise AnchorposeError(f"No patient was found ({room.why_nobody}); nothing was written.")
         return found
 
-    def learn_named(self, recording: Recording, room: Room, place_xz_m: tuple[float, float]) -> Prepared | None:
+    def learn_named(
+        self, recording: Recording, room: Room, place_xz_m: tuple[float, float], before_xz_m: np.ndarray | None
+    ) -> Prepared | None:
         """Who stands at a place in the first frame of a recording, in a room that is known.
 
-        None where nobody does, or no human body explains who does."""
+        before_xz_m (2,): where the patient so far stands, None where that is not known. Returns None where nobody
+        stands there, who does is the patient so far, or no human body explains who does.
+        """
         first = int(recording.streams[0].frame[0])
         config = replace(self.options.config, patient_xz_m=place_xz_m, patient_frame=first)
         inputs = read_inputs(recording.folder, config, UserInputs(self.options.calibration))
@@ -129,6 +135,11 @@ class FirstSeconds:
         try:
             furnished = with_best_initial_frame(furnish_room(settled, config, inputs.review, room.scenes), config)
         except InputError:  # nobody is there in it
+            return None
+        found_xz_m = min(furnished.initial_frames, key=lambda one: one.frame).choice.ground_xz_m
+        if before_xz_m is not None and np.linalg.norm(found_xz_m - before_xz_m) < np.linalg.norm(
+            found_xz_m - place_xz_m
+        ):
             return None
         return self._learn_in(furnished, inputs)
 

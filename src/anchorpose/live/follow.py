@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+import numpy as np
+
 from anchorpose.body.contact_regions import area_of_point, region_of_points
 from anchorpose.body.skin_points import Body, body_points
 from anchorpose.camera import Camera
@@ -56,6 +58,12 @@ class LiveFollower:
         self._last_s = frame_set.time_s
         self._taken_s[frame_set.frame] = live_set.taken_s
         self._pass_on(self.follower.step(frame_set), live, live_set.skipped if live else 0)
+
+    @property
+    def patient_xz_m(self) -> np.ndarray | None:
+        """(2,) where the patient was last seen; None where the patient is lost."""
+        tracker = self.follower.tracker
+        return None if tracker is None else tracker.last.place_m[[0, 2]]
 
     def take_recorded(self, frame_set: FrameSet) -> None:
         """One more frame of the first seconds, which were recorded."""

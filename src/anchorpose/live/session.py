@@ -181,9 +181,9 @@ class _Session:
             self.user.say("The new patient could not be looked at; the patient is as before.")
             return None
         backlog = Backlog(self.intake.feed, recording.cameras)
-        prepared = self.first_seconds.learn_named(recording, now.prepared.run.room, places[number])
+        prepared = self.first_seconds.learn_named(recording, now.prepared.run.room, places[number], before.patient_xz_m)
         if prepared is None:
-            self.user.say("No body explains who was chosen; the patient is as before.")
+            self.user.say("The person who was chosen could not be told apart or fitted; the patient is as before.")
             _take_recorded(before, in_room(recording.folder, now.prepared.run.room), 0)
             self._catch_up(before, backlog)
             return None
