@@ -19,6 +19,7 @@ from anchorpose.live.intake import Intake
 from anchorpose.live.recorder import Recorder
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording, align_clocks
+from anchorpose.recording.subject import UNKNOWN
 from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.initial_frame import with_best_initial_frame
@@ -129,12 +130,15 @@ class FirstSeconds:
         stands there, who does is the patient so far, or no human body explains who does.
         """
         first = int(recording.streams[0].frame[0])
-        config = replace(self.options.config, patient_xz_m=place_xz_m, patient_frame=first)
+        config = replace(self.options.config, patient_xz_m=place_xz_m, patient_frame=first, height_m=None)
         inputs = read_inputs(recording.folder, config, UserInputs(self.options.calibration))
-        settled = Settled(in_room(recording.folder, room), room.clocks, room.calibration, (), ())
+        theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)  # what is known is of the patient before
+        settled = Settled(theirs, room.clocks, room.calibration, (), ())
         try:
             furnished = with_best_initial_frame(furnish_room(settled, config, inputs.review, room.scenes), config)
         except InputError:  # nobody is there in it
+            return None
+        if not furnished.initial_frames:
             return None
         found_xz_m = min(furnished.initial_frames, key=lambda one: one.frame).choice.ground_xz_m
         if before_xz_m is not None and np.linalg.norm(found_xz_m - before_xz_m) < np.linalg.norm(
@@ -155,6 +159,6 @@ class FirstSeconds:
 
 
 def in_room(folder: Path, room: Room) -> Recording:
-    """Another recording of the cameras of a room, with their clocks and poses."""
+    """Another recording of the cameras of a room, with their clocks and poses, and of the same patient."""
     recording = align_clocks(open_recording(folder), room.clocks.clocks)
-    return replace(recording, cameras=room.recording.cameras)
+    return replace(recording, cameras=room.recording.cameras, subject=room.recording.subject)

@@ -152,6 +152,10 @@ class _Session:
             (results / folder).mkdir()
             self._write(results / folder, one, recorded, [f"from frame {frame} on, another person was the patient"])
             notes.append(f"until frame {frame}, another person was the patient: the results are in {folder}")
+        if earlier:
+            notes.append(
+                "who is the patient now was chosen on the page; nothing was stated of this person"
+            )
         self._write(results, last, recorded, notes)
 
     def _write(self, results: Path, patient: Followed, recorded: Path | None, notes: Sequence[str]) -> None:
@@ -181,7 +185,7 @@ class _Session:
             self.user.say("The new patient could not be looked at; the patient is as before.")
             return None
         backlog = Backlog(self.intake.feed, recording.cameras)
-        prepared = self.first_seconds.learn_named(recording, now.prepared.run.room, places[number], before.patient_xz_m)
+        prepared = self._learn(recording, now, places[number])
         if prepared is None:
             self.user.say("The person who was chosen could not be told apart or fitted; the patient is as before.")
             _take_recorded(before, in_room(recording.folder, now.prepared.run.room), 0)
@@ -191,6 +195,15 @@ class _Session:
         new = self.begin(prepared, patient)
         self._catch_up(new.follower, backlog)
         return new
+
+    def _learn(self, recording: Recording, now: Followed, place_xz_m: tuple[float, float]) -> Prepared | None:
+        """Who is at a place; None also where looking there fails, so that the session goes on."""
+        room, before_xz_m = now.prepared.run.room, now.follower.patient_xz_m
+        try:
+            return self.first_seconds.learn_named(recording, room, place_xz_m, before_xz_m)
+        except AnchorposeError as error:
+            self.user.say(str(error))
+            return None
 
     def _report(self) -> None:
         silent = [self.intake.cameras[k].camera.name for k in self.intake.feed.silent()]

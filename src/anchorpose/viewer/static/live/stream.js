@@ -44,7 +44,8 @@ export class Stream extends EventTarget {
     if (this.ended) return "The session has ended.";
     if (!this.connected) return "The connection is lost. Trying again.";
     const seconds = Math.floor((performance.now() - this.heard) / 1000);
-    return this.running && seconds >= STALL_S ? this.sentence || `No image for ${seconds} s` : "";
+    if (!this.running || seconds < STALL_S) return "";
+    return this.sentence ? `${this.sentence} (no image for ${seconds} s)` : `No image for ${seconds} s`;
   }
 
   pass(name, detail) { this.dispatchEvent(new CustomEvent(name, { detail })); }
