@@ -102,15 +102,15 @@ class Choosing(Collecting):
 
     def __init__(self, stop: Event) -> None:
         super().__init__(-1, stop)
-        self.wishes, self.chosen = [99], False
+        self.wishes, self.next = [99], 8
 
     def send(self, frame):
         super().send(frame)
         of_patient = [one for one in self.frames if one.patient == frame.patient]
         if frame.patient == 2 and len(of_patient) == 8:
             self._stop.set()
-        if frame.patient == 1 and len(of_patient) >= 8 and frame.people and not self.chosen:
-            self.chosen = True
+        if frame.patient == 1 and len(of_patient) >= self.next and frame.people:
+            self.next = len(of_patient) + 40  # asks again where that person could not be told apart
             self.wishes.append(frame.people[0].number)
 
     def asked(self):

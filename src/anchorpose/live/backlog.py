@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +17,8 @@ from anchorpose.live.source import LiveImage
 from anchorpose.recording.depth_image import decode_grey_png
 from anchorpose.sources.camera_writer import encode_grey
 
-STEP_S: Final = 0.2  # a patient in a standing frame moves little in it, and following it is faster than real time
+STEP_S: Final = 0.2  # a patient in a standing frame moves little in it
+PACE: Final = 2.0  # times real time, at least, at which what waits is taken, so that it comes to an end
 PATIENCE_S: Final = 0.5
 
 
@@ -34,17 +36,29 @@ class Backlog:
     def __init__(self, feed: Feed, cameras: Sequence[Camera]) -> None:
         self._feed, self._cameras = feed, cameras
         self._packed: deque[_Packed] = deque()
+        self._last_s, self._taken_at_s = -np.inf, -np.inf  # of the set taken last: its time, and when that was
         self._done = Event()
         self._thread = Thread(target=self._collect, daemon=True)
         self._thread.start()
 
     def take(self) -> LiveSet | None:
-        """The oldest set that waits; None, and from then on nothing more is collected, when none does."""
-        if self._packed:
-            return self._unpack(self._packed.popleft())
-        self._done.set()
-        self._thread.join()
-        return self._unpack(self._packed.popleft()) if self._packed else None
+        """The oldest set that waits; None, and from then on nothing more is collected, when none does.
+
+        Where following takes longer than sets are apart, some are left out: the next one is later by twice the time
+        that was spent on the one before.
+        """
+        now_s = time.monotonic()
+        next_s = self._last_s + PACE * (now_s - self._taken_at_s) if np.isfinite(self._last_s) else -np.inf
+        while len(self._packed) > 1 and self._packed[0].frame.taken_s < next_s:
+            self._packed.popleft()
+        if not self._packed:
+            self._done.set()
+            self._thread.join()
+        if not self._packed:
+            return None
+        packed = self._packed.popleft()
+        self._last_s, self._taken_at_s = packed.frame.taken_s, now_s
+        return self._unpack(packed)
 
     def drop(self) -> None:
         """Collects no more and forgets what waits."""

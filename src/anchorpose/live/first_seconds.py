@@ -124,13 +124,12 @@ class FirstSeconds:
     def learn_named(
         self, recording: Recording, room: Room, place_xz_m: tuple[float, float], before_xz_m: np.ndarray | None
     ) -> Prepared | None:
-        """Who stands at a place in the first frame of a recording, in a room that is known.
+        """Who is nearest to a place when somebody is first seen there, in a room that is known.
 
         before_xz_m (2,): where the patient so far stands, None where that is not known. Returns None where nobody
         stands there, who does is the patient so far, or no human body explains who does.
         """
-        first = int(recording.streams[0].frame[0])
-        config = replace(self.options.config, patient_xz_m=place_xz_m, patient_frame=first, height_m=None)
+        config = replace(self.options.config, patient_xz_m=place_xz_m, height_m=None)
         inputs = read_inputs(recording.folder, config, UserInputs(self.options.calibration))
         theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)  # what is known is of the patient before
         settled = Settled(theirs, room.clocks, room.calibration, (), ())
