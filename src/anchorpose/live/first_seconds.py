@@ -25,7 +25,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.initial_frame import with_best_initial_frame
 from anchorpose.tracker.learning import LearntPatient, learn_patient
 from anchorpose.tracker.passes import plan_route
-from anchorpose.tracker.preparation import Settled, furnish_room, prepare_room
+from anchorpose.tracker.preparation import Settled, furnish_room, prepare_room, sample_recording
 from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
@@ -132,7 +132,8 @@ class FirstSeconds:
         config = replace(self.options.config, patient_xz_m=place_xz_m, height_m=None)
         inputs = read_inputs(recording.folder, config, UserInputs(self.options.calibration))
         theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)  # what is known is of the patient before
-        settled = Settled(theirs, room.clocks, room.calibration, (), ())
+        chosen, samples = sample_recording(theirs, config)
+        settled = Settled(theirs, room.clocks, room.calibration, tuple(chosen), tuple(samples))
         try:
             furnished = with_best_initial_frame(furnish_room(settled, config, inputs.review, room.scenes), config)
         except InputError:  # nobody is there in it
