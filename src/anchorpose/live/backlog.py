@@ -18,6 +18,7 @@ from anchorpose.recording.depth_image import decode_grey_png
 from anchorpose.sources.camera_writer import encode_grey
 
 STEP_S: Final = 0.2  # a patient in a standing frame moves little in it
+MOST_STEP_S: Final = 1.0  # after a longer one, another person may stand where the patient was
 PACE: Final = 2.0  # times real time, at least, at which what waits is taken, so that it comes to an end
 PATIENCE_S: Final = 0.5
 
@@ -45,10 +46,11 @@ class Backlog:
         """The oldest set that waits; None, and from then on nothing more is collected, when none does.
 
         Where following takes longer than sets are apart, some are left out: the next one is later by twice the time
-        that was spent on the one before.
+        that was spent on the one before, but by no more than ``MOST_STEP_S``.
         """
         now_s = time.monotonic()
-        next_s = self._last_s + PACE * (now_s - self._taken_at_s) if np.isfinite(self._last_s) else -np.inf
+        spent_s = now_s - self._taken_at_s if np.isfinite(self._last_s) else 0.0
+        next_s = self._last_s + min(PACE * spent_s, MOST_STEP_S)
         while len(self._packed) > 1 and self._packed[0].frame.taken_s < next_s:
             self._packed.popleft()
         if not self._packed:

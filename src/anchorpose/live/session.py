@@ -153,9 +153,7 @@ class _Session:
             self._write(results / folder, one, recorded, [f"from frame {frame} on, another person was the patient"])
             notes.append(f"until frame {frame}, another person was the patient: the results are in {folder}")
         if earlier:
-            notes.append(
-                "who is the patient now was chosen on the page; nothing was stated of this person"
-            )
+            notes.append("who is the patient now was chosen on the page; nothing was stated of this person")
         self._write(results, last, recorded, notes)
 
     def _write(self, results: Path, patient: Followed, recorded: Path | None, notes: Sequence[str]) -> None:
