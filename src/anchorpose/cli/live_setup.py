@@ -95,7 +95,7 @@ def teller(pages: Sequence[PageOutput]) -> Callable[[str], None]:
 
 
 def asked_on(pages: Sequence[PageOutput]) -> Callable[[], int | None]:
-    """What gives the person whom somebody chose on a page as the patient."""
+    """Gives the number of the person who was chosen as the patient on a page, once; None where nobody was."""
     return lambda: next((number for page in pages if (number := page.asked()) is not None), None)
 
 

@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.errors import AnchorposeError
 from anchorpose.live.intake import Intake
 from anchorpose.live.recorder import Recorder
 from anchorpose.recording.reader import open_recording
@@ -124,7 +124,7 @@ class FirstSeconds:
     def learn_named(
         self, recording: Recording, room: Room, place_xz_m: tuple[float, float], before_xz_m: np.ndarray | None
     ) -> Prepared | None:
-        """Who is nearest to a place when somebody is first seen there, in a room that is known.
+        """The person nearest to a place when a person is first seen there, in a room that is known.
 
         before_xz_m (2,): where the patient so far stands, None where that is not known. Returns None where nobody
         stands there, who does is the patient so far, or no human body explains who does.
@@ -134,10 +134,7 @@ class FirstSeconds:
         theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)  # what is known is of the patient before
         chosen, samples = sample_recording(theirs, config)
         settled = Settled(theirs, room.clocks, room.calibration, tuple(chosen), tuple(samples))
-        try:
-            furnished = with_best_initial_frame(furnish_room(settled, config, inputs.review, room.scenes), config)
-        except InputError:  # nobody is there in it
-            return None
+        furnished = with_best_initial_frame(furnish_room(settled, config, inputs.review, room.scenes), config)
         if not furnished.initial_frames:
             return None
         found_xz_m = min(furnished.initial_frames, key=lambda one: one.frame).choice.ground_xz_m
