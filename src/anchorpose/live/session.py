@@ -185,7 +185,9 @@ class _Session:
         backlog = Backlog(self.intake.feed, recording.cameras)
         prepared = self._learn(recording, now, places[number])
         if prepared is None:
-            self.user.say("That person cannot be told from the patient, or no body fits them; the patient is as before.")
+            self.user.say(
+                "That person cannot be told from the patient, or no body fits them; the patient is as before."
+            )
             _take_recorded(before, in_room(recording.folder, now.prepared.run.room), 0)
             self._catch_up(before, backlog)
             return None
