@@ -79,7 +79,7 @@ def explain(error: ValidationError, kind: Any = None) -> tuple[str, str]:
         return f"{place} is refused: {refusal}" if place else str(refusal), "correct that value"
     if problem == "union_tag_invalid":
         key = _join(place, context["discriminator"].strip("'"))
-        return f"{key} is '{context['tag']}'", f"it must be one of {context['expected_tags']}"
+        return f"{key} is {shown(context['tag'])}", f"it must be one of {context['expected_tags']}"
     wanted = found["msg"].partition(" should ")[2]
     for words, plain in _PLAIN_WORDS.items():
         wanted = wanted.replace(words, plain)

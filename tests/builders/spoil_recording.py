@@ -167,7 +167,7 @@ def odd_times(folder: Path, chance: random.Random) -> None:
         case 3:
             chance.shuffle(rows)
         case _:
-            rows = rows * chance.choice([0, 2, MOST_FRAMES])
+            rows = (rows * chance.choice([0, 2, MOST_FRAMES]))[: 2 * MOST_FRAMES]
     path.write_text("\n".join(["frame,time_s", *(",".join(row) for row in rows)]), encoding="utf-8")
 
 
