@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
@@ -45,6 +45,7 @@ class Explanation:
     covering: np.ndarray
 
 
+@lru_cache(maxsize=2)  # the frame's estimate asks for what registration was judged by
 def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Explanation:
     """Compare a posed body with what the cameras show."""
     chosen = thin(len(evidence.surface), NODES)

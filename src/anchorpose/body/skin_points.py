@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
@@ -204,8 +204,9 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
+@lru_cache(maxsize=8)  # several stages of a frame ask for the same one
 def pose_points(body: Body, pose: Pose) -> PosedPoints:
-    """Linear blend skinning of the sampled points."""
+    """Linear blend skinning of the sampled points; nobody writes into what is returned."""
     transforms = body.transforms(pose)
     posed, normals = skin(body.points.bones, body.points.influence, transforms, body.rest_m, body.rest_normals)
     return PosedPoints(posed, normals, transforms)
