@@ -26,9 +26,9 @@ from anchorpose.body.kinematics import BodyMesh
 from anchorpose.body.pose import MOVING_BONES, descendants
 from anchorpose.body.skin_points import FittedShape, body_points, build_body, even_clothes
 from anchorpose.body.tips import anchor_points
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, find_anchors
+from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.joints import JOINT_INDEX
+from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX
 from anchorpose.simulate.clinic import Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig, clinic, holes, single
 from anchorpose.simulate.person import skin_points

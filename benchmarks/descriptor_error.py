@@ -15,9 +15,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from anchorpose.association.hypotheses import GateConfig
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor, find_anchors
+from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.joints import JOINT_INDEX
+from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX
 from anchorpose.research.descriptor_errors import ErrorModel, NoErrorModel, estimate_errors
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig

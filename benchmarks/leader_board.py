@@ -25,8 +25,8 @@ from pyarrow.csv import write_csv
 from scipy.spatial import cKDTree
 
 from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor, find_anchors
-from anchorpose.joints import JOINT_COUNT, JOINT_NAMES
+from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
+from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_NAMES
 from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.research.benchmark.answers import ABOUT, FORMAT, NO_MATCH

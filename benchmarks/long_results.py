@@ -32,7 +32,7 @@ from anchorpose.exports.formats import Format
 from anchorpose.results.parquet import open_parquet
 from anchorpose.results.people_labels import PEOPLE
 from anchorpose.results.records import MEASURES_FILE
-from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.run_record import RUN_FILE, hash_files, output_files
 
 HOUR: Final = 108_000
 RATE_HZ: Final = 30.0
@@ -119,6 +119,7 @@ def _repeat_run(path: Path, to: Path, repetition: Repetition) -> None:
     images = range(repetition.times * repetition.period)
     run["inputs_sha256"] |= {f"{c['name']}/depth/{k:06d}.png": digest for c in run["cameras"] for k in images}
     run["frame_count"] = len(shares) * repetition.times
+    run["outputs_sha256"] = dict(hash_files(output_files(to.parent), to.parent))
     to.write_text(json.dumps(run, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
@@ -131,6 +132,29 @@ def repeat_truth(short: Path, long: Path, results: Path) -> None:
     row = np.arange(len(times)) % count
     same = {name: array[row] for name, array in arrays.items() if array.shape[:1] == (count,) and name != "names"}
     np.savez_compressed(long, **(arrays | same | {"time": times}))
+
+
+def pretend_later(results: Path, to: Path) -> Path:
+    """The same results as of another recording: tables are links, and run.json has another hash of every input."""
+    copytree(results, to, copy_function=os.link)
+    run: dict[str, Any] = json.loads((to / RUN_FILE).read_text(encoding="utf-8"))
+    run["inputs_sha256"] = {name: digest[::-1] for name, digest in run["inputs_sha256"].items()}
+    (to / RUN_FILE).unlink()
+    (to / RUN_FILE).write_text(json.dumps(run, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return to
+
+
+def compare_sessions(results: Path, out: Path) -> Cost:
+    """``anchorpose report`` of two sessions."""
+    later = pretend_later(results, out / "later")
+    return run_verb("report", str(results), str(later), "-o", str(out / "comparison.html"))
+
+
+def repeat_measures(results: Path, out: Path) -> Cost:
+    """``anchorpose reliability`` of three subjects with two sessions each."""
+    rows = [f"{subject},{session},{results.resolve()}" for subject in "abc" for session in (1, 2)]
+    (out / "sessions.csv").write_text("\n".join(["subject,session,results", *rows]) + "\n", encoding="utf-8")
+    return run_verb("reliability", str(out / "sessions.csv"))
 
 
 def run_verb(*arguments: str) -> Cost:
@@ -177,6 +201,9 @@ def verbs(results: Path, truth: Path | None, out: Path) -> dict[str, Callable[[]
             for kind in map(str, Format)
         },
         "view": lambda: open_view(results),
+        "verify": lambda: run_verb("verify", folder),
+        "report, two sessions": lambda: compare_sessions(results, out),
+        "reliability": lambda: repeat_measures(results, out),
     }
 
 
@@ -189,7 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--only", nargs="+", help="these verbs, as the table names them")
     parser.add_argument("--work", type=Path, help="make the results in this folder and keep them")
     options = parser.parse_args(arguments)
-    print(f"{'frames':>8} {'verb':20} {'peak, MB':>9} {'seconds':>8}")
+    print(f"{'frames':>8} {'verb':21} {'peak, MB':>9} {'seconds':>8}")
     for frames in options.frames:
         with TemporaryDirectory() as temporary:
             work = Path(temporary) if options.work is None else options.work / str(frames)
@@ -202,7 +229,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 for name, run in verbs(long, truth, Path(out)).items():
                     if options.only is None or name in options.only:
                         cost = run()
-                        print(f"{frames:>8} {name:20} {cost.megabytes:9.0f} {cost.seconds:8.1f}", flush=True)
+                        print(f"{frames:>8} {name:21} {cost.megabytes:9.0f} {cost.seconds:8.1f}", flush=True)
 
 
 if __name__ == "__main__":

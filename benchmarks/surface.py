@@ -19,7 +19,8 @@ import numpy as np
 from true_body import TrueBody, limb_of_bones
 
 from anchorpose.body.skin_points import body_points
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor
+from anchorpose.geodesics.anchors import anchor_descriptor
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate.clinic import draw_clinic, random_stream

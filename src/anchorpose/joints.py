@@ -18,6 +18,9 @@ JOINT_COUNT: Final = len(JOINT_NAMES)
 
 JOINT_INDEX: Final = {name: index for index, name in enumerate(JOINT_NAMES)}
 
+ANCHOR_NAMES: Final = ("Head", "HandLeft", "HandRight", "FootLeft", "FootRight")
+"""The anchors, the extrema of the body's surface at or near these joints, in this order everywhere."""
+
 LIMBS: Final = tuple(
     (JOINT_INDEX[start], JOINT_INDEX[end])
     for start, end in (

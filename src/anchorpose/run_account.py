@@ -8,7 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from anchorpose.body.asset import BodyAsset
 from anchorpose.body.inverse_kinematics import CONTRADICTED
+from anchorpose.body.learning import bone_lengths
+from anchorpose.body.shape_prior import ShapeBelief, standing_height
 from anchorpose.body.skin_points import CLOTHES, body_points
 from anchorpose.body.standing_off import standing_off
 from anchorpose.calibration.calibration import Calibration, PoseSource
@@ -21,6 +24,8 @@ from anchorpose.results.corrections import JointCorrection
 from anchorpose.results.explained import ExplainedSummary
 from anchorpose.results.poor_intervals import PoorInterval
 from anchorpose.results.run_record import (
+    BodyRecord,
+    BoneRecord,
     CameraRecord,
     CorrectionsRecord,
     DepthRecord,
@@ -32,7 +37,6 @@ from anchorpose.results.run_record import (
     Residual,
     RunRecord,
     StageTiming,
-    record_body,
 )
 from anchorpose.results.tables import JointTable
 from anchorpose.track_inputs import ReviewFile, TrackInputs
@@ -105,7 +109,7 @@ def account_of(
         lost=written.lost,
         poor_depth=written.poor_depth,
         explained=written.explained,
-        body=None if learnt is None else record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
+        body=None if learnt is None else _record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
         pictures=pictures,
         notes=(
             *room.recording.notes,
@@ -238,4 +242,20 @@ def _standing_off_note(part: CoveredPart, away_m: float) -> str:
     return (
         f"what is seen of the patient's {where} is {off_mm:.0f} mm off a human one, more than clothes are, so joints "
         f'there are less certain: if a brace covers it, add "covered": ["{part}"] to "subject" in recording.json'
+    )
+
+
+def _record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, seconds: float) -> BodyRecord:
+    """belief: the shape at the end of learning; first: after the first window."""
+    height_m, row = standing_height(asset, belief.shape)
+    return BodyRecord(
+        learnt_from_s=seconds,
+        height_m=height_m,
+        height_sigma_m=float(np.sqrt(belief.variance(row[None])[0])),
+        clothes_m=dict(zip(CLOTHES, belief.shape.offset_m.tolist(), strict=False)),
+        bones=tuple(
+            BoneRecord(now.bone, now.length_m, now.sigma_m, now.length_m - before.length_m)
+            for now, before in zip(bone_lengths(asset, belief), bone_lengths(asset, first), strict=True)
+        ),
+        coefficients=tuple(belief.shape.coefficients.tolist()),
     )

@@ -15,8 +15,8 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import build_body, pose_points
 from anchorpose.body.tips import anchor_constraints, anchor_points
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, no_anchors
-from anchorpose.joints import JOINT_INDEX
+from anchorpose.geodesics.anchors import Anchors, no_anchors
+from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX
 from anchorpose.tracker.bystanders import ROUGHLY
 
 BODY = adult_body()

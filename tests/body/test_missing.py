@@ -15,8 +15,7 @@ from anchorpose.body.missing import missing_anchors, missing_joints, missing_poi
 from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import build_body, pose_points, skin_points
 from anchorpose.body.standing_off import patches_of
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
-from anchorpose.joints import JOINT_NAMES
+from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES
 from anchorpose.recording.subject import CoveredPart, MissingPart
 
 PARTS = get_args(MissingPart)

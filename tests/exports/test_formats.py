@@ -14,12 +14,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from exports_builder import angle_names, angle_of, column, times, true_joints, write_true_results
+from scipy.spatial.transform import Rotation
 
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.exports import c3d, csv_tables
 from anchorpose.exports.formats import STATES, ExportConfig, Format, rounded_text
 from anchorpose.exports.run import export_results
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.results import frame_time
+from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
 from anchorpose.results.records import CONTACTS_FILE, Contact, write_contacts
 from anchorpose.results.tables import read_joints
 
@@ -271,3 +274,23 @@ def test_a_number_in_a_csv_is_the_shortest_that_reads_back(results, tmp_path, ki
     assert (written[0], written[3]) == ("0.1", "")
     known = [0, 1, 2, 4]
     assert np.array_equal(np.array([float(written[place]) for place in known], dtype=kind), values[known])
+
+
+@pytest.mark.parametrize("kind", Format)
+@pytest.mark.parametrize("jitter_s", [0.0, 0.01])
+def test_an_export_of_a_few_frames_at_a_time_has_the_same_bytes(tmp_path, monkeypatch, kind, jitter_s):
+    if kind is Format.C3D:
+        pytest.importorskip("ezc3d")
+    rng = np.random.default_rng(4)
+    stamps = times(75) + rng.uniform(-jitter_s, jitter_s, 75)
+    write_true_results(tmp_path / "results", true_joints(), stamps, LOST)
+    with write_poses(tmp_path / "results" / POSES_FILE) as poses:
+        for frame, place in enumerate(true_joints()):
+            quaternion = Rotation.random(len(place), rng).as_quat(scalar_first=True)
+            poses.append(BodyPose(frame, stamps[frame], place, quaternion, np.full(len(place), 0.1)))
+    once = export(tmp_path / "results", tmp_path / "once", kind)
+    monkeypatch.setattr(frame_time, "FRAMES_AT_ONCE", 7)
+    pieces = export(tmp_path / "results", tmp_path / "pieces", kind)
+    for folder, other in ((once, pieces), (pieces, once)):
+        for path in (path for path in folder.rglob("*") if path.is_file()):
+            assert path.read_bytes() == (other / path.relative_to(folder)).read_bytes()

@@ -11,10 +11,11 @@ from body_builder import FRONT, adult_body, asset, before_wall, photograph, poin
 from anchorpose.body.body_map import map_body
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.tips import anchor_points
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor, find_anchors
+from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import find_caps, geodesic_extrema, surface_center
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.surface.border import Border, border
 from anchorpose.surface.patient_surface import patient_surface
 from anchorpose.surface.surface import ExpectedSkin

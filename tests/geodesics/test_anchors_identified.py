@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from surface_builder import star
 
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, AnchorConfig, anchor_descriptor, find_anchors
+from anchorpose.geodesics.anchors import AnchorConfig, anchor_descriptor, find_anchors
 from anchorpose.geodesics.distance import geodesic_distance
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.surface.mesh import keep_nodes
 
 UP, FACING = np.array([0, 1.0, 0]), np.array([1.0, 0, 0])

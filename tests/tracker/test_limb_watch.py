@@ -14,7 +14,8 @@ from anchorpose.body.limb_search import LOOK_AGAIN_M2, Search
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.tips import anchor_points
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, no_anchors
+from anchorpose.geodesics.anchors import no_anchors
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.tracker import limb_watch
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.limb_watch import LONGEST_PAUSE, SEARCH_PAUSE, LimbWatch, cheaper, is_doubtful

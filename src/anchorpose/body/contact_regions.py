@@ -1,4 +1,4 @@
-"""The parts of the body that clinicians name, as sets of skin points, and how near other people's skin is to them."""
+"""The parts of the body that clinicians name as sets of skin points, and how near other people's skin is to them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from anchorpose.body.config import VisibilityConfig
+from anchorpose.body.regions import REGION_BONES, REGIONS
 from anchorpose.body.skin_points import PosedPoints, SkinPoints
 from anchorpose.body.visibility import seen_skin
 from anchorpose.camera import Camera
@@ -18,38 +19,6 @@ from anchorpose.isolation.bystander_memory import BystanderMemory
 from anchorpose.isolation.view import View
 
 KNEE_RADIUS_M: Final = 0.10  # from the joint's centre: the kneecap and a hand's breadth around the leg
-
-_MIDDLE: Final = {
-    "head": ("Head",),
-    "neck_and_shoulders": ("Neck", "Neck1", "LeftShoulder", "RightShoulder"),
-    "chest": ("Spine", "Spine1"),
-    "belly": ("LowerBack",),
-    "pelvis": ("Hips", "LHipJoint", "RHipJoint"),
-}
-_SIDED: Final = {
-    "upper_arm": ("{side}Arm",),
-    "forearm": ("{side}ForeArm",),
-    "hand": ("{side}Hand", "{initial}Thumb", "{side}FingerBase", "{side}HandFinger1"),
-    "thigh": ("{side}UpLeg",),
-    "knee": ("{side}UpLeg", "{side}Leg"),
-    "shank": ("{side}Leg",),
-    "foot": ("{side}Foot", "{side}ToeBase"),
-}
-
-
-def _all_regions() -> dict[str, tuple[str, ...]]:
-    sided = {
-        f"{name}_{side.lower()}": tuple(bone.format(side=side, initial=side[0]) for bone in bones)
-        for side in ("Left", "Right")
-        for name, bones in _SIDED.items()
-    }
-    return _MIDDLE | sided
-
-
-REGION_BONES: Final = _all_regions()
-"""The bones that each region's skin moves with; chest, belly and pelvis go all around the trunk."""
-
-REGIONS: Final = tuple(REGION_BONES)
 
 
 @cache

@@ -10,7 +10,7 @@ import numpy as np
 
 from anchorpose.body.asset import BodyAsset, joint_bones
 from anchorpose.body.kinematics import BodyMesh
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.joints import ANCHOR_NAMES
 
 _STUMPS: Final = {
     "arm": "Arm", "forearm": "ForeArm", "hand": "Hand", "leg": "UpLeg", "shank": "Leg", "foot": "Foot",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -10,15 +9,14 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import MissingPackage
-from anchorpose.exports.c3d_events import MOST_EVENTS, add_events, read_events
-from anchorpose.exports.formats import STATES, ExportConfig, Product, Source
+from anchorpose.exports.c3d_events import MOST_EVENTS, Event, add_events, read_events
+from anchorpose.exports.c3d_frames import LARGEST_FRAMES, frame_numbers, replace_frames
+from anchorpose.exports.formats import STATES, ExportConfig, Product, Samples, Source
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, stretch_name
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.results.frame_time import blocks
 
 STEM: Final = "joints"
-LARGEST_FRAMES: Final = 65535
-"""The format counts frames in 16 bits; a longer recording goes into several files."""
-
 MM_PER_M: Final = 1000.0
 LARGEST_RESIDUAL: Final = 255.0  # a byte in the file
 NOT_GIVEN: Final = -1.0  # of sigma where there is no value: an analog channel cannot say that it is missing
@@ -26,21 +24,12 @@ NOT_GIVEN: Final = -1.0  # of sigma where there is no value: an analog channel c
 
 def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
     """joints.c3d, or joints_001.c3d and so on where the recording is too long for one; MissingPackage without ezc3d."""
-    try:
-        import ezc3d
-    except ImportError:
-        raise MissingPackage("export --to c3d", "ezc3d", "c3d") from None
     regular = regular_samples(source.samples)
     starts = range(0, len(regular.samples.time_s), LARGEST_FRAMES)
     events, held = read_events(source.folder), 0
     for number, start in enumerate(starts):
         part = replace(regular, samples=regular.samples.rows(slice(start, start + LARGEST_FRAMES)))
-        file = ezc3d.c3d()
-        _points(file, part)
-        _analogs(file, part)
-        _about(file, part)
-        held += add_events(file, events, part.samples.time_s)
-        file.write(str(folder / stretch_name(STEM, ".c3d", number, len(starts))))
+        held += _write_file(folder / stretch_name(STEM, ".c3d", number, len(starts)), part, events)
     return Product(
         axes="X forward, Y up, Z to the patient's right; POINT:X_SCREEN +X, POINT:Y_SCREEN +Y",
         units="POINT:UNITS mm; angles in degrees; sigma in mm and degrees",
@@ -71,57 +60,62 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
     )
 
 
-def _points(file: Any, regular: RegularSamples) -> None:
-    samples = regular.samples
-    joints = samples.position_m * MM_PER_M
+def _write_file(path: Path, regular: RegularSamples, events: tuple[Event, ...]) -> int:
+    """Header and parameters by ezc3d, with an empty frame that the frames then replace; returns how many of the events
+    the file holds."""
+    file, samples = _new_file(), regular.samples
+    _describe_points(file, regular)
+    _describe_channels(file, regular)
+    _about(file, regular)
+    held = add_events(file, events, samples.time_s)
+    file.write(str(path))
+    replace_frames(path, (_frames(samples.rows(rows)) for rows in blocks(len(samples.time_s))))
+    return held
+
+
+def _new_file() -> Any:
+    try:
+        import ezc3d
+    except ImportError:
+        raise MissingPackage("export --to c3d", "ezc3d", "c3d") from None
+    return ezc3d.c3d()
+
+
+def _describe_points(file: Any, regular: RegularSamples) -> None:
+    angles, group = regular.samples.angles, file["parameters"]["POINT"]
+    labels = [*JOINT_NAMES, *angles]
+    group["RATE"]["value"] = [regular.rate_hz]
+    group["LABELS"]["value"] = labels
+    group["DESCRIPTIONS"]["value"] = [
+        *(f"joint centre {name}" for name in JOINT_NAMES),
+        *(f"{name}: degrees in X" for name in angles),
+    ]
+    group["UNITS"]["value"] = ["mm"]
+    file["data"]["points"] = np.zeros((4, len(labels), 1))
+
+
+def _describe_channels(file: Any, regular: RegularSamples) -> None:
+    units = [*((name, "mm") for name in JOINT_NAMES), *((name, "deg") for name in regular.samples.angles)]
+    labels = [f"{name}.{what}" for name, _ in units for what in ("sigma", "state")]
+    group = file["parameters"]["ANALOG"]
+    group["RATE"]["value"] = [regular.rate_hz]
+    group["LABELS"]["value"] = labels
+    group["UNITS"]["value"] = [each for _, unit in units for each in (unit, "")]
+    group["DESCRIPTIONS"]["value"] = [label.replace(".", ": ") for label in labels]
+    file["data"]["analogs"] = np.zeros((1, len(labels), 1))
+
+
+def _frames(samples: Samples) -> np.ndarray:
+    """The frames of some samples, points and channels in the order of their labels."""
     angles = np.zeros((*samples.degrees.shape, 3))
     angles[..., 0] = samples.degrees
-    angles[np.isnan(samples.degrees)] = np.nan
-    places = np.concatenate([joints, angles], axis=1)  # (n, points, 3)
+    places = np.concatenate([samples.position_m * MM_PER_M, angles], axis=1)
     sigma = np.concatenate([samples.joint_sigma_m * MM_PER_M, samples.sigma_deg], axis=1)
     missing = np.isnan(places).any(axis=2)
     residual = np.where(missing, -1.0, np.clip(np.ceil(np.nan_to_num(sigma)), 1.0, LARGEST_RESIDUAL))
-    points = np.ones((4, places.shape[1], places.shape[0]))
-    points[:3] = places.transpose(2, 1, 0)
-    file["parameters"]["POINT"]["RATE"]["value"] = [regular.rate_hz]
-    file["parameters"]["POINT"]["LABELS"]["value"] = [*JOINT_NAMES, *samples.angles]
-    file["parameters"]["POINT"]["DESCRIPTIONS"]["value"] = [
-        *(f"joint centre {name}" for name in JOINT_NAMES),
-        *(f"{name}: degrees in X" for name in samples.angles),
-    ]
-    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    file["data"]["points"] = points
-    file["data"]["meta_points"]["residuals"] = residual.T[None]
-    file["data"]["meta_points"]["camera_masks"] = np.zeros((7, *residual.T.shape), dtype=bool)
-
-
-def _analogs(file: Any, regular: RegularSamples) -> None:
-    samples = regular.samples
-    columns = [
-        *_channels(JOINT_NAMES, samples.joint_sigma_m * MM_PER_M, samples.joint_state_code, "mm"),
-        *_channels(samples.angles, samples.sigma_deg, samples.angle_state_code, "deg"),
-    ]
-    parameters = file["parameters"]["ANALOG"]
-    parameters["RATE"]["value"] = [regular.rate_hz]
-    parameters["LABELS"]["value"] = [label for label, _, _ in columns]
-    parameters["UNITS"]["value"] = [unit for _, unit, _ in columns]
-    parameters["DESCRIPTIONS"]["value"] = [label.replace(".", ": ") for label, _, _ in columns]
-    file["data"]["analogs"] = np.stack([values for _, _, values in columns])[None]
-
-
-def _channels(
-    names: Sequence[str], sigma: np.ndarray, state_code: np.ndarray, unit: str
-) -> list[tuple[str, str, np.ndarray]]:
-    """(label, unit, values (n,)) of sigma and state of each."""
-    filled = np.where(np.isnan(sigma), NOT_GIVEN, sigma)
-    return [
-        channel
-        for column, name in enumerate(names)
-        for channel in (
-            (f"{name}.sigma", unit, filled[:, column]),
-            (f"{name}.state", "", state_code[:, column].astype(np.float64)),
-        )
-    ]
+    state_code = np.concatenate([samples.joint_state_code, samples.angle_state_code], axis=1)
+    channels = np.stack([np.where(np.isnan(sigma), NOT_GIVEN, sigma), state_code], axis=2)
+    return frame_numbers(places, residual, channels.reshape(len(channels), -1))
 
 
 def _about(file: Any, regular: RegularSamples) -> None:

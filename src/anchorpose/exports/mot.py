@@ -8,8 +8,14 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.exports.formats import ExportConfig, Product, Source, rounded_text, write_rows
-from anchorpose.exports.opensim_coordinates import SHIFTS, Coordinates, opensim_coordinates, read_hinge_axes
+from anchorpose.exports.formats import CoordinateModel, ExportConfig, Product, Source, rounded_text, write_rows
+from anchorpose.exports.opensim_coordinates import (
+    SHIFTS,
+    Coordinates,
+    HingeAxes,
+    opensim_coordinates,
+    read_hinge_axes,
+)
 from anchorpose.exports.regular_time import near_in_time, stretch_name, stretches_of
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.poses import POSES_FILE
@@ -21,7 +27,7 @@ DIGITS: Final = 6  # after the point: micrometres, and millionths of a degree
 def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     """motion.mot, or one file for each stretch without a gap; raises AnchorposeError where there is no such stretch."""
     hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)
-    coordinates = opensim_coordinates(source.samples.position_m, config.model, hinges)
+    coordinates = _coordinates(source.samples.position_m, config.model, hinges)
     stretches = stretches_of(np.isfinite(coordinates.values), near_in_time(source.samples.time_s))
     if not stretches.runs:
         raise AnchorposeError("No two frames in a row have the joints that a MOT needs; export with --to csv instead.")
@@ -51,12 +57,24 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     )
 
 
+def _coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None) -> Coordinates:
+    """``opensim_coordinates``, some frames at a time."""
+    some = [
+        opensim_coordinates(position_m[rows], model, None if hinges is None else hinges.rows(rows))
+        for rows in blocks(len(position_m))
+    ]
+    return Coordinates(some[0].names, np.concatenate([each.values for each in some]))
+
+
 def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
     """Values (n, c) in which no angle jumps by 360 degrees, as it would where a patient turns past -X.
 
     Interpolation and filters would go the long way round. Lengths stay as they are.
     """
-    return np.where(np.isin(names, SHIFTS), values, np.unwrap(values, period=360.0, axis=0))
+    unwrapped = values.copy()
+    for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one by one: all at once take four times the memory
+        unwrapped[:, column] = np.unwrap(values[:, column], period=360.0)
+    return unwrapped
 
 
 def write_mot_file(path: Path, time_s: np.ndarray, names: tuple[str, ...], values: np.ndarray) -> None:

@@ -18,8 +18,10 @@ from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import InputError
 from anchorpose.exports.formats import CoordinateModel
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.frame_time import blocks
 from anchorpose.results.kinematics.limbs import SOLE_SLOPE_DEG, knee_flexion
-from anchorpose.results.poses import PoseTable, read_poses
+from anchorpose.results.poses import POSES, PoseTable
+from anchorpose.results.stored_frames import open_frames
 from anchorpose.rotations import unit
 
 SIDES: Final = (("Right", "r", 1), ("Left", "l", -1))
@@ -101,20 +103,26 @@ class HingeAxes:
     knee: np.ndarray
     elbow: np.ndarray
 
+    def rows(self, rows: slice) -> HingeAxes:
+        """Those of some frames."""
+        return HingeAxes(self.knee[rows], self.elbow[rows])
+
 
 def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
     """From poses.parquet; None where there is none. Raises InputError where its frames are not ``frame`` (n,)."""
     if not path.exists():
         return None
-    poses = read_poses(path)
+    poses = open_frames(POSES, path)
     if not np.array_equal(poses.frame, frame):
         raise InputError(path, "has other frames than joints.parquet", "track the recording again")
-    sides = [side for side, _, _ in SIDES]
-    return HingeAxes(
-        # our knee bends about an axis to the left, OpenSim's about one to the right
-        knee=np.stack([-_axis(poses, f"{side}UpLeg", f"{side}Leg") for side in sides], axis=1),
-        elbow=np.stack([_axis(poses, f"{side}Arm", f"{side}ForeArm") for side in sides], axis=1),
-    )
+    knee, elbow = np.empty((len(frame), len(SIDES), 3)), np.empty((len(frame), len(SIDES), 3))
+    for rows in blocks(len(frame)):
+        some = poses.rows(rows.start, rows.stop)
+        for index, (side, _, _) in enumerate(SIDES):
+            # our knee bends about an axis to the left, OpenSim's about one to the right
+            knee[rows, index] = -_axis(some, f"{side}UpLeg", f"{side}Leg")
+            elbow[rows, index] = _axis(some, f"{side}Arm", f"{side}ForeArm")
+    return HingeAxes(knee, elbow)
 
 
 def _axis(poses: PoseTable, upper: str, lower: str) -> np.ndarray:

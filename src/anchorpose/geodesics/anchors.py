@@ -15,11 +15,9 @@ from anchorpose.geodesics.center import CenterField, center_field
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import Cap, find_caps, geodesic_extrema
 from anchorpose.geodesics.naming import HEAD, LIMBS, Frame, name_extrema, place_costs
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.settings import Positive, settings
 from anchorpose.surface.surface import Surface
-
-ANCHOR_NAMES: Final = ("Head", "HandLeft", "HandRight", "FootLeft", "FootRight")
-"""The identified anchors, in this order everywhere; left is the patient's left."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,9 +14,8 @@ import numpy as np
 
 from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.camera import Camera
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.joints import LOST, JointState
+from anchorpose.joints import ANCHOR_NAMES, LOST, JointState
 from anchorpose.pages.overlay import OverlayScene, draw_frame
 from anchorpose.recording.reader import read_frame
 from anchorpose.results.people_labels import PEOPLE_FILE, decode_labels, frames_of_people, read_people

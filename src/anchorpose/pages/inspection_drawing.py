@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.skin_points import body_points
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.geodesics.center import center_field
 from anchorpose.geodesics.extrema import geodesic_extrema
 from anchorpose.isolation.background import equipment_mask, foreground
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.view import PixelLabel
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.pages.canvas import (
     BLUE,
     EQUIPMENT,

@@ -11,9 +11,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.joints import JOINT_NAMES
+from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES
 from anchorpose.pages import canvas, inspection_drawing
 from anchorpose.pages.canvas import as_hex, as_png
 from anchorpose.results.folder import FolderKind, write_text_whole

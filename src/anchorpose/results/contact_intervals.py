@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.contact_regions import REGIONS, Nearness
+from anchorpose.body.contact_regions import Nearness
+from anchorpose.body.regions import REGIONS
 from anchorpose.results.records import Contact
 from anchorpose.settings import NotNegative, Positive, settings
 

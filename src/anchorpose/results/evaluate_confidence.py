@@ -87,8 +87,12 @@ def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
     """
     if truth.seen_share is None:
         return dict.fromkeys(LIMBS_JUDGED, ~truth.occluded)
-    share = truth.seen_share
-    return {name: (share[:, limb].mean(axis=1) > PLAIN_VIEW).any(axis=1) for name, limb in LIMBS_JUDGED.items()}
+    visible = {name: np.empty(len(truth.time_s), dtype=bool) for name in LIMBS_JUDGED}
+    for rows in blocks(len(truth.time_s)):
+        share = truth.seen_share[rows].astype(np.float64)
+        for name, limb in LIMBS_JUDGED.items():
+            visible[name][rows] = (share[:, limb].mean(axis=1) > PLAIN_VIEW).any(axis=1)
+    return visible
 
 
 def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInView], ...]:

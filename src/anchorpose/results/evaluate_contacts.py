@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.body.contact_regions import REGION_BONES, REGIONS
+from anchorpose.body.regions import REGION_BONES, REGIONS
 from anchorpose.results.records import Contact
 from anchorpose.results.truth import TrueTouch
 
@@ -39,12 +39,11 @@ def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: Tru
     """The contacts of a result; frame (t,): number of the result's frame at each frame of the truth."""
     holds = np.array([[name in bones for name in truth.names] for bones in REGION_BONES.values()])  # (regions, bones)
     own = np.array([not name.startswith("knee") for name in REGIONS])  # parts that the truth's bones distinguish
-    touched = (truth.bones[:, None, :] & holds).any(axis=2)
+    touched = truth.bones @ holds.T  # of bool: any bone that the part holds
     reported = np.zeros_like(touched)
     for contact in contacts:
         reported[(frame >= contact.first_frame) & (frame <= contact.last_frame), REGIONS.index(contact.part)] = True
-    akin = (holds[:, None, :] & holds).any(axis=2)
-    found = (reported[:, None, :] & akin).any(axis=2)
+    found = reported @ (holds @ holds.T)
     due = touched & own
     scores = [(name, _score(reported[:, k], touched[:, k], due[:, k], found[:, k])) for k, name in enumerate(REGIONS)]
     return ContactEvaluation(

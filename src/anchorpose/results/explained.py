@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pyarrow as pa
 
-from anchorpose.body.explained import Explanation
 from anchorpose.body.pose import PARTS
 from anchorpose.results.frame_table import FrameTable, Numbers
 from anchorpose.results.frame_time import worst_rows
 from anchorpose.results.parquet import TRACK_AGAIN
+
+if TYPE_CHECKING:  # what reads results needs no kernels
+    from anchorpose.body.explained import Explanation
 
 PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk with the head."""

@@ -10,21 +10,19 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from anchorpose.body.asset import BodyAsset
-from anchorpose.body.learning import bone_lengths
-from anchorpose.body.shape_prior import ShapeBelief, standing_height
-from anchorpose.body.skin_points import CLOTHES
-from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.recording.recording import Clock
 from anchorpose.results.calibration_file import CalibrationUsed
 from anchorpose.results.corrections import JointCorrection, NamedPatient, UnusableInterval
 from anchorpose.results.explained import ExplainedSummary
 from anchorpose.results.poor_intervals import PoorInterval
 from anchorpose.versions import code_digest, machine, versions
+
+if TYPE_CHECKING:  # what reads results needs no OpenCV
+    from anchorpose.isolation.depth_noise import DepthNoise
 
 RUN_FILE: Final = "run.json"
 
@@ -53,22 +51,6 @@ class BodyRecord:
     clothes_m: dict[str, float]  # thickness of each piece
     bones: tuple[BoneRecord, ...]
     coefficients: tuple[float, ...]  # of the body asset's shape space
-
-
-def record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, seconds: float) -> BodyRecord:
-    """belief: the shape at the end of learning; first: after the first window."""
-    height_m, row = standing_height(asset, belief.shape)
-    return BodyRecord(
-        learnt_from_s=seconds,
-        height_m=height_m,
-        height_sigma_m=float(np.sqrt(belief.variance(row[None])[0])),
-        clothes_m=dict(zip(CLOTHES, belief.shape.offset_m.tolist(), strict=False)),
-        bones=tuple(
-            BoneRecord(now.bone, now.length_m, now.sigma_m, now.length_m - before.length_m)
-            for now, before in zip(bone_lengths(asset, belief), bone_lengths(asset, first), strict=True)
-        ),
-        coefficients=tuple(belief.shape.coefficients.tolist()),
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
-from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, LOST, STATE_CODE, JointState
+from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_NAMES, LOST, STATE_CODE, JointState
 from anchorpose.results.frame_table import Codes, Column, Flags, FrameTable, Numbers
 from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.body.contact_regions import REGION_BONES
+from anchorpose.body.regions import REGION_BONES
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 
@@ -19,8 +19,8 @@ _READ = ("joints", "names", "time", "occluded", "seen_share")
 class Truth:
     """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where unknown; occluded (t,) bool.
 
-    seen_share (t, 21, cameras), 0 to 1: share of the skin around the joint that nothing hides from that camera; None
-    where the file does not say.
+    seen_share (t, 21, cameras), 0 to 1, of the file's type: share of the skin around the joint that nothing hides from
+    that camera; None where the file does not say.
     """
 
     time_s: np.ndarray
@@ -62,7 +62,7 @@ def read_truth(path: Path) -> Truth:
     order, seen = _order(path, names), arrays.get("seen_share")
     return Truth(
         time_s.astype(np.float64),
-        _ordered(joints, order, np.nan),
+        _ordered(joints.astype(np.float64, copy=False), order, np.nan),
         occluded.astype(bool),
         None if seen is None else _ordered(_checked_shares(path, seen, joints.shape[:2]), order, 0.0),
     )
@@ -89,8 +89,8 @@ def _order(path: Path, names: list[str]) -> list[int]:
 def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarray:
     """(t, 21, k) in the order of ``JOINT_NAMES`` from (t, n, k); ``missing`` where there is no column."""
     if order == list(range(JOINT_COUNT)):
-        return columns.astype(np.float64, copy=False)
-    found = np.full((len(columns), JOINT_COUNT, columns.shape[2]), missing)
+        return columns
+    found = np.full((len(columns), JOINT_COUNT, columns.shape[2]), missing, columns.dtype)
     found[:, order] = columns
     return found
 

@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.constraints import Constraints, join, no_constraints, place_constraints
-from anchorpose.body.contact_regions import REGIONS, region_of_points
+from anchorpose.body.contact_regions import region_of_points
+from anchorpose.body.regions import REGIONS
 from anchorpose.body.skin_points import SkinPoints
 from anchorpose.joints import JOINT_INDEX, JointState
 

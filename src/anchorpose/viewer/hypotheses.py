@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.recording.recording import Recording
 from anchorpose.threads import one_thread
 from anchorpose.viewer.payloads import pack

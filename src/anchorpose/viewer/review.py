@@ -10,8 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
-from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
+from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES, LIMBS, JointState
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained, worst_moments
 from anchorpose.results.frame_table import FrameTable
 from anchorpose.results.frame_time import worst_rows

@@ -21,8 +21,8 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, posterior
 from anchorpose.body.skin_points import Body, PosedPoints, pose_points
 from anchorpose.body.tips import anchor_points
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.research.experiment.config import Form
 from anchorpose.tracker.association import GlobalHypothesis, pairs_of, part_motion, parts_by_icp
 from anchorpose.tracker.observation import Observation

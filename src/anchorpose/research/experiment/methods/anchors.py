@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 
 from anchorpose.association.hypotheses import GateConfig, HypothesisConfig, Matcher
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor
+from anchorpose.geodesics.anchors import anchor_descriptor
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.research.experiment.framework import ANYWHERE_M, PAPER_GATE
 from anchorpose.research.experiment.method import PROPOSED, Family, Method, cached_per_frame
 from anchorpose.research.features.psi import match_by_psi, subsets_with_pieces

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from anchorpose.association.hypotheses import HypothesisConfig, Matcher, anchor_subsets
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.research.experiment.framework import NEVER_M
 from anchorpose.research.experiment.method import NEXT, Family, Method, cached_per_frame
 from anchorpose.research.features.shot import ShotConfig, shot

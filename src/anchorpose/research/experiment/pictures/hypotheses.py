@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.pages import canvas as colours
 from anchorpose.pages.canvas import as_hex
 from anchorpose.research.experiment.matching import Matches, match_window

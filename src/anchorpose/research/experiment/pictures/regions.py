@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 from dataclasses import dataclass
 
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors
+from anchorpose.geodesics.anchors import Anchors
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.research.experiment.config import PAPER_HOLES_M
 from anchorpose.research.experiment.pictures.canvas import Picture, blank_figure
 from anchorpose.research.geodesic_solvers import Solver
