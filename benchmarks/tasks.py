@@ -178,7 +178,7 @@ def tracked(recording: Recording, folder: Path) -> tuple[JointTable, JointTable]
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """One measure of the tracked joints and the same of the true ones; at least one of the two has a value."""
+    """One measure of the tracked joints and the same of the true ones."""
 
     found: Measure
     true: Measure
@@ -191,9 +191,13 @@ class Compared:
         return self.found.value - self.true.value
 
     @property
-    def within(self) -> bool:
-        """Whether it is no more than 1.96 sigma, for a count none at all; False where one refuses."""
-        return self.difference is not None and abs(self.difference) <= NORMAL_95 * (self.found.sigma or 0.0) + 1e-9
+    def verdict(self) -> str:
+        """The difference is ``within`` 1.96 sigma (of counts: none) or ``outside``; or one or neither has a value."""
+        if self.difference is not None:
+            return "within" if abs(self.difference) <= NORMAL_95 * (self.found.sigma or 0.0) + 1e-9 else "outside"
+        if self.found.value is None:
+            return "neither" if self.true.value is None else "only true"
+        return "only measured"
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,11 +214,7 @@ def compare(found: JointTable, true: JointTable) -> tuple[list[Compared], Swings
     (ours, rows), (theirs, exact) = (
         measure_session(joints, joint_angles(joints), None, MeasureConfig()) for joints in (found, true)
     )
-    pairs = [
-        Compared(row, known)
-        for row, known in zip(rows, exact, strict=True)
-        if row.measure.endswith(CLINICAL) and (row.value is not None or known.value is not None)
-    ]
+    pairs = [Compared(row, known) for row, known in zip(rows, exact, strict=True) if row.measure.endswith(CLINICAL)]
     return pairs, compare_swings(ours.episodes, theirs.episodes)
 
 
@@ -239,7 +239,7 @@ def row_lines(recording: str, pairs: Sequence[Compared]) -> list[str]:
     return [
         f"| {recording} | {each.found.measure} {each.found.side or ''} | {_number(each.true.value)} "
         f"| {_number(each.found.value)} | {_number(each.difference)} | {_number(each.found.sigma)} "
-        f"| {'yes' if each.within else 'no'} | {each.found.why or each.true.why or ''} |"
+        f"| {each.verdict} | {each.found.why or each.true.why or ''} |"
         for each in pairs
     ]
 
@@ -253,22 +253,24 @@ def summary_lines(pairs: Sequence[Compared]) -> list[str]:
     groups = defaultdict[str, list[Compared]](list)
     for each in pairs:
         groups[f"{each.found.measure}, {each.found.unit}"].append(each)
+    counted = ("within", "outside", "only true", "only measured", "neither")
     lines = [
-        "| measure | both | within 1.96 sigma | difference: median, largest | sigma, median | only the truth has it "
-        "| only measured |",
-        "|---|--:|--:|--:|--:|--:|--:|",
+        f"| measure | {' | '.join(counted)} | difference: median, largest | sigma, median |",
+        "|---|" + "--:|" * (len(counted) + 2),
     ]
     for name, rows in groups.items():
-        both = [row for row in rows if row.difference is not None]
-        off = [abs(row.difference) for row in both if row.difference is not None]
-        sigma = [row.found.sigma for row in both if row.found.sigma is not None]
-        refused = sum(row.found.value is None for row in rows)
+        verdicts = [row.verdict for row in rows]
+        off = [abs(row.difference) for row in rows if row.difference is not None]
+        sigma = [row.found.sigma for row in rows if row.difference is not None and row.found.sigma is not None]
         lines.append(
-            f"| {name} | {len(both)} | {sum(row.within for row in both)} "
-            f"| {_number(np.median(off)) if off else ''}, {_number(max(off, default=None))} "
-            f"| {_number(np.median(sigma)) if sigma else ''} | {refused} | {len(rows) - len(both) - refused} |"
+            f"| {name} | {' | '.join(str(verdicts.count(verdict)) for verdict in counted)} "
+            f"| {_number(_median(off))}, {_number(max(off, default=None))} | {_number(_median(sigma))} |"
         )
     return lines
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return float(np.median(values)) if values else None
 
 
 def swing_line(swings: Sequence[Swings]) -> str:
@@ -290,7 +292,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="folder for recordings and results; those there are used again")
     options = parser.parse_args()
     pairs, swings = list[Compared](), list[Swings]()
-    print("| recording | measure | true | measured | difference | sigma | within | why not |")
+    print("| recording | measure | true | measured | difference | sigma | verdict | why not |")
     print("|---|---|--:|--:|--:|--:|---|---|")
     with tempfile.TemporaryDirectory() as temporary:
         for recording in recordings(options.first_seed, options.movements):

@@ -82,11 +82,11 @@ def row(value: float | None, sigma: float | None = None, measure: str = "swing_t
 
 
 def test_a_measure_is_within_when_it_is_no_farther_than_its_range_and_a_count_when_equal():
-    assert Compared(row(1.1, 0.06), row(1.0)).within
-    assert not Compared(row(1.2, 0.06), row(1.0)).within
-    assert not Compared(row(None), row(1.0)).within
-    assert Compared(row(3.0), row(3.0)).within
-    assert not Compared(row(3.0), row(4.0)).within
+    assert Compared(row(1.1, 0.06), row(1.0)).verdict == "within"
+    assert Compared(row(1.2, 0.06), row(1.0)).verdict == "outside"
+    assert Compared(row(3.0), row(3.0)).verdict == "within"
+    assert Compared(row(3.0), row(4.0)).verdict == "outside"
+    assert Compared(row(None), row(None)).verdict == "neither"
 
 
 def test_the_summary_counts_what_only_one_of_the_two_has():
@@ -97,4 +97,4 @@ def test_the_summary_counts_what_only_one_of_the_two_has():
         Compared(row(1.0, 0.1), row(None)),
         Compared(row(1.0, 0.1), row(None)),
     ]
-    assert summary_lines(pairs)[2:] == ["| swing_time_mean, s | 2 | 1 | 0.2, 0.3 | 0.07 | 1 | 2 |"]
+    assert summary_lines(pairs)[2:] == ["| swing_time_mean, s | 1 | 1 | 1 | 2 | 0 | 0.2, 0.3 | 0.07 |"]
