@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,9 @@ CAMERA_NAMES = ("front", "left", "right", "behind")
 AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # left of the patient is positive
 AZIMUTH_SPREAD_RAD = (0.08, 0.2, 0.2, 0.3)
 WALL_M = 2.7
+
+Programme = Callable[[np.random.Generator, Person], Actor]
+"""What a person is to do; the generator is for what is drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,8 +111,8 @@ def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(STREAMS.index(name), *keys)))
 
 
-def draw_clinic(config: SimulationConfig) -> Clinic:
-    """People, room and cameras from ``config.seed``."""
+def draw_clinic(config: SimulationConfig, programme: Programme | None = None) -> Clinic:
+    """People, room and cameras from ``config.seed``; programme: of a patient who does not follow ``config.motions``."""
     if config.room is not None:
         return _in_room(config, config.room)
     person = draw_patient_person(random_stream(config, "patient"), config)
@@ -117,7 +121,8 @@ def draw_clinic(config: SimulationConfig) -> Clinic:
     patient: Actor | CapturedActor
     if config.movement_file is None:
         held = fit_held(scenery, config, person)
-        patient = draw_patient(random_stream(config, "programme"), config, person, held)
+        drawn = random_stream(config, "programme")
+        patient = draw_patient(drawn, config, person, held) if programme is None else programme(drawn, person)
     else:
         held, patient = None, draw_captured(random_stream(config, "movement"), config, person)
     parts = fit_around(scenery, config, patient, held)

@@ -16,7 +16,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.equipment_file import write_equipment
 from anchorpose.recording.recording_file import camera_document
-from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic, random_stream
+from anchorpose.simulate.clinic import Clinic, Performance, Programme, draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import PATIENT, Figure
 from anchorpose.simulate.shoot import Studio, set_up
@@ -30,10 +30,16 @@ JITTER_LIMIT: Final = 0.4  # of a period: beyond half of one, stamps could chang
 JITTER_SPREADS: Final = 2.0  # where the normal distribution of the jitter is cut
 
 
-def simulate_recording(out: Path, config: SimulationConfig, progress: Callable[[int, int], None] | None = None) -> None:
+def simulate_recording(
+    out: Path,
+    config: SimulationConfig,
+    progress: Callable[[int, int], None] | None = None,
+    programme: Programme | None = None,
+) -> None:
     """Write ``out/recording/`` and ``out/truth/``; all of it or nothing.
 
-    ``progress(done, total)`` is called after every frame. Raises InputError where ``out`` is there and not empty.
+    ``progress(done, total)`` is called after every frame; programme: as in ``draw_clinic``. Raises InputError where
+    ``out`` is there and not empty.
     """
     out = Path(out)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
@@ -41,7 +47,7 @@ def simulate_recording(out: Path, config: SimulationConfig, progress: Callable[[
     out.parent.mkdir(parents=True, exist_ok=True)
     work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
     try:
-        _write_all(work, draw_clinic(config), progress)
+        _write_all(work, draw_clinic(config, programme), progress)
         work.chmod(0o755)
         if out.exists():
             out.rmdir()
