@@ -219,7 +219,8 @@ def many_cameras(folder: Path, chance: random.Random) -> None:
     if document is None:
         return
     names = [f"c{k}" for k in range(_often_few(chance))]
-    document["cameras"] = [*chance.choice([document.get("cameras") or [], []]), *map(camera_entry, names)]
+    known = document.get("cameras")
+    document["cameras"] = [*chance.choice([known if isinstance(known, list) else [], []]), *map(camera_entry, names)]
     if chance.random() < 0.3:
         document["cameras"][0] = {**camera_entry("front"), "width": 16384, "height": 16384}
     path.write_text(json.dumps(document))
