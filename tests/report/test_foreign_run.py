@@ -85,7 +85,7 @@ def use(session: Session) -> None:
     """Everything on the page that comes from run.json."""
     for part in (provenance, problems, corrections, settings, kept_frames, kept_rows, matched_percent, summary):
         part(session)
-    differences((session, session), ("a", "b"))
+    differences((session, session), ("a", "b"), (session.bins.time_s, session.bins.time_s))
 
 
 def test_no_altered_run_json_is_more_than_refused(folder, tmp_path):

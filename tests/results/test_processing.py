@@ -243,7 +243,7 @@ def test_settings_that_make_no_sense_are_refused(wrong):
 
 def test_an_angle_is_as_processed_as_its_joints_and_the_file_states_the_policy(tmp_path):
     table, config = moving(gap=slice(100, 104)), ProcessingConfig(smooth="butterworth", fill="linear")
-    processed = process_angles(table, config)
+    (processed,) = process_angles(table, config)
     elbow, knee = (processed.column(name) for name in ("elbow_flexion_left", "knee_flexion_left"))
     assert (processed.processing[100:104, elbow] == FILLED).all()
     assert (processed.processing[:, knee] == SMOOTHED).all()

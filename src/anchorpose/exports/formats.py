@@ -13,7 +13,6 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import LOST, JointState
-from anchorpose.results.run_record import hash_files
 from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointTable, read_angles, read_joints
 
 STATES: Final = tuple(str(state) for state in JointState)
@@ -29,6 +28,10 @@ class Format(StrEnum):
     CSV = "csv"
     BVH = "bvh"
     BIDS = "bids"
+
+
+WITHOUT_ANGLES: Final = frozenset({Format.TRC, Format.MOT, Format.BVH})
+"""Formats that follow from joints and poses alone."""
 
 
 class CoordinateModel(StrEnum):
@@ -79,33 +82,38 @@ class Samples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Source:
-    """A results folder as an export needs it; sha256: name and hash of each of its tables, in order of name."""
+    """A results folder as an export needs it."""
 
     folder: Path
     frame: np.ndarray  # (n,) int32
     samples: Samples
-    sha256: tuple[tuple[str, str], ...]
 
 
-def read_source(folder: Path) -> Source:
-    """Joints, and angles where there are any; raises InputError for no results folder and for times that go back."""
-    if not folder.is_dir():
-        raise InputError(folder, "there is no such folder", "give a results folder made by 'anchorpose track'")
+def read_source(folder: Path, kind: Format) -> Source:
+    """Joints, and angles where there are any and the format has them.
+
+    Raises InputError for tables that cannot be read and for times that go back.
+    """
     joints = read_joints(folder / JOINTS_FILE)
     if not (np.isfinite(joints.time_s).all() and (np.diff(joints.time_s) > 0).all()):
         raise InputError(folder / JOINTS_FILE, "its times do not increase from frame to frame", "track again")
-    names, degrees, sigma_deg, state_code = _angles(folder / ANGLES_FILE, joints)
-    samples = Samples(
-        joints.time_s, joints.position_m, joints.sigma_m, joints.state_code, names, degrees, sigma_deg, state_code
-    )
-    return Source(folder, joints.frame, samples, hash_files(sorted(folder.glob("*.parquet")), folder))
+    angles = _no_angles(joints) if kind in WITHOUT_ANGLES else _angles(folder / ANGLES_FILE, joints)
+    samples = Samples(joints.time_s, joints.position_m, joints.sigma_m, joints.state_code, *angles)
+    return Source(folder, joints.frame, samples)
 
 
-def _angles(path: Path, joints: JointTable) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]:
+_Angles = tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]
+
+
+def _no_angles(joints: JointTable) -> _Angles:
+    empty = np.empty((len(joints.frame), 0))
+    return (), empty, empty, empty.astype(np.int8)
+
+
+def _angles(path: Path, joints: JointTable) -> _Angles:
     """Names in the order of the table, and (n, a) degrees, sigma and state_code on the frames of the joints."""
     if not path.exists():
-        empty = np.empty((len(joints.frame), 0))
-        return (), empty, empty, empty.astype(np.int8)
+        return _no_angles(joints)
     angles = read_angles(path)
     row = np.searchsorted(joints.frame, angles.frame)
     if not np.array_equal(joints.frame[np.minimum(row, len(joints.frame) - 1)], angles.frame):

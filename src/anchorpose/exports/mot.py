@@ -31,16 +31,13 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     stretches = stretches_of(np.isfinite(coordinates.values), near_in_time(source.samples.time_s))
     if not stretches.runs:
         raise AnchorposeError("No two frames in a row have the joints that a MOT needs; export with --to csv instead.")
-    kept = Coordinates(
-        tuple(name for name, keep in zip(coordinates.names, stretches.kept, strict=True) if keep),
-        coordinates.values[:, stretches.kept],
-    )
+    kept = tuple(name for name, keep in zip(coordinates.names, stretches.kept, strict=True) if keep)
     for number, (first, last) in enumerate(stretches.runs):
         name = stretch_name(STEM, ".mot", number, len(stretches.runs))
-        values = _unwrapped(kept.names, kept.values[first:last])
-        write_mot_file(folder / name, source.samples.time_s[first:last], kept.names, values)
+        values = _unwrapped(kept, coordinates.values[first:last, stretches.kept])
+        write_mot_file(folder / name, source.samples.time_s[first:last], kept, values)
     frames = sum(last - first for first, last in stretches.runs)
-    left_out = [name for name in coordinates.names if name not in kept.names]
+    left_out = [name for name in coordinates.names if name not in kept]
     return Product(
         axes=f"OpenSim's coordinates of the model {config.model}; X forward, Y up, Z to the patient's right",
         units="degrees; pelvis_tx, pelvis_ty, pelvis_tz metres; seconds",
@@ -72,7 +69,7 @@ def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
     Interpolation and filters would go the long way round. Lengths stay as they are.
     """
     unwrapped = values.copy()
-    for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one by one: all at once take four times the memory
+    for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one by one: all together take four times the memory
         unwrapped[:, column] = np.unwrap(values[:, column], period=360.0)
     return unwrapped
 

@@ -21,6 +21,7 @@ from anchorpose.exports.mot import write_mot
 from anchorpose.exports.trc import write_trc
 from anchorpose.recording.document import read_json
 from anchorpose.results.folder import whole_or_nothing
+from anchorpose.results.run_record import hash_files
 
 RECORD_FILE: Final = "export.json"
 EXPORTS_FOLDER: Final = "exports"
@@ -44,15 +45,17 @@ def export_results(
     only; other folders and files are never touched. Raises InputError or MissingPackage, and then nothing was written.
     """
     target = out if out is not None else results / EXPORTS_FOLDER
-    source = read_source(results)
+    if not results.is_dir():
+        raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
+    sha256 = hash_files(sorted(results.glob("*.parquet")), results)
     for kind in formats:
         _check_place(target / kind, results, overwrite)
     done = []
     with ExitStack() as places:
         for kind in formats:
             folder = places.enter_context(whole_or_nothing(target / kind, _own_files(target / kind)))
-            product = _WRITERS[kind](folder, source, config)
-            _write_record(folder, kind, source, product)
+            product = _WRITERS[kind](folder, read_source(results, kind), config)
+            _write_record(folder, kind, sha256, product)
             done.append((target / kind, product))
     return tuple(done)
 
@@ -90,7 +93,8 @@ def _own_files(folder: Path) -> tuple[str, ...]:
     return (RECORD_FILE, *(escape(str(file)) for file in files)) if files else ()
 
 
-def _write_record(folder: Path, kind: Format, source: Source, product: Product) -> None:
+def _write_record(folder: Path, kind: Format, sha256: tuple[tuple[str, str], ...], product: Product) -> None:
+    """sha256: name and hash of each table of the results, in order of name."""
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     document: dict[str, Any] = {
         "format": "anchorpose-export",
@@ -104,7 +108,7 @@ def _write_record(folder: Path, kind: Format, source: Source, product: Product) 
         "counts": dict(product.counts),
         "notes": list(product.notes),
         "files": files,
-        "sources_sha256": dict(source.sha256),
+        "sources_sha256": dict(sha256),
     }
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
     (folder / RECORD_FILE).write_text(text + "\n", encoding="utf-8", newline="\n")

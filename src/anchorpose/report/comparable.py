@@ -11,8 +11,10 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from anchorpose.errors import InputError
-from anchorpose.report.session import Session
+from anchorpose.report.session import SessionHead
 from anchorpose.report.words import COVERAGE, listed, number
 from anchorpose.results.records import MEASURES_FILE, Measure
 from anchorpose.results.tables import JOINTS_FILE
@@ -91,7 +93,7 @@ def _differ(old_s: float, new_s: float) -> bool:
 MOST_NAMES: Final = 8  # of settings that differ; more are counted
 
 
-def require_comparable(sessions: Sequence[Session]) -> None:
+def require_comparable(sessions: Sequence[SessionHead]) -> None:
     """Raises InputError where two are of the same recording, or their measures are defined differently."""
     first = sessions[0]
     for later in sessions[1:]:
@@ -103,15 +105,18 @@ def require_comparable(sessions: Sequence[Session]) -> None:
     _require_different(sessions)
 
 
-def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
-    """Sentences on versions, settings, cameras, rates, lengths and bodies that differ from the first session's."""
+def differences(sessions: Sequence[SessionHead], labels: Sequence[str], times_s: Sequence[np.ndarray]) -> list[str]:
+    """Sentences on versions, settings, cameras, rates, lengths and bodies that differ from the first session's.
+
+    times_s: of the frames of each session, (n,).
+    """
     first, notes = sessions[0], []
-    for later, label in zip(sessions[1:], labels[1:], strict=True):
+    for later, label, time_s in zip(sessions[1:], labels[1:], times_s[1:], strict=True):
         sentences = [
             *_versions(first.run, later.run),
             *_settings(first.run, later.run),
             *_cameras(first.run, later.run),
-            *_rates(first, later),
+            *_rates(times_s[0], time_s),
             *span_sentences(first.measures, later.measures),
             *_bodies(first.run, later.run),
         ]
@@ -123,7 +128,7 @@ def _full_stop(sentence: str) -> str:
     return "" if sentence.endswith("?") else "."
 
 
-def _other_definition(first: Session, later: Session) -> str | None:
+def _other_definition(first: SessionHead, later: SessionHead) -> str | None:
     """How the definitions of two sessions' measures differ; None where they are the same."""
     old, new = first.definition, later.definition
     if old is None or new is None:
@@ -140,13 +145,13 @@ def _other_definition(first: Session, later: Session) -> str | None:
     return next((f"{name} has another unit" for name in units if units[name] != own[name]), None)
 
 
-def _units(session: Session) -> dict[str, str]:
+def _units(session: SessionHead) -> dict[str, str]:
     """Of the measures that every session has; those of a part or a person depend on what happened."""
     return {m.measure: m.unit for m in session.measures if m.part is None and m.person is None}
 
 
-def _require_different(sessions: Sequence[Session]) -> None:
-    seen: dict[Any, Session] = {}
+def _require_different(sessions: Sequence[SessionHead]) -> None:
+    seen: dict[Any, SessionHead] = {}
     for session in sessions:
         if session.folder.resolve() in {other.folder.resolve() for other in seen.values()}:
             raise InputError(session.folder, "is given twice", "give each session once")
@@ -190,15 +195,14 @@ def _cameras(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
     return [] if old == new or not old or not new else [f"other cameras: {listed(new)} instead of {listed(old)}"]
 
 
-def _rates(first: Session, later: Session) -> list[str]:
-    old, new = (_rate_hz(session) for session in (first, later))
+def _rates(first_s: np.ndarray, later_s: np.ndarray) -> list[str]:
+    old, new = _rate_hz(first_s), _rate_hz(later_s)
     if old is None or new is None or abs(old - new) < 0.1 * old:
         return []
     return [f"{new:.0f} instead of {old:.0f} frames a second: paths and speeds depend on that"]
 
 
-def _rate_hz(session: Session) -> float | None:
-    time_s = session.joints.time_s
+def _rate_hz(time_s: np.ndarray) -> float | None:
     return None if len(time_s) < 2 else (len(time_s) - 1) / float(time_s[-1] - time_s[0])
 
 

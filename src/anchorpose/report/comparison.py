@@ -17,9 +17,11 @@ from typing import Final, NamedTuple
 from markupsafe import Markup
 
 from anchorpose.errors import InputError
+from anchorpose.report.chart import Chart
 from anchorpose.report.comparable import differences, require_comparable, unlike_time
 from anchorpose.report.detectable import Detectable, read_detectable
-from anchorpose.report.ledger import Aggregation, Form, Rows
+from anchorpose.report.frame_columns import FrameColumns
+from anchorpose.report.ledger import Aggregation, Form, Ledger, Rows
 from anchorpose.report.measure_section import (
     grouped_measures,
     inferred_share,
@@ -30,13 +32,13 @@ from anchorpose.report.measure_section import (
     words_of,
 )
 from anchorpose.report.motion_section import RANGE
-from anchorpose.report.session import Session, read_session
+from anchorpose.report.session import SessionHead, read_frames, read_head
 from anchorpose.report.summary import summary
 from anchorpose.report.timeline import short_timeline
 from anchorpose.report.words import COVERAGE, INFERRED_STATES, named_part
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.records import Measure
-from anchorpose.results.tables import ANGLES_FILE
+from anchorpose.results.tables import ANGLES, ANGLES_FILE, read_angles
 from anchorpose.results.web_page import render_page
 
 
@@ -51,14 +53,14 @@ def write_comparison(
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
-    sessions = [read_session(folder, f"s{number}") for number, folder in enumerate(folders, 1)]
+    sessions = [read_head(folder, f"s{number}") for number, folder in enumerate(folders, 1)]
     require_comparable(sessions)
     detectable = {} if reliability is None else read_detectable(reliability)
     write_text_whole(page, _page(sessions, _labels(sessions, labels), detectable))
     return page
 
 
-def _labels(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
+def _labels(sessions: Sequence[SessionHead], labels: Sequence[str]) -> list[str]:
     if labels and len(labels) != len(sessions):
         problem = f"{len(labels)} labels are given for {len(sessions)} sessions"
         raise InputError(sessions[0].folder, problem, "give --label once for each session, in the same order")
@@ -70,12 +72,13 @@ def _labels(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
     return next((names for names in (recordings, folders) if len(set(names)) == len(names)), paths)
 
 
-def _page(sessions: Sequence[Session], labels: Sequence[str], detectable: Detectable) -> str:
+def _page(sessions: Sequence[SessionHead], labels: Sequence[str], detectable: Detectable) -> str:
     named = list(zip(sessions, labels, strict=True))
+    overviews = [_overview(session, label) for session, label in named]
     parts = {  # in this order the sources are numbered
-        "sessions": [(label, summary(session), short_timeline(session, label)) for session, label in named],
+        "sessions": [(each.label, each.summary, each.timeline) for each in overviews],
         "changes": change_groups(sessions, detectable),
-        "angles": angle_rows(sessions),
+        "angles": angle_rows(sessions, [each.angles for each in overviews]),
     }
     return render_page(
         "anchorpose.report",
@@ -85,10 +88,27 @@ def _page(sessions: Sequence[Session], labels: Sequence[str], detectable: Detect
         repeated=bool(detectable),
         change_titles=["measure", *labels, *(f"change to {label}" for label in labels[1:])],
         angle_titles=["angle", *labels],
-        differences=differences(sessions, labels),
+        differences=differences(sessions, labels, [each.timeline.bins.time_s for each in overviews]),
         sources=[(label, session.ledger.name, session.ledger.sources()) for session, label in named],
         **parts,
     )
+
+
+class Overview(NamedTuple):
+    """What the page shows of a session by itself; angles: the names of those that it has."""
+
+    label: str
+    summary: list[Markup]
+    timeline: Chart
+    angles: tuple[str, ...]
+
+
+def _overview(head: SessionHead, label: str) -> Overview:
+    """Of one session after the other: the tables of two hours would not fit beside each other."""
+    session = read_frames(head)
+    overview = Overview(label, summary(session), short_timeline(session, label), session.angles.names)
+    head.ledger.hold({})
+    return overview
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +165,7 @@ class ChangeGroup(NamedTuple):
     rows: list[tuple[str, str, list[Markup]]]
 
 
-def change_groups(sessions: Sequence[Session], detectable: Detectable | None = None) -> list[ChangeGroup]:
+def change_groups(sessions: Sequence[SessionHead], detectable: Detectable | None = None) -> list[ChangeGroup]:
     """The measures of all sessions side by side; detectable: minimal detectable changes of ``read_detectable``.
 
     Measures of one person are left out: people have no names that persist from session to session.
@@ -163,7 +183,7 @@ def change_groups(sessions: Sequence[Session], detectable: Detectable | None = N
 
 
 def _change_row(
-    sessions: Sequence[Session], found: Sequence[dict[Key, Measure]], like: Measure, repeated: float | None
+    sessions: Sequence[SessionHead], found: Sequence[dict[Key, Measure]], like: Measure, repeated: float | None
 ) -> tuple[str, str, list[Markup]]:
     measures = [each.get((like.measure, like.side, like.part)) for each in found]
     values = [_value(session, measure) for session, measure in zip(sessions, measures, strict=True)]
@@ -174,7 +194,7 @@ def _change_row(
     return title_of(like), words_of(like.measure).meaning, [*values, *changes]
 
 
-def _value(session: Session, measure: Measure | None) -> Markup:
+def _value(session: SessionHead, measure: Measure | None) -> Markup:
     if measure is None:
         return UNKNOWN.format("did not occur")
     ledger, source = session.ledger, session.ledger.link
@@ -208,14 +228,26 @@ def _signed(change: Change, measure: Measure) -> str:
     return f"{arrow}{sign}{value_form(measure).write(change.difference)}"
 
 
-def angle_rows(sessions: Sequence[Session]) -> list[tuple[str, list[Markup]]]:
-    """(name, a cell per session): the range of each angle that all sessions have, and how much of it is inferred."""
-    names = [name for name in sessions[0].angles.names if all(name in session.angles.names for session in sessions)]
-    return [(named_part(name), [_range(session, name) for session in sessions]) for name in names]
+def angle_rows(sessions: Sequence[SessionHead], angles: Sequence[tuple[str, ...]]) -> list[tuple[str, list[Markup]]]:
+    """(name, a cell per session): the range of each angle that all sessions have, and how much of it is inferred.
+
+    angles: their names in each session.
+    """
+    names = [name for name in angles[0] if all(name in each for each in angles)]
+    columns = [_ranges(session, names) for session in sessions]
+    return [(named_part(name), list(cells)) for name, cells in zip(names, zip(*columns, strict=True), strict=True)]
 
 
-def _range(session: Session, name: str) -> Markup:
-    ledger, rows, degree = session.ledger, Rows(ANGLES_FILE, (("angle", name),)), Form(after="°")
+def _ranges(session: SessionHead, names: Sequence[str]) -> list[Markup]:
+    """A cell per angle."""
+    session.ledger.hold({ANGLES_FILE: FrameColumns(ANGLES, read_angles(session.folder / ANGLES_FILE))})
+    cells = [_range(session.ledger, name) for name in names]
+    session.ledger.hold({})
+    return cells
+
+
+def _range(ledger: Ledger, name: str) -> Markup:
+    rows, degree = Rows(ANGLES_FILE, (("angle", name),)), Form(after="°")
     if ledger.take(rows, Aggregation(column="degrees", how="median")) is None:
         return Markup("{} {}").format(UNKNOWN.format("not known in any frame"), ledger.link(rows))
     low, middle, high = (ledger.figure(rows, Aggregation(column="degrees", how=how), degree) for how in RANGE)

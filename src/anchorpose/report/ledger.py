@@ -114,11 +114,11 @@ class Source:
 class Ledger:
     """The tables of a results folder, the numbers taken from them and the list of their sources.
 
-    name: of the session, where a page shows several. read: tables, by file, that are in memory already.
+    name: of the session, where a page shows several.
     """
 
-    def __init__(self, folder: Path, name: str = "", read: Mapping[str, FrameColumns] | None = None) -> None:
-        self._folder, self._name, self._read = folder, name, read or {}
+    def __init__(self, folder: Path, name: str = "") -> None:
+        self._folder, self._name, self._held = folder, name, dict[str, FrameColumns]()
         self._column = lru_cache(COLUMNS_KEPT)(self._read_column)
         self._places: dict[Rows, pa.Array] = {}
         self._uses: dict[Rows, list[Aggregation]] = {}
@@ -127,6 +127,11 @@ class Ledger:
     def name(self) -> str:
         """Of the session."""
         return self._name
+
+    def hold(self, tables: Mapping[str, FrameColumns]) -> None:
+        """Takes these tables, by file, from memory from now on; others are read from their files again."""
+        self._held = dict(tables)
+        self._column.cache_clear()
 
     def take(self, rows: Rows, aggregation: Aggregation) -> float | None:
         """The number; None where the rows hold no value."""
@@ -191,7 +196,7 @@ class Ledger:
 
     def _values(self, rows: Rows, name: str) -> pa.Array:
         """A column of the rows."""
-        found = self._read[rows.file].values(name, rows.where) if rows.file in self._read else None
+        found = self._held[rows.file].values(name, rows.where) if rows.file in self._held else None
         if found is not None:
             return found
         column = self._column(rows.file, name)

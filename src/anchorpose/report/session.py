@@ -8,7 +8,7 @@ through all frames would cover, so peaks keep their place and height.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -140,29 +140,18 @@ MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Session:
-    """The tables of one recording. bins: how its frames are grouped in every chart of its page.
+class SessionHead:
+    """What a results folder states of the whole recording.
 
-    posture_seen (n,) bool: whether all joints that determine posture were seen; the state in posture.parquet is that of
-    the centre of mass. definition: how the measures were computed, None where their file does not say. contacts: None
-    where the folder has no table of them, so that touch is not known. explained: how well each pose explains its frame,
-    None in results of a release that did not keep it. run: the content of run.json without the hashes of the inputs, of
-    which ``inputs`` has one for all images of a camera: (file, (hash,)).
+    run: the content of run.json without the hashes of the inputs, of which ``inputs`` has one for all images of a
+    camera: (file, (hash,)). definition: how the measures were computed, None where their file does not say.
     """
 
     folder: Path
     run: dict[str, Any]
     inputs: tuple[tuple[str, tuple[str]], ...]
-    joints: JointTable
-    angles: AngleTable
-    posture: PostureTable
-    posture_seen: np.ndarray
-    episodes: tuple[Episode, ...]
     measures: tuple[Measure, ...]
     definition: Definition | None
-    contacts: tuple[Contact, ...] | None
-    explained: ExplainedTable | None
-    bins: Bins
     ledger: Ledger
 
     @property
@@ -171,20 +160,63 @@ class Session:
         return str(self.run.get("recording", self.folder.resolve().name))
 
 
-def read_session(folder: Path, name: str = "") -> Session:
-    """All tables of a results folder; name: of its numbers, where a page shows several sessions.
+@dataclass(frozen=True, slots=True, eq=False)
+class Session(SessionHead):
+    """The tables of one recording. bins: how its frames are grouped in every chart of its page.
+
+    posture_seen (n,) bool: whether all joints that determine posture were seen; the state in posture.parquet is that of
+    the centre of mass. contacts: None where the folder has no table of them, so that touch is not known. explained: how
+    well each pose explains its frame, None in results of a release that did not keep it.
+    """
+
+    joints: JointTable
+    angles: AngleTable
+    posture: PostureTable
+    posture_seen: np.ndarray
+    episodes: tuple[Episode, ...]
+    contacts: tuple[Contact, ...] | None
+    explained: ExplainedTable | None
+    bins: Bins
+
+
+def read_session(folder: Path) -> Session:
+    """All tables of a results folder.
 
     Raises InputError where one (but contacts and explained) is missing, damaged, or does not fit the joints.
+    """
+    return read_frames(read_head(folder))
+
+
+def read_head(folder: Path, name: str = "") -> SessionHead:
+    """Run and measures of a results folder; name: of its numbers, where a page shows several sessions.
+
+    Raises InputError where one is damaged, or a table of 'anchorpose measure' is missing.
     """
     run = read_run(folder / RUN_FILE)
     inputs = input_hashes(
         run.pop("inputs_sha256", None) or {}
     )  # first: an hour has 324,000, which then leave the memory
-    joints = read_joints(folder / JOINTS_FILE)
     for file in MEASURED:
         if not (folder / file).is_file():
             problem = "is missing: the folder was written by an older version, or by hand"
             raise InputError(folder / file, problem, f"run 'anchorpose measure {folder}' and try again")
+    return SessionHead(
+        folder=folder,
+        run=run,
+        inputs=inputs,
+        measures=read_measures(folder / MEASURES_FILE),
+        definition=read_definition(folder / MEASURES_FILE),
+        ledger=Ledger(folder, name),
+    )
+
+
+def read_frames(head: SessionHead) -> Session:
+    """All tables of a session; its ledger then holds those of joints and angles.
+
+    Raises InputError as ``read_session``.
+    """
+    folder = head.folder
+    joints = read_joints(folder / JOINTS_FILE)
     angles, posture = read_angles(folder / ANGLES_FILE), read_posture(folder / POSTURE_FILE)
     explained = read_explained(folder / EXPLAINED_FILE) if (folder / EXPLAINED_FILE).is_file() else None
     frames = {ANGLES_FILE: angles.frame, POSTURE_FILE: posture.frame}
@@ -194,23 +226,17 @@ def read_session(folder: Path, name: str = "") -> Session:
         if not np.array_equal(frame, joints.frame):
             remedy = TRACK_AGAIN if file == EXPLAINED_FILE else f"run 'anchorpose measure {folder}'"
             raise InputError(folder / file, "has other frames than joints.parquet", remedy)
+    head.ledger.hold({JOINTS_FILE: FrameColumns(JOINTS, joints), ANGLES_FILE: FrameColumns(ANGLES, angles)})
     return Session(
-        folder=folder,
-        inputs=inputs,
-        run=run,
+        **{each.name: getattr(head, each.name) for each in fields(head)},
         joints=joints,
         angles=angles,
         posture=posture,
         posture_seen=stance(joints).state_code == STATE_CODE[JointState.OBSERVED],
         episodes=read_episodes(folder / EPISODES_FILE),
-        measures=read_measures(folder / MEASURES_FILE),
-        definition=read_definition(folder / MEASURES_FILE),
         contacts=read_contacts(folder / CONTACTS_FILE) if (folder / CONTACTS_FILE).is_file() else None,
         explained=explained,
-        bins=make_bins(joints.frame, joints.time_s, name),
-        ledger=Ledger(
-            folder, name, {JOINTS_FILE: FrameColumns(JOINTS, joints), ANGLES_FILE: FrameColumns(ANGLES, angles)}
-        ),
+        bins=make_bins(joints.frame, joints.time_s, head.ledger.name),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
@@ -114,17 +115,17 @@ class FrameTable(Generic[Frames]):
         thing = [pa.field(self.thing, pa.string(), nullable=False)] if self.thing else []
         return pa.schema([*start, *thing, *(each for column in self.columns.values() for each in column.schema())])
 
-    def write(self, path: Path, frames: Frames) -> None:
-        """Writes the whole table."""
+    def write(self, path: Path, frames: Frames, more: Iterable[Frames] = ()) -> None:
+        """Writes the whole table; more: what comes behind the first frames, in parts of whole row groups."""
         schema = self.schema()
         if self.text:
             schema = schema.with_metadata({self.text[1]: getattr(frames, self.text[0])})
         names: tuple[str, ...] = getattr(frames, "names", ()) if self.names is None else self.names
-        arrays = self._arrays(frames)
         with open_parquet(path, schema) as writer:
-            for start in range(0, len(arrays["frame"]), FRAMES_PER_ROW_GROUP):
-                some = {name: array[start : start + FRAMES_PER_ROW_GROUP] for name, array in arrays.items()}
-                writer.write_table(self._to_table(schema, names, some))
+            for arrays in map(self._arrays, chain([frames], more)):
+                for start in range(0, len(arrays["frame"]), FRAMES_PER_ROW_GROUP):
+                    some = {name: array[start : start + FRAMES_PER_ROW_GROUP] for name, array in arrays.items()}
+                    writer.write_table(self._to_table(schema, names, some))
 
     @contextmanager
     def open(self, path: Path) -> Iterator[RowGroups[Any]]:

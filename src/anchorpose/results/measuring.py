@@ -78,9 +78,10 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
 
 def _write_processed(folder: Path, joints: JointTable, processing: ProcessingConfig) -> str:
     """Writes angles_processed.parquet and returns its policy: an hour's angles are not kept beside those as tracked."""
-    processed = process_angles(joints, processing)
-    write_processed_angles(folder / PROCESSED_FILE, processed)
-    return processed.policy
+    parts = process_angles(joints, processing)
+    first = next(parts)
+    write_processed_angles(folder / PROCESSED_FILE, first, parts)
+    return first.policy
 
 
 _SHOWN: Final = {
