@@ -14,6 +14,7 @@ from session_builder import RATE, measured, squatting_joints, table, value
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.results.records import Measure
 from anchorpose.results.tables import JointTable
+from anchorpose.results.uncertainty import random_sigma, sigma_of_difference
 from anchorpose.simulate.config import single
 from anchorpose.simulate.movements import REST_ELBOW, STRAIGHT_ELBOW
 from anchorpose.simulate.patient import Actor, draw_patient, draw_waves, resting_channels, seated_offsets
@@ -53,6 +54,26 @@ def test_four_rises_or_rises_with_pauses_are_no_such_test():
     assert "1 were" in why(measured(table(cycles(6, seated_s=0.3, stood_s=7.0)))[1], "five_times_sit_to_stand")
     standing = np.repeat(standing_joints()[None], 100, axis=0)
     assert "0 were" in why(measured(table(standing))[1], "five_times_sit_to_stand")
+
+
+def test_squats_and_legs_raised_high_are_no_rises_from_a_seat():
+    """With shanks leant forward the centre of mass is over the feet: nobody sits. A raised leg is no seat either."""
+    down = 85.0 * (0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(6 * 40) / 40.0))
+    squats = measured(table(squatting_joints(down, shank_deg=0.7 * down)))[1]
+    assert "0 were" in why(squats, "five_times_sit_to_stand")
+    joints = np.repeat(standing_joints()[None], 400, axis=0)
+    for first in range(40, 360, 60):
+        joints[first : first + 30, JOINT_INDEX["KneeLeft"]] += [0.4, 0.45, 0.0]
+        joints[first : first + 30, JOINT_INDEX["AnkleLeft"]] += [0.4, 0.45, 0.0]
+    found = measured(table(joints))[1]
+    assert "0 were" in why(found, "five_times_sit_to_stand")
+    assert value(found, "upright_share") == 1.0
+    assert value(found, "single_leg_stance", "right") == pytest.approx(1.5, abs=0.1)
+
+
+def test_what_lasts_cancels_in_a_difference():
+    assert sigma_of_difference(2.0, 2.0) == pytest.approx(np.sqrt(2.0) * random_sigma(np.array(2.0)))
+    assert sigma_of_difference(0.0, 3.0) == sigma_of_difference(3.0, 0.0) == pytest.approx(3.0)
 
 
 def test_a_range_of_motion_is_that_of_the_movement_and_a_single_jump_does_not_count():

@@ -39,3 +39,11 @@ def systematic_sigma(sigma: np.ndarray) -> np.ndarray:
 def random_sigma(sigma: np.ndarray) -> np.ndarray:
     """The part of sigma that differs from time to time."""
     return np.sqrt(1.0 - SYSTEMATIC_SHARE) * sigma
+
+
+def sigma_of_difference(first: float, second: float) -> float:
+    """Sigma of the difference between two times of one recording, from that of either value.
+
+    The systematic share is common to both and cancels as far as the two are alike.
+    """
+    return float(np.sqrt(first**2 + second**2 - 2.0 * SYSTEMATIC_SHARE * first * second))

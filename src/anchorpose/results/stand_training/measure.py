@@ -46,7 +46,8 @@ def measure_session(
 
     contacts: None where they are unknown, which is not the same as no contact.
     """
-    found, body = stance(joints), centre_of_mass(joints)
+    body = centre_of_mass(joints)
+    found = stance(joints, body.position_m)
     state = upright(found, config.upright)
     moves = transitions(joints, found, state, config.transitions)
     bouts, steps = upright_episodes(joints, found, state), find_steps(joints, state == UPRIGHT)

@@ -10,7 +10,7 @@ from scipy.ndimage import median_filter
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.session import Session, inferred_share
-from anchorpose.results.uncertainty import NORMAL_95
+from anchorpose.results.uncertainty import NORMAL_95, sigma_of_difference
 
 SIDED: Final = (
     "hip_flexion", "hip_adduction", "knee_flexion", "ankle_dorsiflexion", "shoulder_elevation", "elbow_flexion",
@@ -38,13 +38,14 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
         why = f"the angle was never known for {LEAST_S:g} s without a break"
         return Measure(measure=measure, side=side, value=None, unit="deg", frames=0, why=why)
     low, high = int(np.argmin(held)), int(np.argmax(held))
-    value, spread = float(held[high] - held[low]), float(np.hypot(sigma[rows[low]], sigma[rows[high]]))
+    value, (first, second) = float(held[high] - held[low]), sigma[rows[[low, high]]]
     shared = inferred_share(session.angles.state_code[rows, column])
-    if value <= NORMAL_95 * spread:
+    if value <= NORMAL_95 * np.hypot(first, second):  # extremes of errors alone are as far apart as independent ones
         why = "the joint moved by no more than the errors of its angle"
         return Measure(
             measure=measure, side=side, value=None, unit="deg", frames=len(rows), inferred_share=shared, why=why
         )
+    spread = sigma_of_difference(first, second)
     return Measure(
         measure=measure, side=side, value=value, unit="deg", sigma=spread, frames=len(rows), inferred_share=shared
     )

@@ -1,4 +1,4 @@
-"""Whether the patient is upright in each frame, by the inclination of thighs and trunk and the height of the pelvis."""
+"""Whether the patient is upright in each frame, by the inclination of thigh and trunk and the height of the pelvis."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.kinematics.definition import AngleGroup, Points, Reading, length
 from anchorpose.results.kinematics.joint_angles import angles_with_sigma
 from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT, JointTable
+from anchorpose.rotations import unit
 from anchorpose.settings import Positive, settings
 
 
@@ -19,9 +20,10 @@ from anchorpose.settings import Positive, settings
 class Stance:
     """Of every frame, NaN where a joint is lost; each with one standard deviation.
 
-    thigh_deg (n,): the two thighs against the vertical, their mean, 0 = hanging straight down from the hip. trunk_deg
-    (n,): the line from SpineBase to SpineShoulder against the vertical, in whichever direction. height (n,): of the
-    middle of the hips over the lower ankle, in lengths of the patient's leg: 1 = standing straight.
+    thigh_deg (n,): the thigh nearer to the vertical against it, 0 = hanging straight down from the hip: who raises one
+    leg stands on the other. trunk_deg (n,): the line from SpineBase to SpineShoulder against the vertical, in whichever
+    direction. height (n,): of the middle of the hips over the lower ankle, in lengths of the patient's leg: 1 =
+    standing straight. behind_m (n,): how far the centre of mass is behind the middle of the ankles, without a sigma.
     """
 
     thigh_deg: np.ndarray
@@ -30,11 +32,12 @@ class Stance:
     trunk_sigma_deg: np.ndarray
     height: np.ndarray
     height_sigma: np.ndarray
+    behind_m: np.ndarray
     state_code: np.ndarray
 
 
-def stance(joints: JointTable) -> Stance:
-    """Reads the three off the joints; the leg's length is the median over the recording."""
+def stance(joints: JointTable, mass_m: np.ndarray) -> Stance:
+    """Reads them off the joints and the centre of mass (n, 3); the leg's length is the median over the recording."""
     position_m, sigma_m = joints.position_m.transpose(1, 2, 0), joints.sigma_m.T
     (thigh, trunk), (thigh_sigma, trunk_sigma) = (
         np.degrees(found) for found in angles_with_sigma(_INCLINATIONS, position_m, sigma_m)
@@ -44,7 +47,7 @@ def stance(joints: JointTable) -> Stance:
     used = [JOINT_INDEX[name] for name in (*_INCLINATIONS.joints, *_ANKLES)]
     return Stance(
         thigh, thigh_sigma, trunk, trunk_sigma, height_m / leg_m, height_sigma_m / leg_m,
-        joints.state_code[:, used].max(axis=1),
+        _behind_feet(joints.position_m, mass_m), joints.state_code[:, used].max(axis=1),
     )  # fmt: skip
 
 
@@ -54,7 +57,7 @@ _ANKLES: Final = ("AnkleLeft", "AnkleRight")
 def _inclinations(points: Points) -> tuple[Reading, ...]:
     thighs = [_from_vertical(points[f"Hip{side}"] - points[f"Knee{side}"]) for side in ("Left", "Right")]
     trunk = _from_vertical(points["SpineShoulder"] - points["SpineBase"])
-    return (0.5 * (thighs[0] + thighs[1]), 1.0), (trunk, 1.0)
+    return (np.minimum(*thighs), 1.0), (trunk, 1.0)
 
 
 def _from_vertical(line: np.ndarray) -> np.ndarray:
@@ -79,6 +82,17 @@ def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
     return height[:, hips].mean(axis=1) - both_m.min(axis=1), sigma_m
 
 
+def facing(position_m: np.ndarray) -> np.ndarray:
+    """(n, 2) x and z of the direction that the patient faces, by the line of the hips; position_m (n, 21, 3)."""
+    across = position_m[:, JOINT_INDEX["HipRight"]] - position_m[:, JOINT_INDEX["HipLeft"]]
+    return unit(np.stack([across[:, 2], -across[:, 0]], axis=1))
+
+
+def _behind_feet(position_m: np.ndarray, mass_m: np.ndarray) -> np.ndarray:
+    middle_m = position_m[:, [JOINT_INDEX[name] for name in _ANKLES]].mean(axis=1)
+    return np.asarray(((middle_m - mass_m)[:, [0, 2]] * facing(position_m)).sum(axis=1))
+
+
 def _leg_length(joints: JointTable) -> float:
     """Metres from hip to ankle along a straight leg; NaN where no frame shows a whole leg."""
     bones = [
@@ -97,8 +111,8 @@ def _leg_length(joints: JointTable) -> float:
 class UprightConfig:
     """Upright begins when all three limits are met and ends when one of the wider limits is passed (hysteresis).
 
-    Accelerometers distinguish standing from sitting by thighs within 45 degrees of the vertical (Skotte et al. 2014,
-    doi:10.1123/jpah.2011-0347). Thighs alone would call kneeling upright, and a patient who hangs over a rail; the
+    Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
+    doi:10.1123/jpah.2011-0347). The thigh alone would call kneeling upright, and a patient who hangs over a rail; the
     pelvis' height and the trunk say otherwise.
     """
 

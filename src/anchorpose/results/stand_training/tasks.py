@@ -16,6 +16,7 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import SIT_TO_STAND, Measure
 from anchorpose.results.stand_training.session import Session, inferred_share
+from anchorpose.results.stand_training.stance import facing
 from anchorpose.results.stand_training.upright import Transition, TransitionConfig, transitions
 from anchorpose.results.uncertainty import NORMAL_95, systematic_sigma
 from anchorpose.rotations import unit
@@ -86,7 +87,7 @@ def functional_reach(session: Session, side: str) -> Measure:
     """Millimetres that the wrist of the raised arm goes forward with the feet in place, while upright."""
     measure = "functional_reach"
     position, sigma, time_s = session.joints.position_m, session.joints.sigma_m, session.joints.time_s
-    forward = _forward(position)
+    forward = facing(position)
     raised, begins = _raised_arm(position, forward, side, session.upright)
     wrist = JOINT_INDEX[f"Wrist{side.capitalize()}"]
     best: tuple[float, float, slice] | None = None
@@ -114,12 +115,6 @@ def functional_reach(session: Session, side: str) -> Measure:
 
 
 _SHORT: Final = "the raised arm went forward by no more than the errors of the wrist"
-
-
-def _forward(position_m: np.ndarray) -> np.ndarray:
-    """(n, 2) x and z of the direction that the patient faces, by the line of the hips."""
-    across = position_m[:, JOINT_INDEX["HipRight"]] - position_m[:, JOINT_INDEX["HipLeft"]]
-    return unit(np.stack([across[:, 2], -across[:, 0]], axis=1))
 
 
 def _raised_arm(

@@ -100,13 +100,15 @@ def _row(
 
 @settings
 class TransitionConfig:
-    """Seated: thighs near the level and the pelvis at rest for a while, so that a short squat is not sitting.
+    """Seated: both thighs near the level and the pelvis at rest for a while, so that a short squat is not sitting.
 
-    Standing must last, too: a patient who nearly stands and sinks back has not stood up.
+    Nor is a longer one: nobody squats with the centre of mass behind the heels. Standing must last, too: a patient who
+    nearly stands and sinks back has not stood up.
     """
 
     seated_enter_deg: Positive = 65.0
     seated_leave_deg: Positive = 55.0
+    behind_feet_m: Positive = 0.07  # of the ankles at some moment: a heel, and errors of ankles and centre of mass
     rest_s: Positive = 1.0  # the pelvis within ``rest_height`` of the seat, or of its height in standing
     rest_height: Positive = 0.05  # of the leg's length
     settle_s: Positive = 3.0  # next to the transition, of sitting and of standing: gives their heights
@@ -137,7 +139,7 @@ def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: T
     sitting = [
         run
         for run in runs_of_known(seated, np.isfinite(thigh), time_s)
-        if _rests(seconds[run], stance.height[run], config)
+        if _rests(seconds[run], stance.height[run], config) and _needs_a_seat(stance.behind_m[run], config)
     ]
     standing = [
         run
@@ -198,6 +200,12 @@ def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) ->
         return False
     still = known & (height <= np.percentile(height[known], LOW_PERCENTILE) + config.rest_height)
     return float(seconds[still].sum()) >= config.rest_s
+
+
+def _needs_a_seat(behind_m: np.ndarray, config: TransitionConfig) -> bool:
+    """Whether the feet alone cannot carry the patient at some moment of a run (k,); True where that is not known."""
+    known = behind_m[np.isfinite(behind_m)]
+    return not len(known) or bool(known.max() > config.behind_feet_m)
 
 
 def _transition(
