@@ -48,13 +48,13 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
         "of frames in which all the others are known is a file of its own",
         counts=(
             ("files", len(stretches.runs)), ("frames", frames),
-            ("frames_left_out", len(regular.samples.time_s) - frames), ("rate_hz", regular.rate_hz),
+            ("frames_left_out", len(regular.time_s) - frames), ("rate_hz", regular.rate_hz),
         ),
         notes=(
             "Turns are those of the learnt body (poses.parquet)." if from_poses else
             "Turns are made from joint centres; a turn about a bone's own long axis is not in them.",
             *(f"{stretch_name(STEM, '.bvh', number, len(stretches.runs))} begins at "
-              f"{float(regular.samples.time_s[first])!r} s." for number, (first, _) in enumerate(stretches.runs)),
+              f"{float(regular.time_s[first])!r} s." for number, (first, _) in enumerate(stretches.runs)),
             f"Left out for want of joints: {', '.join(left_out) or 'nothing'}.",
         ),
     )  # fmt: skip
@@ -91,8 +91,8 @@ def _turns_deg(nodes: list[Node], place: int, rows: slice) -> np.ndarray:
 
 
 def _skeleton(source: Source, regular: RegularSamples, from_poses: bool) -> tuple[list[Node], np.ndarray]:
-    position_m = regular.samples.position_m
     if not from_poses:
+        position_m = regular.samples.position_m
         return skeleton_of_joints(position_m), joint(position_m, "SpineBase")
     return skeleton_of_poses(source.folder / POSES_FILE, source.samples, source.frame, regular.interpolation)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,10 +25,10 @@ NOT_GIVEN: Final = -1.0  # of sigma where there is no value: an analog channel c
 def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
     """joints.c3d, or joints_001.c3d and so on where the recording is too long for one; MissingPackage without ezc3d."""
     regular = regular_samples(source.samples)
-    starts = range(0, len(regular.samples.time_s), LARGEST_FRAMES)
+    starts = range(0, len(regular.time_s), LARGEST_FRAMES)
     events, held = read_events(source.folder), 0
     for number, start in enumerate(starts):
-        part = replace(regular, samples=regular.samples.rows(slice(start, start + LARGEST_FRAMES)))
+        part = regular.part(slice(start, start + LARGEST_FRAMES))
         held += _write_file(folder / stretch_name(STEM, ".c3d", number, len(starts)), part, events)
     return Product(
         axes="X forward, Y up, Z to the patient's right; POINT:X_SCREEN +X, POINT:Y_SCREEN +Y",
@@ -37,11 +37,11 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
         missing="residual -1, as C3D has it; analog sigma -1 and state code 6 (lost)",
         counts=(
             ("files", len(starts)),
-            ("frames", len(regular.samples.time_s)),
+            ("frames", len(regular.time_s)),
             ("rate_hz", regular.rate_hz),
             ("recorded_frames", int(regular.interpolation.recorded.sum())),
             ("events", held),
-            ("missing_points", int(np.isnan(regular.samples.position_m[..., 0]).sum())),
+            ("missing_points", sum(int(np.isnan(some.position_m[..., 0]).sum()) for some in _blocks(regular))),
         ),
         notes=(
             "Angles are points listed in POINT:ANGLES: the angle is X; Y and Z mean nothing and are 0.",
@@ -53,7 +53,7 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
             "Events are in the group EVENT: Foot Off and Foot Strike (Left, Right), and in the context General the "
             "beginnings and ends of standing up, sitting down, being upright and contacts; "
             f"{len(events) - held} of {len(events)} did not fit into a file, which holds {MOST_EVENTS}.",
-            f"The first frame is at {float(regular.samples.time_s[0])!r} s; each file says when it begins in "
+            f"The first frame is at {float(regular.time_s[0])!r} s; each file says when it begins in "
             "ANCHORPOSE:START_TIME.",
         ),
         tools=("ezc3d",),
@@ -63,14 +63,18 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
 def _write_file(path: Path, regular: RegularSamples, events: tuple[Event, ...]) -> int:
     """Header and parameters by ezc3d, with an empty frame that the frames then replace; returns how many of the events
     the file holds."""
-    file, samples = _new_file(), regular.samples
+    file = _new_file()
     _describe_points(file, regular)
     _describe_channels(file, regular)
     _about(file, regular)
-    held = add_events(file, events, samples.time_s)
+    held = add_events(file, events, regular.time_s)
     file.write(str(path))
-    replace_frames(path, (_frames(samples.rows(rows)) for rows in blocks(len(samples.time_s))))
+    replace_frames(path, map(_frames, _blocks(regular)))
     return held
+
+
+def _blocks(regular: RegularSamples) -> Iterator[Samples]:
+    return (regular.part(rows).samples for rows in blocks(len(regular.time_s)))
 
 
 def _new_file() -> Any:
@@ -82,7 +86,7 @@ def _new_file() -> Any:
 
 
 def _describe_points(file: Any, regular: RegularSamples) -> None:
-    angles, group = regular.samples.angles, file["parameters"]["POINT"]
+    angles, group = regular.recorded.angles, file["parameters"]["POINT"]
     labels = [*JOINT_NAMES, *angles]
     group["RATE"]["value"] = [regular.rate_hz]
     group["LABELS"]["value"] = labels
@@ -95,7 +99,7 @@ def _describe_points(file: Any, regular: RegularSamples) -> None:
 
 
 def _describe_channels(file: Any, regular: RegularSamples) -> None:
-    units = [*((name, "mm") for name in JOINT_NAMES), *((name, "deg") for name in regular.samples.angles)]
+    units = [*((name, "mm") for name in JOINT_NAMES), *((name, "deg") for name in regular.recorded.angles)]
     labels = [f"{name}.{what}" for name, _ in units for what in ("sigma", "state")]
     group = file["parameters"]["ANALOG"]
     group["RATE"]["value"] = [regular.rate_hz]
@@ -121,9 +125,9 @@ def _frames(samples: Samples) -> np.ndarray:
 def _about(file: Any, regular: RegularSamples) -> None:
     file.add_parameter("POINT", "X_SCREEN", ["+X"])
     file.add_parameter("POINT", "Y_SCREEN", ["+Y"])
-    if regular.samples.angles:
-        file.add_parameter("POINT", "ANGLES", list(regular.samples.angles))
+    if regular.recorded.angles:
+        file.add_parameter("POINT", "ANGLES", list(regular.recorded.angles))
         file.add_parameter("POINT", "ANGLE_UNITS", ["deg"])
         file.add_parameter("POINT", "TYPE_GROUPS", ["ANGLES"])
-    file.add_parameter("ANCHORPOSE", "START_TIME", [float(regular.samples.time_s[0])])
+    file.add_parameter("ANCHORPOSE", "START_TIME", [float(regular.time_s[0])])
     file.add_parameter("ANCHORPOSE", "STATES", list(STATES))

@@ -81,12 +81,26 @@ class Interpolation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegularSamples:
-    """Samples at ``rate_hz``; interpolation: how to bring other values of the same clock to the same times."""
+    """Samples at ``rate_hz``, at the times time_s (g,).
 
-    samples: Samples
+    recorded: (n) from which they are made where they are needed, since all of an hour would not fit beside these;
+    interpolation: how to bring them, or other values of the same clock, to those times.
+    """
+
+    recorded: Samples
+    time_s: np.ndarray
     rate_hz: float
     base: TimeBase
     interpolation: Interpolation
+
+    @property
+    def samples(self) -> Samples:
+        """All of them, made anew by each call."""
+        return _at(self.recorded, self.time_s, self.interpolation)
+
+    def part(self, rows: slice) -> RegularSamples:
+        """That of some frames."""
+        return replace(self, time_s=self.time_s[rows], interpolation=self.interpolation.rows(rows))
 
 
 def regular_samples(samples: Samples) -> RegularSamples:
@@ -103,11 +117,10 @@ def regular_samples(samples: Samples) -> RegularSamples:
         raise AnchorposeError("The recording pauses for most of its time; track its parts, or export with --to csv.")
     if not on_grid:
         grid_s, interpolation = _resampling(time_s, rate_hz)
-        return RegularSamples(_at(samples, grid_s, interpolation), rate_hz, TimeBase.RESAMPLED, interpolation)
+        return RegularSamples(samples, grid_s, rate_hz, TimeBase.RESAMPLED, interpolation)
     grid_s, interpolation = _placing(time_s, rate_hz, slot)
-    if interpolation.recorded.all():
-        return RegularSamples(samples, rate_hz, TimeBase.AS_RECORDED, interpolation)
-    return RegularSamples(_at(samples, grid_s, interpolation), rate_hz, TimeBase.GAPS_FILLED_UP, interpolation)
+    base = TimeBase.AS_RECORDED if interpolation.recorded.all() else TimeBase.GAPS_FILLED_UP
+    return RegularSamples(samples, grid_s, rate_hz, base, interpolation)
 
 
 def nominal_rate_hz(time_s: np.ndarray) -> float:

@@ -27,17 +27,18 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
     """joints.trc, and beside it the files with which OpenSim works on it."""
     regular = regular_samples(source.samples)
     write_rows(folder / TRC_FILE, "\t", trc_head(regular), trc_body(regular))
-    notes = write_osim_files(folder, TRC_FILE, regular.samples, config.model)
+    samples = regular.samples
+    notes = write_osim_files(folder, TRC_FILE, samples, config.model)
     return Product(
         axes="OpenSim's and ours: X forward, Y up, Z to the patient's right",
         units="metres, seconds",
         time=str(regular.base),
         missing=f"{MISSING} in all three cells of a marker; OpenSim's inverse kinematics leaves such a marker out",
         counts=(
-            ("frames", len(regular.samples.time_s)),
+            ("frames", len(regular.time_s)),
             ("rate_hz", regular.rate_hz),
             ("recorded_frames", int(regular.interpolation.recorded.sum())),
-            ("missing_markers", int(np.isnan(regular.samples.position_m[..., 0]).sum())),
+            ("missing_markers", int(np.isnan(samples.position_m[..., 0]).sum())),
         ),
         notes=notes,
     )
@@ -45,7 +46,7 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 def trc_head(regular: RegularSamples) -> list[list[str]]:
     """The lines before the frames."""
-    rate, count = number_text(regular.rate_hz), len(regular.samples.time_s)
+    rate, count = number_text(regular.rate_hz), len(regular.time_s)
     markers = range(1, len(JOINT_NAMES) + 1)
     return [
         ["PathFileType", "4", "(X/Y/Z)", TRC_FILE],
@@ -60,8 +61,8 @@ def trc_head(regular: RegularSamples) -> list[list[str]]:
 
 def trc_body(regular: RegularSamples) -> Iterator[list[str]]:
     """One line per frame, times as recorded where they are regular."""
-    samples = regular.samples
-    for rows in blocks(len(samples.time_s)):
-        places = samples.position_m[rows].reshape(rows.stop - rows.start, -1).tolist()
-        for row, time_s, place in zip(range(rows.start, rows.stop), samples.time_s[rows].tolist(), places, strict=True):
+    for rows in blocks(len(regular.time_s)):
+        samples = regular.part(rows).samples
+        places = samples.position_m.reshape(len(samples.time_s), -1).tolist()
+        for row, time_s, place in zip(range(rows.start, rows.stop), samples.time_s.tolist(), places, strict=True):
             yield [str(row + 1), repr(time_s), *(rounded_text(x, MICROMETRES, MISSING) for x in place)]
