@@ -40,7 +40,8 @@ class UprightClock:
 
     def push(self, joints: JointTable) -> Standing:
         """joints: of one frame."""
-        shown, time_s, before = stance(joints), float(joints.time_s[0]), self._upright
+        body, time_s, before = centre_of_mass(joints), float(joints.time_s[0]), self._upright
+        shown = stance(joints, body.position_m)
         limits = upright_limits(shown, self._config)
         if not limits.known[0]:
             self._upright = UNKNOWN
@@ -51,7 +52,7 @@ class UprightClock:
         step_s, self._last_s = time_s - self._last_s, time_s
         if before == self._upright == UPRIGHT and step_s <= LONGEST_GAP_S:
             self._upright_s += step_s
-        load = feet_load(joints, centre_of_mass(joints))
+        load = feet_load(joints, body)
         off, sigma = float(load.rightwards[0]), float(load.sigma[0])
         known = self._upright == UPRIGHT and math.isfinite(off) and math.isfinite(sigma)
         return Standing(

@@ -36,7 +36,7 @@ from anchorpose.results.records import (
 )
 from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE
-from anchorpose.results.stand_training.stance import stance
+from anchorpose.results.stand_training.stance import stance_state
 from anchorpose.results.tables import (
     ANGLES,
     ANGLES_FILE,
@@ -232,7 +232,7 @@ def read_frames(head: SessionHead) -> Session:
         joints=joints,
         angles=angles,
         posture=posture,
-        posture_seen=stance(joints).state_code == STATE_CODE[JointState.OBSERVED],
+        posture_seen=stance_state(joints) == STATE_CODE[JointState.OBSERVED],
         episodes=read_episodes(folder / EPISODES_FILE),
         contacts=read_contacts(folder / CONTACTS_FILE) if (folder / CONTACTS_FILE).is_file() else None,
         explained=explained,

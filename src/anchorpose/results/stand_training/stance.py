@@ -44,11 +44,16 @@ def stance(joints: JointTable, mass_m: np.ndarray) -> Stance:
     )
     height_m, height_sigma_m = _pelvis_height(joints)
     leg_m = _leg_length(joints)
-    used = [JOINT_INDEX[name] for name in (*_INCLINATIONS.joints, *_ANKLES)]
     return Stance(
         thigh, thigh_sigma, trunk, trunk_sigma, height_m / leg_m, height_sigma_m / leg_m,
-        _behind_feet(joints.position_m, mass_m), joints.state_code[:, used].max(axis=1),
+        _behind_feet(joints.position_m, mass_m), stance_state(joints),
     )  # fmt: skip
+
+
+def stance_state(joints: JointTable) -> np.ndarray:
+    """(n,) the worst state code of the joints that ``stance`` uses."""
+    used = [JOINT_INDEX[name] for name in (*_INCLINATIONS.joints, *_ANKLES)]
+    return np.asarray(joints.state_code[:, used].max(axis=1))
 
 
 _ANKLES: Final = ("AnkleLeft", "AnkleRight")
