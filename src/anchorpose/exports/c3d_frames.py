@@ -52,7 +52,7 @@ def replace_frames(path: Path, frames: Iterable[np.ndarray]) -> None:
             if some.shape[1] != 4 * points + channels or scale >= 0 or count > LARGEST_FRAMES:
                 raise ValueError(f"{count} frames of {some.shape[1]} numbers do not fit into {path.name}")
             file.write(some.tobytes())
-        file.write(bytes(-file.tell() % BLOCK))
+        file.write(bytes(BLOCK - file.tell() % BLOCK))  # a whole block where the last one is full
         rotations = file.tell() // BLOCK + 1  # there are none; in a large file ezc3d, too, keeps the lower 16 bits
         for place, value in (
             (_LAST_FRAME_AT, first + count - 1),
