@@ -26,7 +26,7 @@ from anchorpose.body.skin_points import pose_points
 from anchorpose.camera import transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.tracker.claims import claim_limb, hidden_limbs, spread_out
+from anchorpose.tracker.claims import claim_limb, hidden_limbs, limbs_in_doubt, spread_out
 
 BODY = adult_body()
 TRUTH = standing(LeftUpLeg=(0.0, 0.0, 35.0), LeftLeg=(0.0, 0.0, -25.0), RightArm=(-20.0, 0.0, 0.0))
@@ -44,7 +44,8 @@ def claimed(pose: Pose, observation):
     sure = PoseBelief(pose, belief.covariance / 100.0, belief.information * 100.0)
     explanation = explain(points(), pose_points(BODY, pose), observation.evidence)
     found = Registration(sure, 1.0, True)
-    return claim_limb(BODY, found, sure, explanation, observation, RUN)
+    limbs = limbs_in_doubt(BODY, pose, explanation, observation)
+    return claim_limb(BODY, limbs, found, sure, explanation, observation, RUN)
 
 
 def test_a_shank_with_another_persons_label_is_found_and_gets_the_patients():
@@ -64,7 +65,7 @@ def test_nothing_is_claimed_while_every_limb_is_seen():
     observation = seen(TRUTH, ())
     explanation = explain(points(), pose_points(BODY, TRUTH), observation.evidence)
     assert hidden_limbs(BODY, explanation) == []
-    assert claimed(TRUTH, observation) is None
+    assert limbs_in_doubt(BODY, TRUTH, explanation, observation) == []
 
 
 def test_what_lies_out_of_the_limbs_reach_is_not_claimed():

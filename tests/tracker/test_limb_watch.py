@@ -10,6 +10,7 @@ import pytest
 from body_builder import adult_body, standing
 
 from anchorpose.body.belief import vague_belief
+from anchorpose.body.limb_proposals import CHAINS
 from anchorpose.body.limb_search import LOOK_AGAIN_M2, Search
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
@@ -18,7 +19,14 @@ from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.tracker import limb_watch
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.limb_watch import LONGEST_PAUSE, SEARCH_PAUSE, LimbWatch, cheaper, is_doubtful
+from anchorpose.tracker.limb_watch import (
+    LONGEST_CLAIM_PAUSE,
+    LONGEST_PAUSE,
+    SEARCH_PAUSE,
+    LimbWatch,
+    cheaper,
+    is_doubtful,
+)
 
 BODY = adult_body()
 POSE = standing()
@@ -93,6 +101,17 @@ def test_much_more_uncovered_skin_is_searched_at_once(monkeypatch, searches):
 def test_a_frame_without_doubt_is_not_searched(monkeypatch, searches):
     watch_frames(monkeypatch, [0.0] * 5)
     assert searches == []
+
+
+def test_a_claim_that_finds_nothing_waits_longer_before_the_next(monkeypatch):
+    frames, tried = list[int](), list[int]()
+    monkeypatch.setattr(limb_watch, "limbs_in_doubt", lambda *_: [CHAINS[0]])
+    monkeypatch.setattr(limb_watch, "claim_limb", lambda *_: tried.append(frames[-1]))
+    watch = LimbWatch(SimpleNamespace(config=TrackConfig()))
+    for frame in range(40):
+        frames.append(frame)
+        watch.look(BODY, FOUND, explained(0.0), FOUND.belief, [None, seen()], None)
+    assert np.diff(tried).tolist() == [1 + SEARCH_PAUSE] + [1 + LONGEST_CLAIM_PAUSE] * 3
 
 
 def test_of_two_registrations_the_one_that_was_found_is_better():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -78,12 +79,11 @@ def rows_of_nodes(
     posed: PosedPoints, surface: Surface, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
 ) -> tuple[Constraints, np.ndarray]:
     """The rows of ``surface_constraints`` and the node (n,) of the surface that each belongs to."""
-    chosen = thin(len(surface), config.node_count)
-    nodes = Oriented(surface.points_m[chosen].astype(np.float64), surface.normals[chosen].astype(np.float64))
+    chosen, nodes, seen_from = _nodes_for_kernels(surface, config.node_count)
     point, node, direction = facing_rows(
         Oriented(posed.points_m, posed.normals),
         nodes,
-        surface.camera[chosen].astype(np.int64),
+        seen_from,
         np.array([camera.position_m for camera in cameras]),
         reach_m,
         NORMAL_WEIGHT_M,
@@ -91,6 +91,14 @@ def rows_of_nodes(
     )
     rows = Constraints.alike(point, nodes.places_m[node], direction, config.surface_sigma_m, reach_m / 3.0)
     return rows, chosen[node]
+
+
+@lru_cache(maxsize=8)  # every step of a registration asks for the same ones
+def _nodes_for_kernels(surface: Surface, count: int) -> tuple[np.ndarray, Oriented, np.ndarray]:
+    """Indices of as many nodes as asked for, where they are and face, and which camera sees each."""
+    chosen = thin(len(surface), count)
+    nodes = Oriented(surface.points_m[chosen].astype(np.float64), surface.normals[chosen].astype(np.float64))
+    return chosen, nodes, surface.camera[chosen].astype(np.int64)
 
 
 def place_constraints(point: np.ndarray, target_m: np.ndarray, sigma_m: float, scale_m: float) -> Constraints:

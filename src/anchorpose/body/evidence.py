@@ -224,8 +224,15 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
 def _nearest(points: np.ndarray, arms: np.ndarray, trunk: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Which arm points have trunk skin nearer than the deepest a limb may be, and the nearest of it; rows of both."""
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for t in range(len(trunk)):
+        for i in range(3):
+            low[i] = min(low[i], points[trunk[t], i] - _DEEPEST_M)
+            high[i] = max(high[i], points[trunk[t], i] + _DEEPEST_M)
     for a in range(len(arms)):
         x, y, z = points[arms[a], 0], points[arms[a], 1], points[arms[a], 2]
+        if not (low[0] < x < high[0] and low[1] < y < high[1] and low[2] < z < high[2]):
+            continue
         best, found = _DEEPEST_M * _DEEPEST_M, -1
         for t in range(len(trunk)):
             up = points[trunk[t], 1] - y

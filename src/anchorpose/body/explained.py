@@ -12,6 +12,7 @@ from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
+from numba import njit
 
 from anchorpose.body.constraints import thin
 from anchorpose.body.evidence import Evidence
@@ -101,9 +102,17 @@ def _seen_past_counts(
         if view is None:
             continue
         reason, facing = skin_reasons(posed, view, camera, COVERED_M)
-        inside = facing & (reason != SkinReason.OUTSIDE) & (reason != SkinReason.HOLE)
-        past = np.bincount(limb[inside & (reason == SkinReason.PAST)], minlength=PARTS)
-        yield past, np.bincount(limb[inside], minlength=PARTS)
+        yield _count_past(limb, reason, facing)
+
+
+@njit(cache=True, nogil=True)
+def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    past, counted = np.zeros(PARTS, np.int64), np.zeros(PARTS, np.int64)
+    for p in range(len(limb)):
+        if facing[p] and reason[p] != SkinReason.OUTSIDE and reason[p] != SkinReason.HOLE:
+            past[limb[p]] += reason[p] == SkinReason.PAST
+            counted[limb[p]] += 1
+    return past, counted
 
 
 @cache

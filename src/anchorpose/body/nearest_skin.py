@@ -9,7 +9,7 @@ from numba import njit
 
 from anchorpose.association.voxels import sort_by_cell
 
-CELL_M: Final = 0.04  # a skin point or two per cell: a node's neighbourhood is then a few dozen candidates
+CELL_M: Final = 0.08  # a few skin points per cell; with smaller ones, rows of empty cells cost more than the points
 
 
 class Oriented(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from typing import Final, NamedTuple
@@ -140,13 +141,22 @@ def joint_range_at(asset: BodyAsset, pose: Pose) -> JointRange:
     """
     ranges = joint_range(asset)
     mean = ranges.mean.copy()
+    for row, girdle, arm, along, way in _girdles(asset):
+        up = float(pose.rotations[girdle, 1] @ (pose.rotations[arm] @ along))
+        raised = max(0.0, math.acos(min(max(-up, -1.0), 1.0)) - RAISED)
+        mean[row, 0] = way * RHYTHM * raised
+    return ranges._replace(mean=mean)
+
+
+@cache
+def _girdles(asset: BodyAsset) -> tuple[tuple[int, int, int, np.ndarray, float], ...]:
+    """Of each side: the girdle's row in ``MOVING_BONES`` and bone, the arm's bone and direction, the sign of "up"."""
+    found = []
     for side, way in (("Left", 1.0), ("Right", -1.0)):
         girdle, arm, below = (asset.bone(f"{side}{name}") for name in ("Shoulder", "Arm", "ForeArm"))
         along = asset.bone_heads[below] - asset.bone_heads[arm]
-        up = float((pose.rotations[girdle] @ pose.rotations[arm] @ along)[1] / np.linalg.norm(along))
-        raised = max(0.0, float(np.arccos(np.clip(-up, -1.0, 1.0))) - RAISED)
-        mean[MOVING_BONES.index(f"{side}Shoulder"), 0] = way * RHYTHM * raised
-    return ranges._replace(mean=mean)
+        found.append((MOVING_BONES.index(f"{side}Shoulder"), girdle, arm, along / np.linalg.norm(along), way))
+    return tuple(found)
 
 
 _LIMBS: Final = tuple(

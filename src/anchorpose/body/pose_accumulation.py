@@ -1,18 +1,20 @@
 """Hessian and gradient of many rows with respect to the pose, without ever storing their Jacobian.
 
 A row of a point x on a rigid bone moves with the bone's turn by ``(x - pivot) x direction``, which is linear in the six
-numbers ``(x x direction, direction)``. So rows are first summed by skin point (3 x 3), then by pairs of bones that move
-a point together (6 x 6), then down the skeleton, and only then turned into parameters.
+numbers ``(x x direction, direction)``. So rows are first summed by skin point (3 x 3), then by pairs of moving bones
+that carry a point together (6 x 6), then down the skeleton, and only then turned into parameters.
 ``skin_points.pose_jacobian`` is the reference implementation.
 """
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numba import njit
 
 from anchorpose.body.kinematics import joint_frames
-from anchorpose.body.skin_points import Body, PosedPoints
+from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints
 
 
 def accumulate_pose(
@@ -24,12 +26,26 @@ def accumulate_pose(
     weight: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,); arguments as in ``pose_jacobian``."""
-    parents = body.points.asset.bone_parents
-    pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, parents, body.points.moving)
+    points, parents = body.points, body.points.asset.bone_parents
+    pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, parents, points.moving)
     spread, pull = _by_point(len(body.rest_m), index, direction, residual_m, weight)
-    pairs, forces = _by_bones(body.points.bones, body.points.influence, posed.transforms, body.rest_m, spread, pull)
-    _down_the_skeleton(parents, pairs, forces)
-    return _by_parameter(body.points.moving, pivot, frame, pairs, forces)
+    carrier, above = _carriers(points)
+    pairs, forces = _by_bones(
+        points.bones, points.influence, carrier, len(above), posed.transforms, body.rest_m, spread, pull
+    )
+    _down_the_skeleton(above, pairs, forces)
+    return _by_parameter(pivot, frame, pairs, forces)
+
+
+@cache
+def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
+    """(b,) row of the moving bone that carries each bone, and (m,) of the one above each moving bone, -1 of the root.
+
+    Moving bones are numbered as in ``SkinPoints.moving``, parents before children.
+    """
+    carrier = len(points.moving) - 1 - points.below[::-1].argmax(axis=0)  # the last that is above it or is it
+    parents = points.asset.bone_parents[points.moving]
+    return carrier, np.where(parents >= 0, carrier[parents], -1)
 
 
 @njit(cache=True, nogil=True)
@@ -52,59 +68,72 @@ def _by_point(
 def _by_bones(
     bones: np.ndarray,
     influence: np.ndarray,
+    carrier: np.ndarray,
+    count: int,
     transforms: np.ndarray,
     rest_m: np.ndarray,
     spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Moments (b, b, 6, 6) of each pair of bones, and forces (b, 6) on each: torque about the origin, then force.
+    """Moments (m, m, 6, 6) of each pair of carriers, and forces (m, 6) on each: torque about the origin, then force.
 
-    Of two bones the heavier comes first, so that the other half of the moments is what ``_mirror`` adds.
+    Of two that carry a point, one pair is enough: the other half of the moments is what ``_mirror`` adds.
     """
-    count = len(transforms)
     pairs, forces = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
-    arms, half = np.zeros((bones.shape[1], 6, 3)), np.empty((6, 3))
+    most = bones.shape[1]
+    carriers, place, share, half = np.empty(most, np.int64), np.empty((most, 3)), np.empty(most), np.empty((6, 3))
     for p in range(len(rest_m)):
         if spread[p, 0, 0] + spread[p, 1, 1] + spread[p, 2, 2] == 0.0:
             continue
-        used = 0
-        while used < bones.shape[1] and influence[p, used] > 0.0:
-            bone, arm = bones[p, used], arms[used]
-            _lever(transforms[bone], rest_m[p], influence[p, used], arm)
-            for i in range(6):
-                for j in range(3):
-                    forces[bone, i] += arm[i, j] * pull[p, j]
-            used += 1
+        used, k = 0, 0
+        while k < most and influence[p, k] > 0.0:
+            bone, slot = bones[p, k], 0
+            while slot < used and carriers[slot] != carrier[bone]:
+                slot += 1
+            if slot == used:
+                carriers[slot], share[slot], used = carrier[bone], 0.0, used + 1
+                place[slot, 0], place[slot, 1], place[slot, 2] = 0.0, 0.0, 0.0
+            _add_place(transforms[bone], rest_m[p], influence[p, k], place[slot])
+            share[slot] += influence[p, k]
+            k += 1
         for one in range(used):
-            for i in range(6):
-                for j in range(3):
-                    half[i, j] = 0.0
-                    for k in range(3):
-                        half[i, j] += arms[one, i, k] * spread[p, k, j]
+            x, y, z = place[one, 0], place[one, 1], place[one, 2]
+            force = forces[carriers[one]]
+            force[0] += y * pull[p, 2] - z * pull[p, 1]
+            force[1] += z * pull[p, 0] - x * pull[p, 2]
+            force[2] += x * pull[p, 1] - y * pull[p, 0]
+            for j in range(3):
+                force[3 + j] += share[one] * pull[p, j]
+                half[0, j] = y * spread[p, 2, j] - z * spread[p, 1, j]
+                half[1, j] = z * spread[p, 0, j] - x * spread[p, 2, j]
+                half[2, j] = x * spread[p, 1, j] - y * spread[p, 0, j]
+                for i in range(3):
+                    half[3 + i, j] = share[one] * spread[p, i, j]
             for other in range(one, used):
-                moment, arm = pairs[bones[p, one], bones[p, other]], arms[other]
+                moment, part = pairs[carriers[one], carriers[other]], share[other]
+                x, y, z = place[other, 0], place[other, 1], place[other, 2]
                 for i in range(6):
-                    for j in range(6):
-                        moment[i, j] += half[i, 0] * arm[j, 0] + half[i, 1] * arm[j, 1] + half[i, 2] * arm[j, 2]
+                    moment[i, 0] += y * half[i, 2] - z * half[i, 1]
+                    moment[i, 1] += z * half[i, 0] - x * half[i, 2]
+                    moment[i, 2] += x * half[i, 1] - y * half[i, 0]
+                    moment[i, 3] += part * half[i, 0]
+                    moment[i, 4] += part * half[i, 1]
+                    moment[i, 5] += part * half[i, 2]
     _mirror(pairs)
     return pairs, forces
 
 
 @njit(cache=True, nogil=True)
-def _lever(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, arm: np.ndarray) -> None:
-    """Fills arm (6, 3): torque about the origin and force of a force on the point, as far as it is the bone's."""
+def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place: np.ndarray) -> None:
+    """Adds to place (3,) a bone's share of where it carries the point."""
     T, r = T_world_rest, rest_m
-    x = share * (T[0, 3] + T[0, 0] * r[0] + T[0, 1] * r[1] + T[0, 2] * r[2])
-    y = share * (T[1, 3] + T[1, 0] * r[0] + T[1, 1] * r[1] + T[1, 2] * r[2])
-    z = share * (T[2, 3] + T[2, 0] * r[0] + T[2, 1] * r[1] + T[2, 2] * r[2])
-    arm[0, 1], arm[0, 2], arm[1, 0] = -z, y, z
-    arm[1, 2], arm[2, 0], arm[2, 1] = -x, -y, x
-    arm[3, 0], arm[4, 1], arm[5, 2] = share, share, share
+    for i in range(3):
+        place[i] += share * (T[i, 3] + T[i, 0] * r[0] + T[i, 1] * r[1] + T[i, 2] * r[2])
 
 
 @njit(cache=True, nogil=True)
 def _mirror(pairs: np.ndarray) -> None:
-    """In place: adds the transpose, except to a bone's moments with itself, which are complete."""
+    """In place: adds the transpose, except to a carrier's moments with itself, which are complete."""
     for one in range(len(pairs)):
         for other in range(one):
             for i in range(6):
@@ -132,13 +161,13 @@ def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarra
 
 @njit(cache=True, nogil=True)
 def _by_parameter(
-    moving: np.ndarray, pivot: np.ndarray, frame: np.ndarray, pairs: np.ndarray, forces: np.ndarray
+    pivot: np.ndarray, frame: np.ndarray, pairs: np.ndarray, forces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moments about the origin to turns about the pivots in the parents' axes; the last three are the root's shift."""
-    count = len(moving)
+    count = len(pivot)
     screws = _screws(pivot, frame)
-    bone = np.zeros(count + 1, np.int64)  # the root carries everything
-    bone[:count] = moving
+    bone = np.arange(count + 1)
+    bone[count] = 0  # the root carries everything
     size = 3 * count + 3
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
     half = np.empty(6)

@@ -6,7 +6,7 @@ joints of such a segment are less certain.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
@@ -62,6 +62,7 @@ def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
     return float(np.linalg.norm(moved[points_of_segments(points)[name]], axis=1).mean())
 
 
+@lru_cache(maxsize=4)  # each frame asks again, of the same shape
 def standing_off_sigma_m(points: SkinPoints, shape: FittedShape) -> np.ndarray:
     """(21,) by how much a joint may be off along an axis, 0 where clothes are all that the person wears."""
     sigma = np.zeros(len(JOINT_INDEX))

@@ -152,10 +152,10 @@ def pixels_of(
     """
     T_camera_world, lens = projection.T_camera_world, projection.lens
     column, row = np.full(len(points), -1, np.int64), np.full(len(points), -1, np.int64)
-    depth = np.empty(len(points))
+    depth, place = np.empty(len(points)), np.empty(3)
     for p in range(len(points)):
-        place = T_camera_world[:3, 3].copy()
         for i in range(3):
+            place[i] = T_camera_world[i, 3]
             for j in range(3):
                 place[i] += T_camera_world[i, j] * points[p, j]
         depth[p] = place[2]

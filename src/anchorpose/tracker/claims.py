@@ -8,7 +8,7 @@ explains the frame better there and continues the patient rather than the other 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -75,17 +75,17 @@ def limbs_in_doubt(body: Body, pose: Pose, explanation: Explanation, seen: Obser
 
 def claim_limb(
     body: Body,
+    limbs: Sequence[Chain],
     found: Registration,
     predicted: PoseBelief,
     explanation: Explanation,
     seen: Observation,
     run: Run,
 ) -> Claim | None:
-    """The doubtful limb that other people's unexplained skin shows most of; None without one."""
+    """The limb of those in doubt that other people's unexplained skin shows most of; None without one."""
     pose, config = found.belief.pose, run.config.registration
-    limbs = limbs_in_doubt(body, pose, explanation, seen)
-    free = _free_surface(seen, run) if limbs else None
-    if free is None or len(free) < LEAST_NODES:
+    free = _free_surface(seen, run)
+    if len(free) < LEAST_NODES:
         return None
     uncertain = predicted.later(predicted.pose, UNSEEN_S)
     trial = replace(config, reaches_m=REACHES_M, node_count=min(config.node_count, TRIAL_NODES))

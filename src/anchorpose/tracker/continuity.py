@@ -6,8 +6,9 @@ whether pixels that a limb of the patient lies on are the patient's, whatever th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -53,9 +54,10 @@ class Borders:
         return self.to_others_m >= HELD_M and self.to_others_m >= self.to_patient_m
 
 
+@lru_cache(maxsize=2)  # the frame's sigma asks for what the watch was decided by
 def limb_borders(
-    body: Body, pose: Pose, pieces: Sequence[Pieces | None], views: Sequence[View | None]
-) -> dict[Chain, Borders]:
+    body: Body, pose: Pose, pieces: tuple[Pieces | None, ...], views: tuple[View | None, ...]
+) -> Mapping[Chain, Borders]:
     """Whom the patient's pixels on each limb beyond its elbow or knee continue.
 
     Both 0 of every limb where the patient's pixels border on other people's for less than ``LEAST_BORDER_M`` in all:
@@ -73,7 +75,7 @@ def limb_borders(
 
 
 def contested_sigma(
-    body: Body, pose: Pose, pieces: Sequence[Pieces | None], views: Sequence[View | None], sigma_m: np.ndarray
+    body: Body, pose: Pose, pieces: tuple[Pieces | None, ...], views: tuple[View | None, ...], sigma_m: np.ndarray
 ) -> np.ndarray:
     """(21,) sigma_m, larger for limbs on pixels that continue other people rather than the patient.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -12,6 +12,7 @@ from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import evidence_cost
 from anchorpose.body.explained import Explanation, explain
 from anchorpose.body.inverse_kinematics import exchange_crossed_legs
+from anchorpose.body.limb_proposals import Chain
 from anchorpose.body.limb_search import needs_search, search_limbs
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, register
@@ -24,6 +25,7 @@ from anchorpose.tracker.run import Run
 from anchorpose.tracker.window import Window
 
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing, each as long as three frames
+LONGEST_CLAIM_PAUSE: Final = 8  # a claim that is tried in vain takes as long as six frames
 MORE: Final = 1.5  # times the uncovered area that a search left: so much more is worth another search at once
 ELSEWHERE_M: Final = 0.25  # a hand on a bar ends at the bar: its anchor may be at the wrist, or at the elbow's bend
 LIMB_ENDS: Final = slice(1, None)  # of the anchors: hands and feet
@@ -52,7 +54,7 @@ class LimbWatch:
         self.run = run
         self.search_wait, self.search_pause = 0, SEARCH_PAUSE  # frames until the next search for limbs
         self.left_uncovered_m2 = 0.0  # by the last search that found nothing: much more is worth another one
-        self.claim_wait = 0  # frames until limbs may be looked for among other people's pixels
+        self.claim_wait, self.claim_pause = 0, SEARCH_PAUSE  # the same of limbs among other people's pixels
 
     def look(
         self,
@@ -71,8 +73,10 @@ class LimbWatch:
         if is_doubtful(body, found, explanation, window[1]) and not waiting:
             watched = self._search(body, watched, predicted, explanation, window[1])
             explanation = explained_by(body, watched.registration, window[1])
-        if self.claim_wait < 0 and limbs_in_doubt(body, watched.registration.belief.pose, explanation, window[1]):
-            watched = self._claim(body, watched, predicted, explanation, window, observe)
+        if self.claim_wait < 0:
+            limbs = limbs_in_doubt(body, watched.registration.belief.pose, explanation, window[1])
+            if limbs:
+                watched = self._claim(body, limbs, watched, predicted, explanation, window, observe)
         return self._uncross(body, watched, predicted, window[1])
 
     def look_for_whole(self, body: Body, lost: Registration, predicted: PoseBelief, seen: Observation) -> Watched:
@@ -105,6 +109,7 @@ class LimbWatch:
     def _claim(
         self,
         body: Body,
+        limbs: Sequence[Chain],
         watched: Watched,
         predicted: PoseBelief,
         explanation: Explanation,
@@ -112,10 +117,12 @@ class LimbWatch:
         observe: Observe,
     ) -> Watched:
         """A limb that was among other people's pixels, which then are the patient's."""
-        seen, self.claim_wait = window[1], SEARCH_PAUSE
-        claim = claim_limb(body, watched.registration, predicted, explanation, seen, self.run)
+        seen, self.claim_wait = window[1], self.claim_pause
+        claim = claim_limb(body, limbs, watched.registration, predicted, explanation, seen, self.run)
         if claim is None:
+            self.claim_pause = LONGEST_CLAIM_PAUSE
             return watched
+        self.claim_wait = self.claim_pause = SEARCH_PAUSE
         window.replace_next(observe(relabelled(seen, claim.views, window[0], self.run), claim.uncertain.pose))
         config = self.run.config.registration
         again = register(body, claim.uncertain, window[1].evidence, no_constraints(), config)
