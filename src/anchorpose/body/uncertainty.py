@@ -12,19 +12,25 @@ import numpy as np
 from anchorpose.body.asset import joint_bones
 from anchorpose.body.belief import vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
-from anchorpose.body.constraints import surface_constraints
+from anchorpose.body.constraints import Constraints, surface_constraints
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.explained import Explanation, limb_of_points, node_area_m2
+from anchorpose.body.explained import COVERED_M, LEAST_FACING, Explanation, limb_of_points, node_area_m2
 from anchorpose.body.fit import pose_equations
-from anchorpose.body.limb_proposals import CHAINS, uncovered_paths
+from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
 from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose
 from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, pose_points
 from anchorpose.body.standing_off import standing_off_sigma_m
+from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
+from anchorpose.rotations import unit
 
 WORTH_M2: Final = 0.004  # of uncovered skin: clothes and holds leave as much
 IN_REACH_M: Final = 0.45  # a shank or a forearm with its hand
+END_ON: Final = float(np.cos(np.radians(35.0)))  # a limb turned so far from the ray shows more than half of its length
+HIDDEN: Final = 0.5  # of the skin: with more of it behind something, this frame tells nothing of the limb
 BROADER_M: Final = 0.13  # a chest is so much broader than deep: 0.35 m and 0.22 m
+
+_HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
 
 _SYSTEMATIC_MM: Final = {
     "SpineBase": 4.8, "SpineMid": 3.6, "SpineShoulder": 3.6, "Neck": 4.0, "Head": 1.6, "Shoulder": 6.4, "Elbow": 4.0,
@@ -105,13 +111,61 @@ def smeared_sigma(
         return sigma_m
     wide = replace(rows, sigma_m=np.hypot(rows.sigma_m, edge_m))
     alike = max(registration.rows_per_observation, len(rows) * edge_m**2 / area_m2)
-    unknown = (pose, vague_belief(pose).information)
-    hessian = pose_equations(body, pose, posed, wide, unknown, alike).hessian
     joints = body.mesh.joints(posed.transforms)
-    variance = _variance(body, posed, np.linalg.inv(hessian), joint_bones(body.points.asset), joints)
+    variance = _variance_by_frame(body, pose, wide, alike)
     off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
     turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # along one of three axes
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance + turned))
+
+
+def foreshortened_sigma(
+    body: Body, pose: Pose, evidence: Evidence, sigma_m: np.ndarray, config: RegistrationConfig, floor_m: float
+) -> np.ndarray:
+    """(21,) sigma_m, larger for limbs that every camera which sees them sees end on.
+
+    Of a limb that points at the camera a hand's front is seen, and little tells where its elbow is. The frames before
+    know no more: they are off by the same, and count as if each were off by itself. So the limb is as certain as this
+    frame and the range of its joints make it.
+    """
+    posed = pose_points(body, pose)
+    joints = body.mesh.joints(posed.transforms)
+    limbs = [chain for chain in CHAINS if _is_foreshortened(body, posed, joints, chain, evidence)]
+    if not limbs:
+        return sigma_m
+    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
+    variance = _variance_by_frame(body, pose, rows, config.rows_per_observation)
+    alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
+    for chain in limbs:
+        mine = [JOINT_INDEX[name] for name in (*chain.joints, chain.root)]
+        sigma[mine] = np.maximum(sigma[mine], alone[mine])
+    return sigma
+
+
+def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
+    """Whether the limb points at a camera before which nothing hides it, and no other camera sees it from the side.
+
+    Judged beyond elbow or knee. The end may be off by more than what counts as seen: that is what is asked.
+    """
+    root, wrist = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
+    end, found = end_points(body.points, chain), False
+    for view, camera in zip(evidence.views, evidence.cameras, strict=True):
+        if view is None:
+            continue
+        reason, facing = skin_reasons(posed, view, camera, COVERED_M)
+        shown = reason[end][facing[end]]
+        if abs(unit(wrist - root) @ unit(root - camera.position_m)) > END_ON:
+            found |= bool(len(shown)) and float(np.isin(shown, _HIDDEN_BY_OTHERS).mean()) < HIDDEN
+        elif (shown == SkinReason.SEEN).sum() >= LEAST_FACING:
+            return False
+    return found
+
+
+def _variance_by_frame(body: Body, pose: Pose, rows: Constraints, rows_per_observation: float) -> np.ndarray:
+    """(21,) ``_variance`` of the joints by one frame's rows and the range of the joints alone."""
+    posed, unknown = pose_points(body, pose), (pose, vague_belief(pose).information)
+    hessian = pose_equations(body, pose, posed, rows, unknown, rows_per_observation).hessian
+    joints = body.mesh.joints(posed.transforms)
+    return _variance(body, posed, np.linalg.inv(hessian), joint_bones(body.points.asset), joints)
 
 
 def unexplained_sigma(

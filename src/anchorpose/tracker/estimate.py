@@ -18,7 +18,14 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
 from anchorpose.body.sensor_noise import finest_patch_m, noise_covariance
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_points
-from anchorpose.body.uncertainty import before_lost_ends, joint_sigma, lost_ends, smeared_sigma, unexplained_sigma
+from anchorpose.body.uncertainty import (
+    before_lost_ends,
+    foreshortened_sigma,
+    joint_sigma,
+    lost_ends,
+    smeared_sigma,
+    unexplained_sigma,
+)
 from anchorpose.body.visibility import joint_states
 from anchorpose.isolation.detail import DepthDetail
 from anchorpose.isolation.view import View
@@ -103,6 +110,7 @@ def estimate_of(
     noise = noise_covariance(body, belief, evidence, noises, config.registration)
     patch_m = finest_patch_m(evidence, noises)
     sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty, noise, patch_m)
+    sigma = foreshortened_sigma(body, belief.pose, evidence, sigma, config.registration, config.uncertainty.floor_m)
     sigma = with_rivals(body, joints, sigma, rivals) if rivals else sigma
     sigma = unexplained_sigma(body, posed, evidence, explanation, sigma)
     sigma = contested_sigma(body, belief.pose, observation.pieces, evidence.views, sigma)

@@ -1,0 +1,51 @@
+"""Little tells how long a limb is that is seen end on: it is less certain than the frames before say."""
+
+from __future__ import annotations
+
+import numpy as np
+from body_builder import FRONT, LEFT, adult_body, joints_of, seen_body, standing
+
+from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.uncertainty import foreshortened_sigma
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.joints import JOINT_INDEX
+
+BODY, SIGMA = adult_body(), np.full(21, 0.005)
+POINTING = standing(LeftArm=(20.0, -60.0, 40.0), RightArm=(-25.0, 0.0, 0.0))
+"""The left arm points at the camera in front, the right one hangs down."""
+
+ARM = [JOINT_INDEX[f"{name}Left"] for name in ("Shoulder", "Elbow", "Wrist", "Hand")]
+OTHERS = np.setdiff1d(np.arange(21), ARM)
+
+
+def sigma_of(evidence, pose=POINTING):
+    return foreshortened_sigma(BODY, pose, evidence, SIGMA, RegistrationConfig(), 0.0035)
+
+
+def test_an_arm_that_points_at_the_only_camera_is_as_certain_as_its_frame_makes_it():
+    joints = joints_of(BODY, POINTING)
+    along = joints[JOINT_INDEX["WristLeft"]] - joints[JOINT_INDEX["ShoulderLeft"]]
+    assert along[0] > 0.9 * np.linalg.norm(along)
+    found = sigma_of(seen_body(POINTING, BODY, (FRONT,)))
+    assert (found[ARM] > SIGMA[ARM]).all()
+    assert found[JOINT_INDEX["ElbowLeft"]] > 2.0 * SIGMA[0]
+    np.testing.assert_array_equal(found[OTHERS], SIGMA[OTHERS])
+
+
+def test_a_camera_at_the_side_shows_where_the_elbow_is():
+    np.testing.assert_array_equal(sigma_of(seen_body(POINTING, BODY, (FRONT, LEFT))), SIGMA)
+
+
+def test_an_arm_behind_another_person_is_as_certain_as_the_frames_before_make_it():
+    def somebody_before(view, picture):
+        """All that is not the patient's right half is a person who stands in front."""
+        hidden = np.arange(view.labels.shape[1]) > 0.5 * view.labels.shape[1] - 5
+        labels = np.where(hidden, PixelLabel.OTHER_PERSON, view.labels).astype(np.uint8)
+        return View(np.where(hidden, np.float32(1.0), view.depth_m), labels)
+
+    np.testing.assert_array_equal(sigma_of(seen_body(POINTING, BODY, (FRONT,), somebody_before)), SIGMA)
+
+
+def test_arms_that_hang_down_keep_their_sigma():
+    pose = standing(LeftArm=(-25.0, 0.0, 0.0), RightArm=(-25.0, 0.0, 0.0))
+    np.testing.assert_array_equal(sigma_of(seen_body(pose, BODY, (FRONT,)), pose), SIGMA)
