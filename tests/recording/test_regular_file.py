@@ -92,6 +92,17 @@ def test_a_huge_image_file_is_not_read(tmp_path):
     assert "at most" in frame_set.problems[0]
 
 
+def test_two_huge_image_files_in_a_row_are_not_compared(tmp_path):
+    """Equal images in a row are one; of so many bytes none is an image, and a terabyte would not be compared."""
+    folder = write_recording(tmp_path / "r", frames=6)
+    for frame in (1, 2):
+        with (folder / "front" / "depth" / f"{frame:06d}.png").open("r+b") as grown:
+            grown.truncate(1 << 40)
+    recording = open_recording(folder)
+    assert not recording.streams[0].duplicate.any()
+    assert [frame_set.depths_m[0] is None for frame_set in read_frames(recording)] == [False, True, True] + 3 * [False]
+
+
 @pytest.mark.parametrize("how", ["replaced", "written to", "taken away"])
 def test_an_image_that_changes_while_the_recording_is_read_ends_the_run(tmp_path, how):
     folder = write_recording(tmp_path / "r", frames=4)

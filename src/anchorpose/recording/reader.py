@@ -12,7 +12,7 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
-from anchorpose.recording.depth_image import read_depth_image, read_measured_image, read_stream_image
+from anchorpose.recording.depth_image import largest_png, read_depth_image, read_measured_image, read_stream_image
 from anchorpose.recording.document import read_document
 from anchorpose.recording.equipment_file import equipment_files, read_equipment
 from anchorpose.recording.pairing import pair_frames
@@ -41,7 +41,10 @@ def open_recording(folder: Path) -> Recording:
         raise InputError(path, "there is no such file", "give the folder of a recording, the one with recording.json")
     document = read_document(path, RecordingDocument)
     cameras = tuple(entry.camera() for entry in document.cameras)
-    streams = tuple(_open_stream(folder / entry.name, entry.fps or document.fps) for entry in document.cameras)
+    streams = tuple(
+        _open_stream(folder / camera.name, entry.fps or document.fps, largest_png(camera.width, camera.height))
+        for entry, camera in zip(document.cameras, cameras, strict=True)
+    )
     for camera, stream in zip(cameras, streams, strict=True):
         _require_usable(camera, stream)
     recording = Recording(
@@ -103,7 +106,8 @@ def _read_set(recording: Recording, pair: np.ndarray, position: int) -> FrameSet
     )
 
 
-def _open_stream(folder: Path, fps: float | None) -> DepthStream:
+def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStream:
+    """The depth images of a camera's folder; most_bytes: of the file of one."""
     files = _number_files(folder / "depth")
     numbers, repeated = np.array(sorted(files), dtype=np.int64), 0
     path = folder / "timestamps.csv"
@@ -123,7 +127,7 @@ def _open_stream(folder: Path, fps: float | None) -> DepthStream:
         files=kept,
         time_s=time_s,
         frame=numbers,
-        duplicate=find_duplicates(kept, listed["size"].tolist()),
+        duplicate=find_duplicates(kept, listed["size"].tolist(), most_bytes),
         repeated=repeated,
         fps=fps,
         listed=listed,

@@ -110,15 +110,16 @@ MOST_DUPLICATES: Final = 0.5
 """Share of images that may equal the one before; with more, the images have no noise and equality means nothing."""
 
 
-def find_duplicates(files: Sequence[Path], sizes: Sequence[int]) -> np.ndarray:
+def find_duplicates(files: Sequence[Path], sizes: Sequence[int], most_bytes: int) -> np.ndarray:
     """(n,) bool: which files, regular ones of so many bytes, are equal, byte for byte, to the file before.
 
     The noise of a depth sensor makes two images of the same scene differ, so equal files are one image. Files of
-    different sizes are not opened. All False where most files are equal: such images have no noise.
+    different sizes are not opened, nor are those above ``most_bytes``, which no depth image has. All False where most
+    files are equal: such images have no noise.
     """
     duplicate = np.zeros(len(files), dtype=bool)
     for k in range(1, len(files)):
-        duplicate[k] = 0 < sizes[k] == sizes[k - 1] and _same(files[k - 1], files[k], sizes[k])
+        duplicate[k] = 0 < sizes[k] == sizes[k - 1] <= most_bytes and _same(files[k - 1], files[k], sizes[k])
     return duplicate if duplicate.sum() <= MOST_DUPLICATES * len(files) else np.zeros(len(files), dtype=bool)
 
 

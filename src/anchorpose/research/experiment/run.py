@@ -112,7 +112,7 @@ def run_experiment(
     training = Part(replace(spec, training=True), trainers if config.tuned else (), costs)
     testing = Part(replace(spec, chosen=_chosen(_tried(training, methods))), tuple(clips), costs)
     left_s = training.left_s() + testing.left_s()
-    report(f"About {duration(left_s / processes)} on {processes} cores.")
+    report(f"About {duration(left_s / processes + AROUND_S)} on {processes} cores.")
     failed, _ = do(training, processes, progress, testing.left_s())
     tried = _tried(training, methods)
     testing = Part(replace(spec, chosen=_chosen(tried)), tuple(clips), costs)
@@ -127,6 +127,7 @@ def run_experiment(
     return results
 
 
+AROUND_S: Final = 120.0  # kernels that are compiled or loaded by every process, the figures of anchors, and the page
 LONG_S: Final = 1800.0  # a longer run is worth a minute for an exact estimate
 
 
