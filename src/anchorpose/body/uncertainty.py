@@ -147,13 +147,17 @@ def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain:
     Judged beyond elbow or knee. The end may be off by more than what counts as seen: that is what is asked.
     """
     root, wrist = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
+    looking = [
+        (view, camera) for view, camera in zip(evidence.views, evidence.cameras, strict=True) if view is not None
+    ]
+    end_on = [abs(unit(wrist - root) @ unit(root - camera.position_m)) > END_ON for _, camera in looking]
+    if not any(end_on):
+        return False
     end, found = end_points(body.points, chain), False
-    for view, camera in zip(evidence.views, evidence.cameras, strict=True):
-        if view is None:
-            continue
+    for (view, camera), along in zip(looking, end_on, strict=True):
         reason, facing = skin_reasons(posed, view, camera, COVERED_M)
         shown = reason[end][facing[end]]
-        if abs(unit(wrist - root) @ unit(root - camera.position_m)) > END_ON:
+        if along:
             found |= bool(len(shown)) and float(np.isin(shown, _HIDDEN_BY_OTHERS).mean()) < HIDDEN
         elif (shown == SkinReason.SEEN).sum() >= LEAST_FACING:
             return False
