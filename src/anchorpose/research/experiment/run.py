@@ -128,7 +128,7 @@ def run_experiment(
 
 
 AROUND_S: Final = 120.0  # kernels that are compiled or loaded by every process, the figures of anchors, and the page
-LONG_S: Final = 1800.0  # a longer run is worth a minute for an exact estimate
+LONG_S: Final = 300.0  # a longer run is worth one or two minutes for an estimate of this machine
 
 
 def _costs(
