@@ -25,8 +25,8 @@ def experiment(
 ) -> None:
     """Repeat the paper's comparison: every method in one tracking framework, with tables, figures and a page.
 
-    Takes about eleven hours on two cores; the estimate at the start is measured on your machine. Stop it at any time:
-    the same command continues from there. --quick shows in four minutes that everything works.
+    Takes about twenty hours on two cores; the estimate at the start is measured on your machine. Stop it at any time:
+    the same command continues from there. --quick shows in five minutes that everything works.
 
     Parameters
     ----------

@@ -112,7 +112,7 @@ class ExperimentConfig:
 
 
 def quick() -> ExperimentConfig:
-    """Everything once on very little data, in two minutes: it shows only that everything runs."""
+    """Everything once on very little data, in five minutes: it shows only that everything runs."""
     return ExperimentConfig(
         recordings=1,
         seconds=1.5,

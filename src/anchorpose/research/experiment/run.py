@@ -127,7 +127,7 @@ def run_experiment(
     return results
 
 
-AROUND_S: Final = 120.0  # kernels that are compiled or loaded by every process, the figures of anchors, and the page
+AROUND_S: Final = 240.0  # kernels that are compiled or loaded by every process, the figures of anchors, and the page
 LONG_S: Final = 300.0  # a longer run is worth one or two minutes for an estimate of this machine
 
 
