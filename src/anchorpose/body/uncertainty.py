@@ -27,6 +27,7 @@ from anchorpose.rotations import unit
 WORTH_M2: Final = 0.004  # of uncovered skin: clothes and holds leave as much
 IN_REACH_M: Final = 0.45  # a shank or a forearm with its hand
 END_ON: Final = float(np.cos(np.radians(35.0)))  # a limb turned so far from the ray shows more than half of its length
+MORE_ALIKE: Final = 2.0  # times as many rows count as one: fingers bent otherwise move a whole hand; set on one reach
 HIDDEN: Final = 0.5  # of the skin: with more of it behind something, this frame tells nothing of the limb
 BROADER_M: Final = 0.13  # a chest is so much broader than deep: 0.35 m and 0.22 m
 
@@ -133,7 +134,7 @@ def foreshortened_sigma(
     if not limbs:
         return sigma_m
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
-    variance = _variance_by_frame(body, pose, rows, config.rows_per_observation)
+    variance = _variance_by_frame(body, pose, rows, MORE_ALIKE * config.rows_per_observation)
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
     for chain in limbs:
         mine = [JOINT_INDEX[name] for name in (*chain.joints, chain.root)]
