@@ -107,6 +107,7 @@ def _seen_past_counts(
 
 @njit(cache=True, nogil=True)
 def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points of each limb (PARTS,) that the camera sees past, and those that it may."""
     past, counted = np.zeros(PARTS, np.int64), np.zeros(PARTS, np.int64)
     for p in range(len(limb)):
         if facing[p] and reason[p] != SkinReason.OUTSIDE and reason[p] != SkinReason.HOLE:

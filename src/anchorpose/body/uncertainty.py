@@ -143,15 +143,15 @@ def foreshortened_sigma(
 
 
 def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
-    """Whether the limb points at a camera before which nothing hides it, and no other camera sees it from the side.
+    """Whether the limb lies along a camera's rays and nothing hides it there, and no camera sees it from the side.
 
     Judged beyond elbow or knee. The end may be off by more than what counts as seen: that is what is asked.
     """
-    root, wrist = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
+    root, far = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
     looking = [
         (view, camera) for view, camera in zip(evidence.views, evidence.cameras, strict=True) if view is not None
     ]
-    end_on = [abs(unit(wrist - root) @ unit(root - camera.position_m)) > END_ON for _, camera in looking]
+    end_on = [abs(unit(far - root) @ unit(root - camera.position_m)) > END_ON for _, camera in looking]
     if not any(end_on):
         return False
     end, found = end_points(body.points, chain), False

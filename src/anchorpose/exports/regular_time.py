@@ -95,7 +95,7 @@ class RegularSamples:
 
     @property
     def samples(self) -> Samples:
-        """All of them, made anew by each call."""
+        """All of them; each call makes them again."""
         return _at(self.recorded, self.time_s, self.interpolation)
 
     def part(self, rows: slice) -> RegularSamples:
