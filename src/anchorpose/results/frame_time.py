@@ -19,10 +19,12 @@ FRAMES_AT_ONCE: Final = 4096
 """What is made of their numbers on the way, also as text, takes some megabytes."""
 
 
-def blocks(frames: int) -> Iterator[slice]:
-    """All rows from 0 to ``frames``, ``FRAMES_AT_ONCE`` at a time, for what needs much more memory than its result."""
-    for first in range(0, frames, FRAMES_AT_ONCE):
-        yield slice(first, min(first + FRAMES_AT_ONCE, frames))
+def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
+    """All rows from 0 to ``frames``, ``at_once`` at a time (None: ``FRAMES_AT_ONCE``), for what needs much more memory
+    than its result."""
+    at_once = FRAMES_AT_ONCE if at_once is None else at_once
+    for first in range(0, frames, at_once):
+        yield slice(first, min(first + at_once, frames))
 
 
 def usual_step_s(time_s: np.ndarray) -> float:

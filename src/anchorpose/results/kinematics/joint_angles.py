@@ -8,10 +8,14 @@ import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import blocks
-from anchorpose.results.kinematics.definition import LEAST_LEVER, AngleGroup
+from anchorpose.results.kinematics.definition import LEAST_LEVER, AngleGroup, Points
 from anchorpose.results.kinematics.limbs import ARMS, LEGS
 from anchorpose.results.kinematics.trunk import NECK, PELVIS, TRUNK
 from anchorpose.results.tables import AngleTable, JointTable
+
+
+AT_ONCE: Final = 128
+"""Frames: with all their moved joints they stay in a core's cache."""
 
 
 def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -21,22 +25,38 @@ def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.nda
     moved by its own sigma, both ways, instead of using a derivative: at a straight knee the derivative of the angle is
     not defined and would give no error at all. The formula's own error is added as squares.
     """
-    points = {name: position_m[JOINT_INDEX[name]] for name in group.joints}
-    readings = group.formula(points)
-    angle = np.stack([value for value, _ in readings])
-    determined = np.stack([np.broadcast_to(lever, angle[0].shape) for _, lever in readings]) >= LEAST_LEVER
-    angle = np.where(determined, angle, np.nan)
-    variance = np.zeros_like(angle)
-    for name in group.joints:
-        for axis in range(3):
-            for sign in (-1.0, 1.0):
-                moved = points[name].copy()
-                moved[axis] += sign * sigma_m[JOINT_INDEX[name]]
-                change = np.stack([value for value, _ in group.formula(points | {name: moved})]) - angle
-                variance += 0.5 * _shorter_way(change) ** 2
+    angle, sigma = np.empty((2, len(group.names), position_m.shape[-1]))
+    for rows in blocks(angle.shape[1], AT_ONCE):
+        points = {name: position_m[JOINT_INDEX[name]][:, rows] for name in group.joints}
+        angle[:, rows], sigma[:, rows] = _angles_of_some(group, points, sigma_m[:, rows])
+    return angle, sigma
+
+
+def _angles_of_some(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    readings = group.formula(_moved_too(group, points, sigma_m))
+    values = np.stack([value for value, _ in readings])  # (k, moves, n), nothing moved first
+    levers = np.stack([np.broadcast_to(lever, values.shape[1:])[0] for _, lever in readings])
+    angle = np.where(levers >= LEAST_LEVER, values[:, 0], np.nan)
+    variance = 0.5 * (_shorter_way(values[:, 1:] - angle[:, None]) ** 2).sum(axis=1)
     if group.own_sigma is not None:
         variance += group.own_sigma(points) ** 2
     return angle, np.where(np.isnan(angle), np.nan, np.sqrt(variance))
+
+
+def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points:
+    """Each joint (3, 1 + 6 joints, n): as it is, then with each coordinate of each joint moved down and up by its sigma.
+
+    All at once, because a live frame, n = 1, would take longer to call the formula for each than to track.
+    """
+    moves, stacked = 1 + 6 * len(group.joints), {}
+    for number, name in enumerate(group.joints):
+        rows = np.repeat(points[name][:, None], moves, axis=1)
+        for axis in range(3):
+            first = 1 + 6 * number + 2 * axis
+            rows[axis, first] -= sigma_m[JOINT_INDEX[name]]
+            rows[axis, first + 1] += sigma_m[JOINT_INDEX[name]]
+        stacked[name] = rows
+    return stacked
 
 
 def _shorter_way(angle: np.ndarray) -> np.ndarray:
@@ -59,15 +79,13 @@ def joint_angles(joints: JointTable) -> AngleTable:
     """
     shape = (len(joints.frame), len(ANGLE_NAMES))
     degrees, sigma_deg, state_code = np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.int8)
-    for rows in blocks(len(joints.frame)):
-        position_m = np.ascontiguousarray(joints.position_m[rows].transpose(1, 2, 0))
-        sigma_m = np.ascontiguousarray(joints.sigma_m[rows].T)
-        column = 0
-        for group in ANGLE_GROUPS:
-            own = slice(column, column + len(group.names))
-            value, spread = angles_with_sigma(group, position_m, sigma_m)
-            worst = joints.state_code[rows][:, [JOINT_INDEX[name] for name in group.joints]].max(axis=1)
-            degrees[rows, own], sigma_deg[rows, own] = np.degrees(value).T, np.degrees(spread).T
-            state_code[rows, own] = worst[:, None]
-            column = own.stop
+    position_m, sigma_m = joints.position_m.transpose(1, 2, 0), joints.sigma_m.T
+    column = 0
+    for group in ANGLE_GROUPS:
+        own = slice(column, column + len(group.names))
+        value, spread = angles_with_sigma(group, position_m, sigma_m)
+        degrees[:, own], sigma_deg[:, own] = np.degrees(value).T, np.degrees(spread).T
+        worst = joints.state_code[:, [JOINT_INDEX[name] for name in group.joints]].max(axis=1)
+        state_code[:, own] = worst[:, None]
+        column = own.stop
     return AngleTable(joints.frame, joints.time_s, ANGLE_NAMES, degrees, state_code, sigma_deg)
