@@ -25,6 +25,7 @@ from anchorpose.body.registration import Registration, descend, posterior
 from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.joints import JOINT_COUNT
+from anchorpose.threads import each
 
 LOOK_AGAIN_M2: Final = 0.005  # of seen skin that nothing covers: half a hand; clothes and holds leave as much at most
 ROUNDS: Final = 4  # one for each limb
@@ -131,8 +132,13 @@ def _register_all(
     body: Body, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[_Tried]:
     """The first pose as it is, the others after a short registration, and what each costs."""
-    kept = [poses[0], *(_settled(body, pose, uncertain, evidence, config) for pose in poses[1:])]
-    return [_Tried(pose, evidence_cost(body, pose, evidence, config.reaches_m[-1], config)) for pose in kept]
+
+    def settled(pose: Pose) -> _Tried:
+        if pose is not poses[0]:
+            pose = _settled(body, pose, uncertain, evidence, config)
+        return _Tried(pose, evidence_cost(body, pose, evidence, config.reaches_m[-1], config))
+
+    return each(settled, poses)
 
 
 def rarity(body: Body, pose: Pose) -> float:

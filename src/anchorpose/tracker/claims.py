@@ -28,6 +28,7 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.surface.surface import Surface
+from anchorpose.threads import each
 from anchorpose.tracker.bystanders import COARSE, unconnected_surface
 from anchorpose.tracker.continuity import limb_borders, relabelled_limb
 from anchorpose.tracker.observation import Observation
@@ -116,7 +117,7 @@ class _Trying:
 
     def best_of(self, chain: Chain, starts: Iterable[Pose]) -> list[tuple[Pose, float]]:
         """The poses that explain most when registered, and how much more, the best first; a few are refined."""
-        tried = sorted((self.settled(start, chain) for start in starts), key=lambda one: -one[1])
+        tried = sorted(each(lambda start: self.settled(start, chain), starts), key=lambda one: -one[1])
         refined = [
             max((self.settled(pose, chain), (pose, gain)), key=lambda one: one[1]) for pose, gain in tried[:REFINED]
         ]

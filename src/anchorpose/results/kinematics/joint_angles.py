@@ -13,7 +13,6 @@ from anchorpose.results.kinematics.limbs import ARMS, LEGS
 from anchorpose.results.kinematics.trunk import NECK, PELVIS, TRUNK
 from anchorpose.results.tables import AngleTable, JointTable
 
-
 AT_ONCE: Final = 128
 """Frames: with all their moved joints they stay in a core's cache."""
 
@@ -44,19 +43,16 @@ def _angles_of_some(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> t
 
 
 def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points:
-    """Each joint (3, 1 + 6 joints, n): as it is, then with each coordinate of each joint moved down and up by its sigma.
+    """Each joint (3, 1 + 6 joints, n): as it is, then each coordinate of each joint moved by its sigma, down and up.
 
     All at once, because a live frame, n = 1, would take longer to call the formula for each than to track.
     """
-    moves, stacked = 1 + 6 * len(group.joints), {}
-    for number, name in enumerate(group.joints):
-        rows = np.repeat(points[name][:, None], moves, axis=1)
-        for axis in range(3):
-            first = 1 + 6 * number + 2 * axis
-            rows[axis, first] -= sigma_m[JOINT_INDEX[name]]
-            rows[axis, first + 1] += sigma_m[JOINT_INDEX[name]]
-        stacked[name] = rows
-    return stacked
+    count = len(group.joints)
+    rows = np.repeat(np.stack([points[name] for name in group.joints])[:, :, None], 1 + 6 * count, axis=2)
+    joint, axis, up = (index.ravel() for index in np.indices((count, 3, 2)))
+    step_m = sigma_m[[JOINT_INDEX[name] for name in group.joints]]
+    rows[joint, axis, 1 + np.arange(6 * count)] += np.where(up[:, None], 1.0, -1.0) * step_m[joint]
+    return dict(zip(group.joints, rows, strict=True))
 
 
 def _shorter_way(angle: np.ndarray) -> np.ndarray:
