@@ -9,7 +9,13 @@ from results_builder import make_frame, standing_joints, write_results
 from scipy.spatial.transform import Rotation
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
-from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES, joint_angles
+from anchorpose.results.kinematics.joint_angles import (
+    ANGLE_GROUPS,
+    ANGLE_NAMES,
+    AT_ONCE,
+    angles_with_sigma,
+    joint_angles,
+)
 from anchorpose.results.tables import JointTable, read_angles
 
 NAMES = list(ANGLE_NAMES)
@@ -285,6 +291,33 @@ def test_sigma_is_the_spread_that_noise_makes():
         sigma[NAMES.index(name)] = np.sqrt(sigma[NAMES.index(name)] ** 2 - bowed**2)
     for name in set(NAMES) - folded:
         assert sigma[NAMES.index(name)] == pytest.approx(spread[NAMES.index(name)], rel=0.1), name
+
+
+def test_many_frames_give_what_each_gives_alone():
+    """Frames are taken some at a time; in each, another joint is missing."""
+    rng = np.random.default_rng(8)
+    moving = standing_joints() + 0.05 * rng.normal(size=(2 * AT_ONCE + 3, JOINT_COUNT, 3))
+    moving[np.arange(len(moving)), np.arange(len(moving)) % JOINT_COUNT] = np.nan
+    together = joint_angles(_table(moving))
+    for row in (0, 7, AT_ONCE - 1, AT_ONCE, len(moving) - 1):
+        alone = joint_angles(_table(moving[row : row + 1]))
+        np.testing.assert_allclose(together.degrees[row], alone.degrees[0], rtol=1e-12)
+        np.testing.assert_allclose(together.sigma_deg[row], alone.sigma_deg[0], rtol=1e-9)
+
+
+def test_each_coordinate_is_moved_by_its_own_sigma_both_ways():
+    rng = np.random.default_rng(9)
+    joints, sigma_m = standing_joints() + 0.1 * rng.normal(size=(JOINT_COUNT, 3)), rng.uniform(0.0, 0.05, JOINT_COUNT)
+    (group,) = (one for one in ANGLE_GROUPS if one.names == ("knee_flexion_left",))
+    ((angle,),), ((sigma,),) = angles_with_sigma(group, joints[..., None], sigma_m[:, None])
+    squares = 0.0
+    for name in group.joints:
+        for axis in range(3):
+            for way in (-1.0, 1.0):
+                moved = joints.copy()
+                moved[JOINT_INDEX[name], axis] += way * sigma_m[JOINT_INDEX[name]]
+                squares += 0.5 * np.radians(_angle(moved, "knee_flexion_left") - np.degrees(angle)) ** 2
+    assert sigma == pytest.approx(np.sqrt(squares))
 
 
 def test_a_straight_knee_is_not_certain():
