@@ -54,6 +54,6 @@ def each(work: Callable[..., Result], *arguments: Iterable[object]) -> list[Resu
     The calls must not change what another one reads. Raises what the first call that fails raises.
     """
     calls, workers = list(zip(*arguments, strict=True)), _WORKERS.get()
-    if workers is None:
+    if workers is None or len(calls) < 2:
         return [work(*call) for call in calls]
     return list(workers.map(lambda call: work(*call), calls))

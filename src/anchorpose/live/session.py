@@ -41,6 +41,7 @@ from anchorpose.writing import write_results
 
 PATIENCE_S: Final = 0.5
 REPORT_S: Final = 10.0  # between two lines about latency
+MOST_THREADS: Final = 4  # more would wait for Python's lock
 NEARLY_AS_GOOD: Final = 0.5  # of the best score: a later frame to begin with saves waiting
 
 
@@ -69,7 +70,7 @@ def track_live(
     first_seconds = FirstSeconds(intake, about, journal.folder, options, user)
     session = _Session(intake, first_seconds, journal, options, Outputs(outputs), user)
     try:
-        with one_thread(), worker_threads(min(len(intake.cameras), os.cpu_count() or 1)):
+        with one_thread(), worker_threads(min(MOST_THREADS, os.cpu_count() or 1)):
             prepared, backlog = session.prepare()
             patients = session.follow(session.begin(prepared), backlog)
             session.outputs.close()

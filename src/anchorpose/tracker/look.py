@@ -13,6 +13,7 @@ from anchorpose.isolation.background import BackgroundSource
 from anchorpose.isolation.scene import Scene
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
+from anchorpose.threads import each
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.initial_frame import rank_initial_frames
 from anchorpose.tracker.mirrors import find_mirrors, through_a_gap, with_mirrors
@@ -51,11 +52,11 @@ def look_around(
     Whom the user names or who stands in the equipment is trusted to be a person, and whoever stands out from a given
     picture of the empty room, or is all that a recorder kept.
     """
-    sightings = [sight_people(sample, scenes, config) for sample in samples]
+    sightings = each(lambda sample: sight_people(sample, scenes, config), samples)
     mirrors = find_mirrors(sightings, scenes, config.patient_xz_m)
     if mirrors:
         scenes = with_mirrors(scenes, mirrors)
-        sightings = [sight_people(sample, scenes, config) for sample in samples]
+        sightings = each(lambda sample: sight_people(sample, scenes, config), samples)
     if before is not None:
         sightings = [_newly_seen(now, then) for now, then in zip(sightings, before.sightings, strict=True)]
     notes = tuple(mirror.sentence for mirror in mirrors)
