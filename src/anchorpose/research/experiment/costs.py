@@ -9,12 +9,13 @@ from typing import Final
 
 from anchorpose.research.experiment.clips import Clip
 from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene
-from anchorpose.research.experiment.framework import paper_run
+from anchorpose.research.experiment.framework import GivenStarts, paper_run
 from anchorpose.research.experiment.matching import Window, score, take_window, truth_of
 from anchorpose.research.experiment.method import Family, Method, cached_per_pair
 from anchorpose.research.experiment.plan import Kind, Plan, Task
-from anchorpose.research.experiment.work import PreparedClip, prepare_clip, track_segments
+from anchorpose.research.experiment.work import prepare_clip, track_segments
 from anchorpose.threads import one_thread
+from anchorpose.tracker.run import Run
 
 COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # therapists; three cameras
 USUAL_FRAME_S: Final = 0.09  # in the framework without the method, on an idle core
@@ -73,7 +74,8 @@ def measure_costs(plan: Plan, clip: Clip) -> Costs:
             return usual_costs(plan.methods)
         run = paper_run(prepared.recording, plan.movements)
         none = next((m for m in plan.methods if m.family is Family.NONE), plan.methods[0])
-        frame_s = _second_s(lambda: _track_some(none, plan, prepared)) / MEASURED_FRAMES
+        given = GivenStarts(run.room, prepared.reference)
+        frame_s = _second_s(lambda: _track_some(none, plan, given, run, prepared.starts[:1])) / MEASURED_FRAMES
         usual = usual_costs(plan.methods, frame_s / USUAL_FRAME_S)
         window = take_window(prepared.starts[0], prepared.reference, run)
         if window is None or len(window.observations) < 3:
@@ -84,11 +86,8 @@ def measure_costs(plan: Plan, clip: Clip) -> Costs:
     return replace(usual, window_s=frame_s * 4 + window_s, method_s=each)
 
 
-def _track_some(method: Method, plan: Plan, prepared: PreparedClip) -> None:
-    runs = {Form.REFINED: paper_run(prepared.recording, plan.movements)}
-    track_segments(
-        method, plan.settings[method.key], prepared.reference, runs, prepared.starts[:1], MEASURED_FRAMES + 1
-    )
+def _track_some(method: Method, plan: Plan, given: GivenStarts, run: Run, starts: Sequence[int]) -> None:
+    track_segments(method, plan.settings[method.key], given, {Form.REFINED: run}, starts, MEASURED_FRAMES + 1)
 
 
 def _second_s(work: Callable[[], object]) -> float:
