@@ -115,12 +115,17 @@ def most_similar(
     total = np.full((len(local), len(subsets)), np.inf, np.float32)
     distance, place, each = others[0], others[1], np.empty(seen[0].shape[1], np.float32)
     for node in range(len(local)):
+        worst = np.float32(np.inf)  # of the nodes found under all subsets
         for other in range(len(place)):
+            if local[node, other] >= worst:
+                continue
             base = np.float32(0.0)
             for axis in range(3):
                 off = seen[1][node, axis] - place[other, axis]
                 base += off * off
             base = local[node, other] + min(base * np.float32(per2[1]), np.float32(MOST))
+            if base >= worst:
+                continue
             for anchor in range(len(each)):
                 off = seen[0][node, anchor] - distance[other, anchor]
                 off2 = off * off * np.float32(per2[0])
@@ -131,6 +136,7 @@ def most_similar(
                     apart2 += each[anchor]
                 if apart2 < total[node, s]:
                     total[node, s], match[node, s] = apart2, other
+                    worst = total[node].max()
     return match, total
 
 
