@@ -41,7 +41,16 @@ from anchorpose.research.experiment.framework import (
     to_arrays,
     track_from,
 )
-from anchorpose.research.experiment.matching import MatchErrors, Truth, Window, draw_some, score, take_window, truth_of
+from anchorpose.research.experiment.matching import (
+    MatchErrors,
+    Truth,
+    Window,
+    draw_some,
+    score,
+    take_window,
+    truth_of,
+    warm_up,
+)
 from anchorpose.research.experiment.method import Family, Method, cached_per_pair
 from anchorpose.research.experiment.paper_tracker import Way
 from anchorpose.research.experiment.plan import Kind, Plan, Task, read
@@ -196,6 +205,8 @@ def _run_tasks(
     for task in tasks:
         if task.kind is Kind.MATCHED:
             known = cache.windows(task.method, task.setting)
+            for window, _ in known[:1]:
+                warm_up(task.method, task.setting, window)
             scores = [score(task.method, task.setting, window, truth) for window, truth in known]
             plan.store.write(task.path, _matched_arrays([window for window, _ in known], scores, prepared, cut, plan))
     runs = {form: run_in(room, plan.movements, form) for form in Form}
