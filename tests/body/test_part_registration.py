@@ -18,6 +18,7 @@ from anchorpose.body.part_kernels import (
     SHIFT_SIGMA_M,
     SURFACE_SIGMA_M,
     TURN_SIGMA,
+    fit_pairs,
 )
 from anchorpose.body.part_registration import (
     ITERATIONS,
@@ -105,6 +106,17 @@ def test_points_on_a_line_are_refused():
     line = np.outer(np.linspace(0.0, 1.0, 9), [1.0, 2.0, -1.0])
     with pytest.raises(DegenerateGeometry, match="collinear"):
         fit_rigid_transform(line, line)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_points_that_all_go_to_one_place_are_refused(seed):
+    rng = np.random.default_rng(seed)
+    body, place = rng.normal(size=(18, 3)), rng.normal(size=3)
+    with pytest.raises(DegenerateGeometry, match="collinear"):
+        fit_rigid_transform(body, np.tile(place, (18, 1)))
+    transforms, start = np.eye(4)[None].copy(), np.array([0, 18])
+    assert not fit_pairs(body, np.tile(place, (18, 1)), start, transforms, False)[0]
+    np.testing.assert_array_equal(transforms[0], np.eye(4))
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])

@@ -13,6 +13,7 @@ from numba import njit
 from anchorpose.body.nearest_skin import Oriented
 
 COLLINEAR_RATIO: Final = 1e-3
+ONE_PLACE_M2: Final = 1e-12  # far above the rounding of points in one place, far below a spread over millimetres
 LEAST_PAIRS: Final = 6  # below that a rigid motion follows the noise of single nodes
 PAIR_ROUNDS: Final = 8  # of reweighting the pairs; their fit settles in five
 LEAST_SCALE_M: Final = 0.01  # pairs within a node's spacing of their fit are as good as each other
@@ -76,7 +77,7 @@ def _fit_rigid(source: np.ndarray, target: np.ndarray, share: np.ndarray, T: np.
             for other in range(3):
                 spread[axis, other] += away * (source[row, other] - source_mean[other])
     u, size, vt = np.linalg.svd(spread)
-    if size[1] <= COLLINEAR_RATIO * size[0]:
+    if size[1] <= max(COLLINEAR_RATIO * size[0], ONE_PLACE_M2):
         return False
     if np.linalg.det(u @ vt) < 0.0:
         u[:, 2] = -u[:, 2]

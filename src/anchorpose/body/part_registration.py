@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from anchorpose.body.asset import BodyAsset, joint_bones
 from anchorpose.body.kinematics import BodyMesh
 from anchorpose.body.nearest_skin import Oriented
-from anchorpose.body.part_kernels import COLLINEAR_RATIO, carry, fit_pairs, plane_steps
+from anchorpose.body.part_kernels import COLLINEAR_RATIO, ONE_PLACE_M2, carry, fit_pairs, plane_steps
 from anchorpose.camera import transform_points
 from anchorpose.errors import DegenerateGeometry
 from anchorpose.rotations import rotate, rotation_matrices
@@ -42,7 +42,7 @@ def fit_rigid_transform(source_m: np.ndarray, target_m: np.ndarray, weight: np.n
     share = np.full(len(source_m), 1.0 / len(source_m)) if weight is None else weight / weight.sum()
     source_mean, target_mean = share @ source_m, share @ target_m
     u, spread, vt = np.linalg.svd((share[:, None] * (target_m - target_mean)).T @ (source_m - source_mean))
-    if spread[1] <= COLLINEAR_RATIO * spread[0]:
+    if spread[1] <= max(COLLINEAR_RATIO * spread[0], ONE_PLACE_M2):
         raise DegenerateGeometry(f"{len(source_m)} points are collinear; rotation undefined")
     handedness = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
     T_target_source = np.eye(4)

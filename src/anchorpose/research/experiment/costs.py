@@ -28,8 +28,8 @@ class Costs:
     """Seconds of this machine's time.
 
     frame_s: per frame in the framework without the method; window_s: per pair of frames whose matches are compared,
-    likewise, on meshes that all methods share; own_s: per frame of this project's tracker, learning included; making_s: to simulate a frame of a camera
-    and to track the reference; method_s: per frame and method.
+    likewise, on meshes that all methods share; own_s: per frame of this project's tracker, learning included;
+    making_s: to simulate a frame of a camera and to track the reference; method_s: per frame and method.
     """
 
     frame_s: float

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -53,8 +54,12 @@ BASELINES = (
 
 def _gmds(setting: Any) -> Associate:
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+        @cache  # all nodes are matched at once, however few are asked for
+        def match() -> np.ndarray:
+            return match_by_gmds(now.surface, following.surface, setting)
+
         def find(nodes: np.ndarray) -> np.ndarray:
-            return match_by_gmds(now.surface, following.surface, setting)[nodes][:, None]
+            return match()[nodes][:, None]
 
         return Matcher(find, len(now.surface), NO_SUBSET)
 
