@@ -51,7 +51,7 @@ class Method:
     """A method and its settings, of which the training recordings choose one.
 
     associate: makes the association of two frames from a setting; None for a complete tracker. configure: other changes
-    to the framework's configuration (for a tracker: to the defaults). frame_ms: approximate time of a frame of 2,000
+    to the framework's configuration (for a tracker: to the defaults). frame_ms: approximate time of a frame of 3,000
     nodes on one core, to estimate the duration of an experiment. several: it makes several hypotheses per node, among
     which only the tree can choose. filtered, own_surface: see ``paper_tracker.Way``.
     content: digest of the file that it comes from; empty for those of the package.

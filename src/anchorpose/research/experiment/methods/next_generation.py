@@ -203,6 +203,6 @@ METHODS = (
         configure=_configure,
         several=True,
         own_surface=True,
-        frame_ms=350.0,
+        frame_ms=170.0,
     ),
 )
