@@ -5,12 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from body_builder import adult_body, asset, random_pose
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from surface_builder import no_links
 
 from anchorpose.body.nearest_skin import Oriented
+from anchorpose.body.part_kernels import (
+    ALIKE,
+    LEAST_PAIRS,
+    LEAST_SCALE_M,
+    PAIR_ROUNDS,
+    SHIFT_SIGMA_M,
+    SURFACE_SIGMA_M,
+    TURN_SIGMA,
+    fit_pairs,
+)
 from anchorpose.body.part_registration import (
     ITERATIONS,
+    REACH_M,
     PartRegistration,
     fit_rigid_transform,
     joints_of_parts,
@@ -96,10 +108,100 @@ def test_points_on_a_line_are_refused():
         fit_rigid_transform(line, line)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_points_that_all_go_to_one_place_are_refused(seed):
+    rng = np.random.default_rng(seed)
+    body, place = rng.normal(size=(18, 3)), rng.normal(size=3)
+    with pytest.raises(DegenerateGeometry, match="collinear"):
+        fit_rigid_transform(body, np.tile(place, (18, 1)))
+    transforms, start = np.eye(4)[None].copy(), np.array([0, 18])
+    assert not fit_pairs(body, np.tile(place, (18, 1)), start, transforms, False)[0]
+    np.testing.assert_array_equal(transforms[0], np.eye(4))
+
+
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_fewer_than_three_points_are_refused(count):
     with pytest.raises(DegenerateGeometry, match=f"{count} points"):
         fit_rigid_transform(np.eye(3)[:count], np.eye(3)[:count])
+
+
+def parts_one_by_one(skin, part, matched_m, surface, T_predicted, iterations, robust) -> PartRegistration:
+    """The reference: one part after another, in numpy."""
+    tree = cKDTree(surface.points_m)
+    transforms, registered = T_predicted.copy(), np.zeros(len(T_predicted), dtype=bool)
+    for bone in np.unique(part):
+        own = part == bone
+        paired = own & np.isfinite(matched_m).all(axis=1)
+        T = pairs_fitted(skin.places_m[paired], matched_m[paired], T_predicted[bone], robust)
+        registered[bone] = T is not None
+        transforms[bone] = T_predicted[bone] if T is None else T
+        for _ in range(iterations):
+            step = plane_step(Oriented(skin.places_m[own], skin.normals[own]), surface, tree, transforms[bone])
+            if step is None:
+                break
+            transforms[bone], registered[bone] = step @ transforms[bone], True
+    return PartRegistration(transforms, registered)
+
+
+def pairs_fitted(skin_m: np.ndarray, matched_m: np.ndarray, T: np.ndarray, robust: bool) -> np.ndarray | None:
+    if len(skin_m) < LEAST_PAIRS:
+        return None
+    try:
+        if not robust:
+            return fit_rigid_transform(skin_m, matched_m)
+        for _ in range(PAIR_ROUNDS):
+            residual = np.linalg.norm(transform_points(T, skin_m) - matched_m, axis=1)
+            scale = max(float(np.median(residual)), LEAST_SCALE_M)
+            T = fit_rigid_transform(skin_m, matched_m, 1.0 / (1.0 + (residual / scale) ** 2))
+    except DegenerateGeometry:
+        return None
+    return T
+
+
+def plane_step(skin: Oriented, surface: Surface, tree: cKDTree, T: np.ndarray) -> np.ndarray | None:
+    moved, facing = transform_points(T, skin.places_m), skin.normals @ T[:3, :3].T
+    distance, nearest = tree.query(moved, distance_upper_bound=REACH_M)
+    near = np.flatnonzero(np.isfinite(distance))
+    node_normals = surface.normals[nearest[near]].astype(np.float64)
+    alike = (node_normals * facing[near]).sum(axis=1) > ALIKE
+    near, node_normals = near[alike], node_normals[alike]
+    if len(near) < LEAST_PAIRS:
+        return None
+    direction = node_normals + facing[near]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    residual = ((moved[near] - surface.points_m[nearest[near]]) * direction).sum(axis=1)
+    centre = moved[near].mean(axis=0)
+    rows = np.hstack([np.cross(moved[near] - centre, direction), direction])
+    weight = 1.0 / (SURFACE_SIGMA_M * (1.0 + (residual / SURFACE_SIGMA_M) ** 2)) ** 2
+    keep = np.repeat([1.0 / TURN_SIGMA**2, 1.0 / SHIFT_SIGMA_M**2], 3)
+    change = -np.linalg.solve((rows * weight[:, None]).T @ rows + np.diag(keep), rows.T @ (weight * residual))
+    step = np.eye(4)
+    step[:3, :3] = Rotation.from_rotvec(change[:3]).as_matrix()
+    step[:3, 3] = centre - step[:3, :3] @ centre + change[3:]
+    return step
+
+
+@pytest.mark.parametrize("robust", [True, False])
+@pytest.mark.parametrize("iterations", [0, ITERATIONS])
+@pytest.mark.parametrize("seed", range(4))
+def test_all_parts_at_once_move_as_one_by_one(seed: int, iterations: int, robust: bool):
+    rng, count = np.random.default_rng(seed), 400
+    nodes, normals = a_limb(seed, count)
+    part = rng.choice([0, 2, 3, 5, 6], count, p=[0.3, 0.3, 0.3, 0.09, 0.01])  # the last two with hardly a point
+    nodes[part == 3] += [0.3, 0.0, 0.0]
+    T = rigid((4.0, 8.0, -6.0), (0.02, 0.01, -0.01))
+    _, surface = moved(T, nodes[part != 3], normals[part != 3])  # one part is not seen
+    pairs = transform_points(T, nodes) + rng.normal(0.0, 0.02, nodes.shape)
+    pairs[rng.random(count) < 0.3] = np.nan
+    pairs[part == 2] = np.nan
+    pairs[(part == 5) & np.isfinite(pairs[:, 0])] = [0.1, 0.2, 0.3]  # all in one place: they determine no turn
+    predicted = np.tile(rigid((1.0, 0.0, 2.0), (0.01, 0.0, 0.0)), (7, 1, 1))
+    given = (Oriented(nodes, normals), part, pairs, surface, predicted, iterations, robust)
+    found, expected = register_parts(*given), parts_one_by_one(*given)
+    np.testing.assert_array_equal(found.registered, expected.registered)
+    np.testing.assert_allclose(found.T_next_now, expected.T_next_now, atol=1e-11)
+    assert found.registered.any()
+    assert not found.registered[[1, 4]].any()
 
 
 def a_surface(points_m: np.ndarray, normals: np.ndarray) -> Surface:

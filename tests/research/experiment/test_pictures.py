@@ -14,9 +14,14 @@ import pytest
 from occlusion_builder import elliptic_hole
 from surface_builder import FACING_X, flat_grid, kinect, no_links, star
 
-from anchorpose.errors import MissingPackage
+from anchorpose.errors import AnchorposeError, MissingPackage
+from anchorpose.research.experiment.clips import Clip
+from anchorpose.research.experiment.config import quick
 from anchorpose.research.experiment.correspondence import TruePlaces
 from anchorpose.research.experiment.method import Family, Method
+from anchorpose.research.experiment.plan import Plan, PlanSpec, experiment_code
+from anchorpose.research.experiment.results import PaperTimes
+from anchorpose.research.experiment.run import training_clips
 from anchorpose.tracking.tree import Support, TrackResult
 
 pytest.importorskip("matplotlib")
@@ -383,6 +388,35 @@ def test_a_surface_of_no_nodes_is_an_empty_picture() -> None:
     assert len(axes.collections[0].get_paths()) == 0
     assert canvas.as_png(axes.figure).startswith(b"\x89PNG")
     assert canvas.apart_m(VIEW, empty, BODY) > 0
+
+
+def test_pictures_are_drawn_once_and_again_where_anything_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn, times = list[str](), PaperTimes("512 x 424", 9000, 30000, 0.002, 0.003, 0.008)
+
+    def draw(folder: Path, plan: Plan, clip: Clip) -> None:
+        drawn.append(clip.name)
+        if clip is clips[1]:
+            raise AnchorposeError("nobody was found")
+        (folder / "a.png").write_bytes(b"picture")
+
+    monkeypatch.setattr(album, "_show_one", draw)
+    monkeypatch.setattr(album, "_paper_size_times", lambda plan, clip: times)
+    clips = training_clips(replace(quick(), training_recordings=2))
+    spec = PlanSpec(config=quick(), wanted=("nearest",), chosen=(), movements=tmp_path / "m.npz", movements_digest="m",
+                    cache=tmp_path / "out" / "cache", code=experiment_code())  # fmt: skip
+    found = album.show(tmp_path / "out", spec, clips)
+    assert found == (times, (f"{clips[1].name} is not shown: nobody was found",))
+    assert album.show(tmp_path / "out", spec, clips) == found
+    assert len(drawn) == 2
+    assert (tmp_path / "out" / "pictures" / "a.png").is_file()
+    for other in (replace(spec, wanted=("none",)), replace(spec, movements_digest="n"), spec):
+        assert album.show(tmp_path / "out", other, clips) == found
+    assert len(drawn) == 8
+    (tmp_path / "out" / "pictures" / album.SHOWN).write_text("{")
+    album.show(tmp_path / "out", spec, clips[:1])
+    assert drawn[8:] == [clips[0].name]
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_cl
 from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene, quick
 from anchorpose.research.experiment.correspondence import REGIONS, Skin
 from anchorpose.research.experiment.costs import measure_costs
-from anchorpose.research.experiment.framework import paper_run
+from anchorpose.research.experiment.framework import GivenStarts, paper_room, paper_run, run_in, start_at
 from anchorpose.research.experiment.matching import Window, draw_some, score, take_window, truth_of
 from anchorpose.research.experiment.method import NO_SUBSET, Family, Method, load_methods
 from anchorpose.research.experiment.plan import Kind, Plan, PlanSpec, experiment_code, read
@@ -33,6 +33,7 @@ from anchorpose.research.experiment.work import (
     with_holes,
     work_on,
 )
+from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.association import Associate
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
@@ -200,16 +201,32 @@ def test_a_segment_starts_where_the_pose_is_known_and_is_whole() -> None:
 
 
 def test_tracking_begins_at_the_given_pose_and_leaves_its_frame_out(prepared: PreparedClip, plan: Plan) -> None:
-    runs = {form: paper_run(prepared.recording, plan.movements, form) for form in (Form.REFINED, Form.MATCHES_ALL)}
+    given = GivenStarts(paper_room(prepared.recording, plan.movements), prepared.reference)
+    runs = {form: run_in(given.room, plan.movements, form) for form in (Form.REFINED, Form.MATCHES_ALL)}
     nearest = next(method for method in plan.methods if method.key == "nearest")
-    track = track_segments(nearest, None, prepared.reference, runs, prepared.starts, 5)
-    again = track_segments(nearest, None, prepared.reference, runs, prepared.starts, 5)
+    track = track_segments(nearest, None, given, runs, prepared.starts, 5)
+    again = track_segments(nearest, None, given, runs, prepared.starts, 5)
     np.testing.assert_array_equal(track.joints_m, again.joints_m)
     assert track.frame.tolist() == [1, 2, 3, 4, 6, 7, 8, 9]
     error = np.linalg.norm(track.joints_m - prepared.truth_m[track.frame], axis=3)
     assert error.shape == (2, 8, 21)
     assert (error.mean(axis=(1, 2)) < 0.04).all()
     assert error[0].mean() != error[1].mean()
+
+
+def test_a_given_start_is_that_of_a_tracker_that_starts_by_itself(prepared: PreparedClip, plan: Plan) -> None:
+    given = GivenStarts(paper_room(prepared.recording, plan.movements), prepared.reference)
+    run = run_in(given.room, plan.movements)
+    closed = replace(run, config=replace(run.config, surface=SurfaceConfig()))
+    for own in (run, closed):
+        shared = given.start(5, own).observation
+        alone = start_at(5, given.frames(5, 1)[0], prepared.reference, own).window[0]
+        np.testing.assert_array_equal(shared.whole.points_m, alone.whole.points_m)
+        np.testing.assert_array_equal(shared.descriptor, alone.descriptor)
+    other_form = run_in(given.room, plan.movements, Form.MATCHES_ALL)
+    assert given.start(5, other_form) is given.start(5, run)
+    assert given.start(5, closed) is not given.start(5, run)
+    assert given.start(0, run) is not given.start(5, run)
 
 
 def test_every_answer_is_kept_and_asked_once(

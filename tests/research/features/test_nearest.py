@@ -90,6 +90,27 @@ def test_huge_and_tiny_values_neither_overflow_nor_vanish() -> None:
     np.testing.assert_array_equal(nearest_descriptor(source * 1e-25, target * 1e-25), expected)
 
 
+@pytest.mark.parametrize("metric", METRICS)
+def test_rows_that_the_sums_of_float32_confuse_are_told_apart(metric: Metric) -> None:
+    rng = np.random.default_rng(13)
+    row = rng.gamma(0.3, size=500).astype(np.float32)
+    target = np.tile(row, (40, 1))
+    target[np.arange(40), rng.permutation(500)[:40]] += np.float32(1e-4) * rng.permutation(np.arange(1, 41))
+    source = (row + rng.gamma(0.3, size=(30, 500))).astype(np.float32)
+    distance = written_out(source, target, metric)
+    found = nearest_descriptor(source, target, metric)
+    np.testing.assert_allclose(distance[np.arange(30), found], distance.min(axis=1), rtol=1e-13)
+
+
+def test_a_source_whose_products_overflow_in_float32_has_its_nearest_row() -> None:
+    rng = np.random.default_rng(14)
+    source, target = (rng.normal(size=(count, 12)).astype(np.float32) for count in (20, 30))
+    source *= np.float32(1e38)
+    distance = written_out(source, target, "euclidean")
+    found = nearest_descriptor(source, target)
+    np.testing.assert_allclose(distance[np.arange(20), found], distance.min(axis=1), rtol=1e-13)
+
+
 def test_signed_descriptors_have_a_euclidean_and_a_manhattan_distance() -> None:
     rng = np.random.default_rng(10)
     source, target = rng.normal(size=(50, 9)), rng.normal(size=(70, 9))

@@ -9,17 +9,18 @@ from typing import Final
 
 from anchorpose.research.experiment.clips import Clip
 from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene
-from anchorpose.research.experiment.framework import paper_run
+from anchorpose.research.experiment.framework import GivenStarts, paper_run
 from anchorpose.research.experiment.matching import Window, score, take_window, truth_of
 from anchorpose.research.experiment.method import Family, Method, cached_per_pair
 from anchorpose.research.experiment.plan import Kind, Plan, Task
-from anchorpose.research.experiment.work import PreparedClip, prepare_clip, track_segments
+from anchorpose.research.experiment.work import prepare_clip, track_segments
 from anchorpose.threads import one_thread
+from anchorpose.tracker.run import Run
 
 COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # therapists; three cameras
-USUAL_FRAME_S: Final = 0.09  # in the framework without the method, on an idle core
+USUAL_FRAME_S: Final = 0.035  # in the framework without the method, on an idle core
 MEASURED_FRAMES: Final = 5  # of a segment
-FAR_FRAMES: Final = 2.0  # a window looks at frames far apart: that many times the descriptors of a tracked frame
+WINDOW_FRAMES: Final = 4.0  # each with a descriptor, and matches with the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +28,8 @@ class Costs:
     """Seconds of this machine's time.
 
     frame_s: per frame in the framework without the method; window_s: per pair of frames whose matches are compared,
-    likewise; own_s: per frame of this project's tracker, learning included; making_s: to simulate a frame of a camera
-    and to track the reference; method_s: per frame and method.
+    likewise, on meshes that all methods share; own_s: per frame of this project's tracker, learning included;
+    making_s: to simulate a frame of a camera and to track the reference; method_s: per frame and method.
     """
 
     frame_s: float
@@ -43,7 +44,7 @@ class Costs:
         factor, own_s = COST_FACTOR.get(clip.scene, 1.0), self.method_s.get(method.key, 0.0)
         frames = 40 if clip.simulation is None else clip.simulation.frames  # a real recording is not open yet
         if task.kind is Kind.MATCHED:
-            return factor * task.pairs * (self.window_s + FAR_FRAMES * own_s)
+            return factor * task.pairs * (self.window_s + WINDOW_FRAMES * own_s)
         if method.family is Family.TRACKER:
             return factor * frames * self.own_s
         tracked = min(config.segments, frames // config.segment_frames) * config.segment_frames
@@ -60,7 +61,7 @@ class Costs:
 def usual_costs(methods: Sequence[Method], slower: float = 1.0) -> Costs:
     """On an idle core, or on a machine that takes ``slower`` times as long."""
     each = {method.key: slower * method.frame_ms / 1000.0 for method in methods}
-    return Costs(slower * USUAL_FRAME_S, slower * 0.3, slower * 0.15, slower * 0.35, each)
+    return Costs(slower * USUAL_FRAME_S, slower * 0.05, slower * 0.15, slower * 0.35, each)
 
 
 def measure_costs(plan: Plan, clip: Clip) -> Costs:
@@ -73,7 +74,8 @@ def measure_costs(plan: Plan, clip: Clip) -> Costs:
             return usual_costs(plan.methods)
         run = paper_run(prepared.recording, plan.movements)
         none = next((m for m in plan.methods if m.family is Family.NONE), plan.methods[0])
-        frame_s = _second_s(lambda: _track_some(none, plan, prepared)) / MEASURED_FRAMES
+        given = GivenStarts(run.room, prepared.reference)
+        frame_s = _second_s(lambda: _track_some(none, plan, given, run, prepared.starts[:1])) / MEASURED_FRAMES
         usual = usual_costs(plan.methods, frame_s / USUAL_FRAME_S)
         window = take_window(prepared.starts[0], prepared.reference, run)
         if window is None or len(window.observations) < 3:
@@ -81,14 +83,11 @@ def measure_costs(plan: Plan, clip: Clip) -> Costs:
         truth = truth_of(window, prepared.skin)
         window_s = _second_s(lambda: score(none, plan.settings[none.key], window, truth))
         each = {m.key: _method_s(m, plan.settings[m.key], window) for m in plan.methods}
-    return replace(usual, window_s=frame_s * 4 + window_s, method_s=each)
+    return replace(usual, window_s=window_s, method_s=each)
 
 
-def _track_some(method: Method, plan: Plan, prepared: PreparedClip) -> None:
-    runs = {Form.REFINED: paper_run(prepared.recording, plan.movements)}
-    track_segments(
-        method, plan.settings[method.key], prepared.reference, runs, prepared.starts[:1], MEASURED_FRAMES + 1
-    )
+def _track_some(method: Method, plan: Plan, given: GivenStarts, run: Run, starts: Sequence[int]) -> None:
+    track_segments(method, plan.settings[method.key], given, {Form.REFINED: run}, starts, MEASURED_FRAMES + 1)
 
 
 def _second_s(work: Callable[[], object]) -> float:

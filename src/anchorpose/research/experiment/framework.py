@@ -19,6 +19,7 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.errors import AnchorposeError
 from anchorpose.isolation.people import PatientChoice
+from anchorpose.recording.reader import read_frames
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.paper_tracker import PaperTracker, Way
@@ -30,6 +31,7 @@ from anchorpose.tracker.observation import observe
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import Start
 from anchorpose.tracking.motion import MotionConfig, MotionRule
@@ -62,7 +64,12 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
     )
 
 
-def paper_run(recording: Recording, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
+def paper_room(recording: Recording, movements: Path) -> Room:
+    """The room of a recording, which is the same in every form and at every stride."""
+    return prepare_room(recording, paper_config(movements))
+
+
+def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
     """All that is known before the first frame is tracked, with the configuration of ``paper_config``.
 
     stride: only every so many frames of the recording are looked at. Over more than one the patient is expected where
@@ -71,33 +78,79 @@ def paper_run(recording: Recording, movements: Path, form: Form = Form.REFINED, 
     config = paper_config(movements, form)
     if stride > 1:
         config = replace(config, motion=MotionConfig(rule=MotionRule.STANDSTILL))
-    motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
-    return Run(prepare_room(recording, config), config, motions)
+    return Run(room, config, load_motions(config.motion_file, room.recording.rate_hz, config.motion))
+
+
+def paper_run(recording: Recording, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
+    """The same for a recording whose room is not known yet."""
+    return run_in(paper_room(recording, movements), movements, form, stride)
 
 
 def start_at(
     frame: int, frame_set: FrameSet, reference: Reference, run: Run, way: Way | None = None, stride: int = 1
 ) -> PaperTracker:
-    """A tracker of the patient from a frame (position in the recording) on, in which the pose is given.
+    """A tracker of the patient from a frame (position in the recording) on, in which the pose is given."""
+    return track_from(frame, given_start(frame, frame_set, reference, run), reference, run, way, stride)
 
-    The joints in the frames before, every ``stride``-th, are given too, as far back as there is no gap: the motion
-    dynamics need a past.
-    """
-    way = way or Way()
+
+def given_start(frame: int, frame_set: FrameSet, reference: Reference, run: Run) -> Start:
+    """The start in a frame in which the pose is given: who the patient is, and what is seen of them."""
     pose = reference.pose(frame)
     choice = PatientChoice(pose.root_m[[0, 2]], "was tracked before anything was removed", True)
     first = observe_first(frame_set, choice, 1.7, run)
     belief = _confident(vague_belief(pose))
     start = Start(first, reference.shape, belief, 1.0)
-    unnamed = PaperTracker(run, start, way)
+    unnamed = PaperTracker(run, start, Way())
     expected = unnamed.expect(pose)
     isolated = isolate_again(first, expected, first, run)
-    seen = observe(frame_set, isolated, expected, unnamed.height_m, run)
-    tracker = PaperTracker(run, replace(start, observation=seen), way)
+    return replace(start, observation=observe(frame_set, isolated, expected, unnamed.height_m, run))
+
+
+def track_from(
+    frame: int, start: Start, reference: Reference, run: Run, way: Way | None = None, stride: int = 1
+) -> PaperTracker:
+    """A tracker of the patient from a given start in a frame on.
+
+    The joints in the frames before, every ``stride``-th, are given too, as far back as there is no gap: the motion
+    dynamics need a past.
+    """
+    tracker = PaperTracker(run, start, way or Way())
     lost = np.flatnonzero(~reference.found[:frame])
     since = max(lost[-1] + 1 if len(lost) else 0, frame - stride * (run.config.follow.history - 1))
     tracker.history.extendleft(reference.joints_m[since:frame][::-1][stride - 1 :: stride])
     return tracker
+
+
+class GivenStarts:
+    """The frames of a recording and the given starts in them, made once for all methods and forms.
+
+    The methods of an experiment differ in what follows an observation; only few have another mesh.
+    """
+
+    def __init__(self, room: Room, reference: Reference) -> None:
+        self.room, self.reference = room, reference
+        self._frames: dict[int, FrameSet] = {}
+        self._starts: dict[tuple[int, TrackConfig], Start] = {}
+
+    def frames(self, first: int, length: int) -> list[FrameSet]:
+        """The frames of a segment."""
+        if first not in self._frames or first + length - 1 not in self._frames:
+            read = read_frames(self.room.recording, first, first + length)
+            self._frames.update(enumerate(read, first))
+        return [self._frames[first + number] for number in range(length)]
+
+    def start(self, frame: int, run: Run) -> Start:
+        """The given start in a frame, as a run in the same room observes it."""
+        key = frame, _observing(run.config)
+        if key not in self._starts:
+            self._starts[key] = given_start(frame, self.frames(frame, 1)[0], self.reference, run)
+        return self._starts[key]
+
+
+def _observing(config: TrackConfig) -> TrackConfig:
+    """The configuration without what comes after an observation: prediction, matches and tree."""
+    follow = replace(config.follow, look_ahead=1, tree_nodes=1)
+    return replace(config, tree=TreeConfig(), gate=GateConfig(), motion=MotionConfig(), follow=follow)
 
 
 def follow_segment(tracker: PatientTracker, later: Sequence[FrameSet]) -> np.ndarray:

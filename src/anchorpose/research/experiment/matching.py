@@ -46,13 +46,15 @@ class Matches:
     """A method's matches of the m nodes of a window's first frame: nodes of the second, -1 = no match.
 
     direct (m,): its only hypothesis, -1 where it has several; links: the hypotheses of each pair of frames; tree: the
-    choice of the track tree, for its ``node`` only: those on the body; every: that of a tree that gives no node up.
+    choice of the track tree, for its ``node`` only: those on the body; every: that of a tree that gives no node up;
+    describe_s: seconds on one core for the first two frames' descriptors and the matches between them.
     """
 
     direct: np.ndarray
     links: tuple[Matcher, ...]
     tree: GlobalHypothesis
     every: GlobalHypothesis
+    describe_s: float
 
 
 def take_window(frame: int, reference: Reference, run: Run, stride: int = 1) -> Window | None:
@@ -81,8 +83,11 @@ def match_window(method: Method, setting: object, window: Window) -> Matches:
         raise ValueError(f"{method.key} has no association")
     config, associate = method.configure(window.config, setting), method.associate(setting)
     seen = window.observations[: config.follow.look_ahead + 1]
-    links = tuple(associate(now, after, config) for now, after in pairwise(seen))
-    hypotheses = links[0].all().match
+    began = time.process_time()
+    first = associate(seen[0], seen[1], config)
+    hypotheses = first.all().match
+    describe_s = time.process_time() - began
+    links = (first, *(associate(now, after, config) for now, after in pairwise(seen[1:])))
     tracker = window.tracker
     never = replace(config, tree=replace(config.tree, missed_cost_m=NEVER_M))
     tree, every = (
@@ -92,7 +97,7 @@ def match_window(method: Method, setting: object, window: Window) -> Matches:
     direct = (
         hypotheses[:, 0] if not method.several and hypotheses.shape[1] == 1 else np.full(len(hypotheses), -1, np.int32)
     )
-    return Matches(direct, links, tree, every)
+    return Matches(direct, links, tree, every, describe_s)
 
 
 def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
@@ -159,22 +164,26 @@ def score(method: Method, setting: object, window: Window, truth: Truth) -> Matc
         tree_skin_mm=_skin_mm(tree, truth, frame),
         mirrored=_mirrored(chosen, truth, frame),
         nodes=len(window.observations[0].surface),
-        describe_s=_seconds(method, setting, window),
+        describe_s=matches.describe_s + _anchors_s(method, setting, window),
     )
 
 
-def _seconds(method: Method, setting: object, window: Window) -> float:
-    """Seconds on one core for two frames' descriptors and the matches between them, anchors and distances included."""
-    if method.associate is None:
-        return np.nan
-    now, after = window.observations[:2]
+def warm_up(method: Method, setting: object, window: Window) -> None:
+    """Match two frames once: kernels are loaded or compiled at their first call, which is no time of the method's."""
+    if method.associate is not None:
+        now, after = window.observations[:2]
+        method.associate(setting)(now, after, method.configure(window.config, setting)).all()
+
+
+def _anchors_s(method: Method, setting: object, window: Window) -> float:
+    """Seconds on one core for two frames' anchors and distances, if the method uses those of the observation."""
+    if method.family is not Family.PROPOSED:
+        return 0.0
     config, start = method.configure(window.config, setting), time.process_time()
-    method.associate(setting)(now, after, config).all()
-    if method.family is Family.PROPOSED:  # its descriptors are made with the observation
-        for seen in (now, after):
-            field = center_field(seen.whole).distance_m
-            geodesic_extrema(seen.whole, field, config.anchors.radius * window.tracker.height_m)
-            anchor_descriptor(seen.whole, seen.anchors)
+    for seen in window.observations[:2]:
+        field = center_field(seen.whole).distance_m
+        geodesic_extrema(seen.whole, field, config.anchors.radius * window.tracker.height_m)
+        anchor_descriptor(seen.whole, seen.anchors)
     return time.process_time() - start
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 
@@ -30,8 +30,8 @@ OWN: Final = "own"
 NEXT: Final = "next"
 """Key of its next generation, the paper's future work."""
 
-CACHED_FRAMES: Final = 12  # whose descriptors are kept, 32 MB each for the largest: those of the look-ahead, and more
-CACHED_PAIRS: Final = 24  # whose matches are kept: those of a segment, for all its forms
+CACHED_BYTES: Final = 400_000_000  # of descriptors: the largest of twelve frames, most of a whole segment in all forms
+CACHED_PAIRS: Final = 48  # whose matches are kept: those of a segment, for all its forms
 
 
 class Family(StrEnum):
@@ -51,7 +51,7 @@ class Method:
     """A method and its settings, of which the training recordings choose one.
 
     associate: makes the association of two frames from a setting; None for a complete tracker. configure: other changes
-    to the framework's configuration (for a tracker: to the defaults). frame_ms: approximate time of a frame of 2,000
+    to the framework's configuration (for a tracker: to the defaults). frame_ms: approximate time of a frame of 3,000
     nodes on one core, to estimate the duration of an experiment. several: it makes several hypotheses per node, among
     which only the tree can choose. filtered, own_surface: see ``paper_tracker.Way``.
     content: digest of the file that it comes from; empty for those of the package.
@@ -106,7 +106,12 @@ def cached_per_frame(describe: Callable[[Observation], np.ndarray]) -> Callable[
     recent: dict[bytes, np.ndarray] = {}
 
     def described(seen: Observation) -> np.ndarray:
-        return _kept(recent, CACHED_FRAMES, _content(seen), lambda: describe(seen))
+        key = _content(seen)
+        if key not in recent:
+            recent[key] = describe(seen)
+            while len(recent) > 2 and sum(one.nbytes for one in recent.values()) > CACHED_BYTES:
+                del recent[next(iter(recent))]
+        return recent[key]
 
     return described
 
@@ -117,21 +122,13 @@ def cached_per_pair(associate: Associate) -> Associate:
 
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
         key = _content(now) + _content(following)
-        return _kept(recent, CACHED_PAIRS, key, lambda: associate(now, following, config))
+        if key not in recent:
+            recent[key] = associate(now, following, config)
+            if len(recent) > CACHED_PAIRS:
+                del recent[next(iter(recent))]
+        return recent[key]
 
     return pair
-
-
-Kept = TypeVar("Kept")
-
-
-def _kept(recent: dict[bytes, Kept], most: int, key: bytes, make: Callable[[], Kept]) -> Kept:
-    """What is known under a key; of more than ``most`` the oldest is forgotten."""
-    if key not in recent:
-        recent[key] = make()
-        if len(recent) > most:
-            del recent[next(iter(recent))]
-    return recent[key]
 
 
 def _content(seen: Observation) -> bytes:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 
 from anchorpose.body.anchor_limbs import CONTRADICTED_M, contradicted_by
 from anchorpose.body.belief import PoseBelief
+from anchorpose.body.body_map import map_body
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import join, place_constraints
 from anchorpose.body.fit import damped_step, pose_equations, range_information
@@ -19,11 +21,12 @@ from anchorpose.body.own_surface import match_skin
 from anchorpose.body.part_registration import ITERATIONS, joints_of_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, posterior
-from anchorpose.body.skin_points import Body, PosedPoints, pose_points
+from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.body.tips import anchor_points
 from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.research.experiment.config import Form
+from anchorpose.surface.surface import BodyMap
 from anchorpose.tracker.association import GlobalHypothesis, pairs_of, part_motion, parts_by_icp
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.patient import PatientTracker
@@ -51,6 +54,11 @@ class PaperTracker(PatientTracker):
         self.way = way
         super().__init__(run, start)
 
+    def use_shape(self, shape: FittedShape) -> None:
+        """As in ``PatientTracker``; a tracker starts again every second, always with the same body."""
+        self.shape = shape
+        self.body, self.map = _body_of(shape)
+
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
         config, form, robust = self.config.registration, self.way.form, self.way.form.rejects
         now, window = pose_points(self.body, self.belief.pose), list(self.window.seen)
@@ -70,6 +78,12 @@ class PaperTracker(PatientTracker):
         if not robust and not found.found:  # a pose that explains too little is rejected too, for the predicted one
             return Registration(replace(predicted, pose=pose), found.explained, True)
         return found
+
+
+@lru_cache(maxsize=1)
+def _body_of(shape: FittedShape) -> tuple[Body, BodyMap]:
+    body = build_body(body_points(), shape)
+    return body, map_body(body)
 
 
 FAR_M: Final = 1000.0  # a scale at which no row loses weight

@@ -16,7 +16,7 @@ from zlib import crc32
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT
-from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.research.experiment.clips import (
     Clip,
@@ -28,6 +28,7 @@ from anchorpose.research.experiment.clips import (
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.correspondence import Skin
 from anchorpose.research.experiment.framework import (
+    GivenStarts,
     NoReference,
     Reference,
     follow_segment,
@@ -35,11 +36,21 @@ from anchorpose.research.experiment.framework import (
     in_its_world,
     make_reference,
     paper_config,
-    paper_run,
-    start_at,
+    paper_room,
+    run_in,
     to_arrays,
+    track_from,
 )
-from anchorpose.research.experiment.matching import MatchErrors, Truth, Window, draw_some, score, take_window, truth_of
+from anchorpose.research.experiment.matching import (
+    MatchErrors,
+    Truth,
+    Window,
+    draw_some,
+    score,
+    take_window,
+    truth_of,
+    warm_up,
+)
 from anchorpose.research.experiment.method import Family, Method, cached_per_pair
 from anchorpose.research.experiment.paper_tracker import Way
 from anchorpose.research.experiment.plan import Kind, Plan, Task, read
@@ -47,13 +58,14 @@ from anchorpose.simulate.write import simulate_recording
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedJoints:
     """frame (f,) positions in the recording; joints_m (forms, f, 21, 3) world, NaN where lost; seconds on one core, of
-    the first form."""
+    the first form, from the given start on."""
 
     frame: np.ndarray
     joints_m: np.ndarray
@@ -66,7 +78,7 @@ def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
 
 
 def track_segments(
-    method: Method, setting: object, reference: Reference, runs: Mapping[Form, Run], starts: Sequence[int], length: int
+    method: Method, setting: object, given: GivenStarts, runs: Mapping[Form, Run], starts: Sequence[int], length: int
 ) -> TrackedJoints:
     """The method in each form of the framework, started again at each start; the first frames are left out.
 
@@ -79,11 +91,11 @@ def track_segments(
     joints: dict[Form, list[np.ndarray]] = {form: [np.zeros((0, JOINT_COUNT, 3))] for form in runs}
     for start in starts:
         for number, (form, run) in enumerate(runs.items()):
-            began = time.process_time()
             own = replace(run, config=method.configure(run.config, setting), associate=associate)
-            sets = list(read_frames(run.room.recording, start, start + length))
             way = Way(form=form, filtered=method.filtered, own_surface=method.own_surface)
-            joints[form].append(follow_segment(start_at(start, sets[0], reference, own, way), sets[1:]))
+            first, later = given.start(start, own), given.frames(start, length)[1:]
+            began = time.process_time()
+            joints[form].append(follow_segment(track_from(start, first, given.reference, own, way), later))
             seconds += time.process_time() - began if number == 0 else 0.0
         frames.append(np.arange(start + 1, start + length))
     together = np.stack([np.concatenate(joints[form]) for form in runs])
@@ -188,27 +200,25 @@ def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recordin
 def _run_tasks(
     tasks: Sequence[Task], prepared: PreparedClip, recording: Recording, cut: np.ndarray, plan: Plan
 ) -> None:
-    cache = _WindowCache(prepared, plan, recording)
+    room = paper_room(recording, plan.movements)
+    cache, length = _WindowCache(prepared, plan, room), plan.config.segment_frames
     for task in tasks:
         if task.kind is Kind.MATCHED:
             known = cache.windows(task.method, task.setting)
+            for window, _ in known[:1]:
+                warm_up(task.method, task.setting, window)
             scores = [score(task.method, task.setting, window, truth) for window, truth in known]
             plan.store.write(task.path, _matched_arrays([window for window, _ in known], scores, prepared, cut, plan))
-    runs = {form: paper_run(recording, plan.movements, form) for form in Form}
+    runs = {form: run_in(room, plan.movements, form) for form in Form}
+    given, chosen = GivenStarts(room, prepared.reference), _segments(prepared, plan)
     for task in tasks:
         if task.kind is Kind.TRACKED:
-            track = _track(task, prepared, recording, runs, plan)
+            if task.method.family is Family.TRACKER:
+                track = _evaluated(track_whole(task.method, task.setting, recording), chosen, length)
+            else:
+                wanted = {form: runs[form] for form in task.forms}
+                track = track_segments(task.method, task.setting, given, wanted, chosen, length)
             plan.store.write(task.path, _tracked_arrays(track, prepared, cut))
-
-
-def _track(
-    task: Task, prepared: PreparedClip, recording: Recording, runs: Mapping[Form, Run], plan: Plan
-) -> TrackedJoints:
-    length, chosen = plan.config.segment_frames, _segments(prepared, plan)
-    if task.method.family is Family.TRACKER:
-        return _evaluated(track_whole(task.method, task.setting, recording), chosen, length)
-    wanted = {form: runs[form] for form in task.forms}
-    return track_segments(task.method, task.setting, prepared.reference, wanted, chosen, length)
 
 
 def _segments(prepared: PreparedClip, plan: Plan) -> list[int]:
@@ -219,8 +229,8 @@ def _segments(prepared: PreparedClip, plan: Plan) -> list[int]:
 class _WindowCache:
     """The windows of a recording, shared by all methods with the same kind of mesh."""
 
-    def __init__(self, prepared: PreparedClip, plan: Plan, recording: Recording) -> None:
-        self.prepared, self.plan, self.recording = prepared, plan, recording
+    def __init__(self, prepared: PreparedClip, plan: Plan, room: Room) -> None:
+        self.prepared, self.plan, self.room = prepared, plan, room
         self.taken: dict[SurfaceConfig, list[tuple[Window, Truth]]] = {}
 
     def windows(self, method: Method, setting: object) -> list[tuple[Window, Truth]]:
@@ -234,7 +244,7 @@ class _WindowCache:
 
     def _of_gap(self, gap_s: float, surface: SurfaceConfig) -> Iterator[Window]:
         stride = self.plan.config.stride(gap_s)
-        run = paper_run(self.recording, self.plan.movements, stride=stride)
+        run = run_in(self.room, self.plan.movements, stride=stride)
         run = replace(run, config=replace(run.config, surface=surface))
         for frame in window_frames(self.prepared, self.plan, stride):
             window = take_window(frame, self.prepared.reference, run, stride)

@@ -42,8 +42,10 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
     """Divide a weight between the two bins whose middles are nearest to a fraction of a turn."""
     at = fraction * len(bins) - 0.5
     low = int(np.floor(at))
-    bins[low % len(bins)] += weight * (1.0 - (at - low))
-    bins[(low + 1) % len(bins)] += weight * (at - low)
+    part = at - low
+    low = low if low >= 0 else len(bins) - 1  # a remainder would cost more than the rest
+    bins[low] += weight * (1.0 - part)
+    bins[low + 1 if low + 1 < len(bins) else 0] += weight * part
 
 
 @njit(cache=True)

@@ -218,7 +218,9 @@ def _fill(local: np.ndarray, count: int, plane: tuple, bins: np.ndarray) -> None
         to = turn_fraction(gx, gy, 0.0) * orientations - 0.5
         s, o = int(np.floor(at)), int(np.floor(to))
         ds, do = at - s, to - o
-        bins[s % slices, o % orientations] += weight * (1.0 - ds) * (1.0 - do)
-        bins[s % slices, (o + 1) % orientations] += weight * (1.0 - ds) * do
-        bins[(s + 1) % slices, o % orientations] += weight * ds * (1.0 - do)
-        bins[(s + 1) % slices, (o + 1) % orientations] += weight * ds * do
+        s, o = s if s >= 0 else slices - 1, o if o >= 0 else orientations - 1  # remainders are slow
+        s_after, o_after = s + 1 if s + 1 < slices else 0, o + 1 if o + 1 < orientations else 0
+        bins[s, o] += weight * (1.0 - ds) * (1.0 - do)
+        bins[s, o_after] += weight * (1.0 - ds) * do
+        bins[s_after, o] += weight * ds * (1.0 - do)
+        bins[s_after, o_after] += weight * ds * do

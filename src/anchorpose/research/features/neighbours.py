@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
+from numba import njit
 from scipy.spatial import cKDTree
+
+BLOCK: Final = 32  # nodes that are passed over together: a row of a mesh across a limb
 
 
 class Neighbours(NamedTuple):
@@ -32,17 +34,62 @@ def find_neighbours(points_m: np.ndarray, radius_m: float, chosen: np.ndarray | 
     """
     require_radius(radius_m)
     points, centre = as_points(points_m, "points_m"), as_chosen(chosen, len(points_m))
-    known = np.flatnonzero(np.isfinite(points).all(axis=1))
-    asked = np.flatnonzero(np.isfinite(points[centre]).all(axis=1))
-    within = cKDTree(points[centre[asked]]).sparse_distance_matrix(
-        cKDTree(points[known]), radius_m, output_type="ndarray"
-    )
-    row, node = asked[within["i"]], known[within["j"]]
-    apart = node != centre[row]
-    found = coo_array((within["v"][apart], (row[apart], node[apart])), shape=(len(centre), len(points))).tocsr()
-    found.sort_indices()
-    distance2 = (found.data**2).astype(np.float32)
-    return Neighbours(centre, found.indptr.astype(np.int64), found.indices.astype(np.int32), distance2, float(radius_m))
+    start, node, distance2 = _within(points, centre, radius_m)
+    return Neighbours(centre, start, node, distance2, float(radius_m))
+
+
+@njit(cache=True)
+def _within(points: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Start, node and squared distance of ``Neighbours``.
+
+    Of a mesh, nodes that follow each other lie side by side: blocks of them are near or far as a whole, and what is
+    found stands in order, unlike the answers of a tree.
+    """
+    low, high = _boxes(points)
+    limit, count = radius * radius, len(points)
+    start = np.zeros(len(centre) + 1, np.int64)
+    node, distance2 = np.empty(64 * count, np.int32), np.empty(64 * count, np.float32)
+    spot = 0
+    for c in range(len(centre)):
+        if spot + count > len(node):
+            node, distance2 = longer(node, count), longer(distance2, count)
+        x, y, z = np.float64(points[centre[c], 0]), np.float64(points[centre[c], 1]), np.float64(points[centre[c], 2])
+        for block in range(len(low)):
+            dx = max(low[block, 0] - x, x - high[block, 0], 0.0)
+            dy = max(low[block, 1] - y, y - high[block, 1], 0.0)
+            dz = max(low[block, 2] - z, z - high[block, 2], 0.0)
+            if dx * dx + dy * dy + dz * dz > limit:
+                continue
+            for other in range(block * BLOCK, min((block + 1) * BLOCK, count)):
+                dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
+                apart2 = dx * dx + dy * dy + dz * dz
+                node[spot], distance2[spot] = other, apart2  # the next one overwrites it unless it is near
+                spot += (apart2 <= limit) & (other != centre[c])
+        start[c + 1] = spot
+    return start, node[:spot].copy(), distance2[:spot].copy()
+
+
+@njit(cache=True)
+def _boxes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest coordinates (b, 3) float64 of blocks of nodes; inf and -inf where none has a position."""
+    blocks = (len(points) + BLOCK - 1) // BLOCK
+    low, high = np.full((blocks, 3), np.inf), np.full((blocks, 3), -np.inf)
+    for node in range(len(points)):
+        for axis in range(3):
+            value = np.float64(points[node, axis])
+            if value < low[node // BLOCK, axis]:
+                low[node // BLOCK, axis] = value
+            if value > high[node // BLOCK, axis]:
+                high[node // BLOCK, axis] = value
+    return low, high
+
+
+@njit(cache=True)
+def longer(array: np.ndarray, extra: int) -> np.ndarray:
+    """The array with room for as many again, and some more."""
+    room = np.empty(2 * len(array) + extra, array.dtype)
+    room[: len(array)] = array
+    return room
 
 
 def count_within(points_m: np.ndarray, radius_m: float) -> np.ndarray:

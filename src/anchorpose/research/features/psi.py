@@ -68,11 +68,18 @@ def _match_all(
     """As ``match_by_psi``; reached: a bit per anchor; only (s,): the bits of a filled-up subset, -1 for others."""
     match = np.full((len(source), len(subsets)), -1, np.int32)
     psi, offset = np.empty(len(target), np.int64), np.empty((len(target), subsets.shape[1]))
+    columns, near, possible = np.ascontiguousarray(target.T), np.empty(len(target), np.int8), psi.copy()
+    fewest = _fewest_anchors(subsets)
     for node in range(len(source)):
+        widest2 = 0.0
+        for s in range(len(subsets)):
+            if np.isfinite(limit2[node, s]):  # it is not where a distance of the node is not: psi is empty then
+                widest2 = max(widest2, limit2[node, s])
+        count = _possible(source[node], columns, widest2, fewest, near, possible)
         for s in range(len(subsets)):
             alone = only[s] >= 0 and reached[node] != only[s]
             size = 0
-            for other in range(len(target)):
+            for other in possible[:count]:
                 if alone and target_reached[other] != only[s]:
                     continue
                 apart2 = 0.0
@@ -87,6 +94,32 @@ def _match_all(
             if size:
                 match[node, s] = _middle(places, psi[:size], offset[:size], unclipped and only[s] < 0)
     return match
+
+
+@njit(cache=True)
+def _fewest_anchors(subsets: np.ndarray) -> int:
+    fewest = subsets.shape[1]
+    for s in range(len(subsets)):
+        fewest = min(fewest, (subsets[s] >= 0).sum())
+    return fewest
+
+
+@njit(cache=True)
+def _possible(
+    distance: np.ndarray, columns: np.ndarray, limit2: float, fewest: int, near: np.ndarray, possible: np.ndarray
+) -> int:
+    """Fill possible with the nodes whose distance (5, n) to so many anchors is alike that they may be in a psi."""
+    near[:] = 0
+    for anchor in range(len(columns)):
+        column, own = columns[anchor], distance[anchor]
+        for other in range(len(column)):
+            off = column[other] - own
+            near[other] += off * off < limit2
+    count = 0
+    for other in range(len(near)):
+        possible[count] = other
+        count += near[other] >= fewest
+    return count
 
 
 @njit(cache=True)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from anchorpose.research.features.neighbours import longer
 from anchorpose.surface.surface import Surface
 
 
@@ -68,7 +69,7 @@ def _search(edges: _Edges, chosen: np.ndarray, reach: np.ndarray) -> tuple[np.nd
     for k in range(len(chosen)):
         first, limit = end, np.float32(reach[k])
         if end + count > len(node):
-            node, distance = _longer(node, count), _longer(distance, count)
+            node, distance = longer(node, count), longer(distance, count)
         if limit > 0:
             best[chosen[k]], node[end] = 0.0, chosen[k]
             end = _spread(edges, limit, best, queue, waits, node, end + 1)
@@ -115,13 +116,6 @@ def _spread(
                 queue[(head + size) % count] = other
                 size, waits[other] = size + 1, True
     return end
-
-
-@njit(cache=True)
-def _longer(array: np.ndarray, extra: int) -> np.ndarray:
-    longer = np.empty(2 * len(array) + extra, array.dtype)
-    longer[: len(array)] = array
-    return longer
 
 
 @njit(cache=True)

@@ -90,7 +90,7 @@ def _method(
         associate=partial(_by_psi, describe, size),
         configure=configure,
         several=True,
-        frame_ms=150.0,
+        frame_ms=90.0,
     )
 
 

@@ -85,7 +85,7 @@ def _both(
         Method(key=key, title=title, family=Family.LOCAL, source=source, settings=chosen, associate=associate,
                frame_ms=frame_ms),
         Method(key=f"{key}-5cm", title=f"{title}, 5 cm", family=Family.LOCAL, source=source,
-               settings=(setting(USUAL_RADIUS_M, 0),), associate=associate, frame_ms=frame_ms / 4.0),
+               settings=(setting(USUAL_RADIUS_M, 0),), associate=associate, frame_ms=frame_ms / 2.0),
     )  # fmt: skip
 
 
@@ -94,25 +94,25 @@ LOCAL = (
         "fpfh", "FPFH", "Rusu et al. 2009, doi:10.1109/ROBOT.2009.5152473", _fpfh,
         lambda radius, variant: DescriptorSetting(
             config=FpfhConfig(radius_m=radius), metric=(Metric.HELLINGER, Metric.EUCLIDEAN)[variant]
-        ), 60.0,
+        ), 80.0,
     ),
     *_both(
         "shot", "SHOT", "Tombari et al. 2010, doi:10.1007/978-3-642-15558-1_26", _shot,
         lambda radius, variant: DescriptorSetting(
             config=ShotConfig(radius_m=radius, z_by_normal=(True, False)[variant])
-        ), 120.0,
+        ), 160.0,
     ),
     *_both(
         "shape-context", "3D shape context", "Frome et al. 2004, doi:10.1007/978-3-540-24672-5_18", _shape_context,
         lambda radius, variant: DescriptorSetting(
             config=ContextSetting(config=ShapeContextConfig(radius_m=radius), unit_length=(True, False)[variant])
-        ), 350.0, 0.30,
+        ), 640.0, 0.30,
     ),
     *_both(
         "rops", "RoPS", "Guo et al. 2013, doi:10.1007/s11263-013-0627-y", _rops,
         lambda radius, variant: DescriptorSetting(
             config=RopsConfig(radius_m=radius), metric=(Metric.MANHATTAN, Metric.EUCLIDEAN)[variant]
-        ), 250.0, 0.30,
+        ), 330.0, 0.30,
     ),
 )  # fmt: skip
 
@@ -139,7 +139,7 @@ MESH = (
             for radius, spread in ((0.20, 0.5), (0.20, 0.3), (0.10, 0.3))
         ),
         associate=by_descriptor(_mesh_hog),
-        frame_ms=150.0,
+        frame_ms=200.0,
     ),
     Method(
         key="ld-sift",
@@ -152,7 +152,7 @@ MESH = (
             for radius in (0.20, 0.15, 0.10)
         ),
         associate=by_descriptor(_ld_sift),
-        frame_ms=150.0,
+        frame_ms=360.0,
     ),
 )
 

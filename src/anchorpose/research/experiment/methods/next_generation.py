@@ -93,15 +93,22 @@ def _associate(setting: NextSetting) -> Associate:
 
 def _local(source: np.ndarray, target: np.ndarray, sigma: float, nodes: np.ndarray) -> np.ndarray:
     """(k, n) float32: squared distances of signatures of unit length, in deviations, at most ``MOST_SHOT``."""
-    apart2 = np.maximum(2.0 - 2.0 * source[nodes] @ target.T, 0.0)
-    return np.asarray(np.minimum(apart2 / np.float32(sigma**2), np.float32(MOST_SHOT)))
+    apart2 = 2.0 * source[nodes] @ target.T
+    np.subtract(2.0, apart2, out=apart2)  # in place: new arrays of this size cost more than the arithmetic
+    np.maximum(apart2, 0.0, out=apart2)
+    apart2 /= np.float32(sigma**2)
+    return np.asarray(np.minimum(apart2, np.float32(MOST_SHOT), out=apart2))
+
+
+Nodes = tuple[np.ndarray, np.ndarray]
+"""Distances to the anchors (n, 5) and places (n, 3)."""
 
 
 @njit(cache=True)
 def most_similar(
     local: np.ndarray,
-    seen: tuple[np.ndarray, np.ndarray],
-    others: tuple[np.ndarray, np.ndarray],
+    seen: Nodes,
+    others: Nodes,
     subsets: np.ndarray,
     per2: tuple[float, float],
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -113,25 +120,58 @@ def most_similar(
     """
     match = np.zeros((len(local), len(subsets)), np.int32)
     total = np.full((len(local), len(subsets)), np.inf, np.float32)
-    distance, place, each = others[0], others[1], np.empty(seen[0].shape[1], np.float32)
-    for node in range(len(local)):
-        for other in range(len(place)):
-            base = np.float32(0.0)
-            for axis in range(3):
-                off = seen[1][node, axis] - place[other, axis]
-                base += off * off
-            base = local[node, other] + min(base * np.float32(per2[1]), np.float32(MOST))
-            for anchor in range(len(each)):
-                off = seen[0][node, anchor] - distance[other, anchor]
-                off2 = off * off * np.float32(per2[0])
-                each[anchor] = off2 if off2 < MOST else np.float32(MOST)  # never less where it is NaN
+    each, sums = np.empty(seen[0].shape[1], np.float32), np.empty(len(subsets), np.float32)
+    for node in range(len(local) if local.shape[1] else 0):
+        likely = local[node].argmin()
+        _add_up(_base(local, seen, others, per2, node, likely), seen, others, subsets, per2, node, likely, each, sums)
+        worst = sums.max()  # no node that is farther off by signature and place alone is the most similar of a subset
+        for other in range(local.shape[1]):
+            if local[node, other] > worst:
+                continue
+            base = _base(local, seen, others, per2, node, other)
+            if base > worst:
+                continue
+            _add_up(base, seen, others, subsets, per2, node, other, each, sums)
             for s in range(len(subsets)):
-                apart2 = base
-                for anchor in subsets[s]:
-                    apart2 += each[anchor]
-                if apart2 < total[node, s]:
-                    total[node, s], match[node, s] = apart2, other
+                if sums[s] < total[node, s]:
+                    total[node, s], match[node, s] = sums[s], other
+            worst = min(worst, total[node].max())
     return match, total
+
+
+@njit(cache=True)
+def _base(
+    local: np.ndarray, seen: Nodes, others: Nodes, per2: tuple[float, float], node: int, other: int
+) -> np.float32:
+    """The squared deviations of signature and place."""
+    base = np.float32(0.0)
+    for axis in range(3):
+        off = seen[1][node, axis] - others[1][other, axis]
+        base += off * off
+    return local[node, other] + min(base * np.float32(per2[1]), np.float32(MOST))
+
+
+@njit(cache=True)
+def _add_up(
+    base: np.float32,
+    seen: Nodes,
+    others: Nodes,
+    subsets: np.ndarray,
+    per2: tuple[float, float],
+    node: int,
+    other: int,
+    each: np.ndarray,
+    sums: np.ndarray,
+) -> None:
+    """Fill sums (s,): base and the squared deviations of the distances to each subset's anchors; each (5,): those."""
+    for anchor in range(len(each)):
+        off = seen[0][node, anchor] - others[0][other, anchor]
+        off2 = off * off * np.float32(per2[0])
+        each[anchor] = off2 if off2 < MOST else np.float32(MOST)  # never less where it is NaN
+    for s in range(len(subsets)):
+        sums[s] = base
+        for anchor in subsets[s]:
+            sums[s] += each[anchor]
 
 
 def jitter_m(now: Observation, following: Observation, local: partial[np.ndarray]) -> np.ndarray:
@@ -163,6 +203,6 @@ METHODS = (
         configure=_configure,
         several=True,
         own_surface=True,
-        frame_ms=350.0,
+        frame_ms=170.0,
     ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -47,14 +48,18 @@ BASELINES = (
     Method(key="none", title="no association: prediction and ICP", family=Family.NONE, source="",
            associate=_none, frame_ms=1.0),
     Method(key="nearest", title="the node nearest to where the node was", family=Family.NONE, source="",
-           associate=_nearest, frame_ms=5.0),
+           associate=_nearest, frame_ms=3.0),
 )  # fmt: skip
 
 
 def _gmds(setting: Any) -> Associate:
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+        @cache  # all nodes are matched at once, however few are asked for
+        def match() -> np.ndarray:
+            return match_by_gmds(now.surface, following.surface, setting)
+
         def find(nodes: np.ndarray) -> np.ndarray:
-            return match_by_gmds(now.surface, following.surface, setting)[nodes][:, None]
+            return match()[nodes][:, None]
 
         return Matcher(find, len(now.surface), NO_SUBSET)
 
@@ -69,7 +74,7 @@ GLOBAL = (
         source="Bronstein et al. 2006, doi:10.1073/pnas.0508601103",
         settings=(GmdsConfig(), GmdsConfig(samples=60), GmdsConfig(cap_m=0.3)),
         associate=_gmds,
-        frame_ms=500.0,
+        frame_ms=550.0,
     ),
 )
 

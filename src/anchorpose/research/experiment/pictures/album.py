@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Final
@@ -35,7 +35,7 @@ from anchorpose.research.experiment.pictures.hypotheses import hypothesis_pictur
 from anchorpose.research.experiment.pictures.matches import match_pictures, pairs_of
 from anchorpose.research.experiment.pictures.regions import HoledFrame, region_pictures
 from anchorpose.research.experiment.pictures.tracked import follow, tracked_picture
-from anchorpose.research.experiment.plan import Plan, PlanSpec
+from anchorpose.research.experiment.plan import Plan, PlanSpec, identity
 from anchorpose.research.experiment.results import PaperTimes
 from anchorpose.research.experiment.work import PreparedClip, prepare_clip, with_holes
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
@@ -45,6 +45,7 @@ from anchorpose.surface.patient_surface import patient_surface
 from anchorpose.surface.surface import Surface
 from anchorpose.threads import one_thread
 from anchorpose.tracker.run import Run
+from anchorpose.versions import code_digest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,22 +172,57 @@ def _median_s(work: Callable[[], object]) -> float:
     return float(np.median(took))
 
 
-def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> tuple[PaperTimes | None, tuple[str, ...]]:
+SHOWN: Final = "shown.json"  # in the folder of pictures: what they were made of, and the times
+Shown = tuple[PaperTimes | None, tuple[str, ...]]
+
+
+def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
     """Write ``out / pictures``, empty where nothing can be shown; returns times, and a sentence per failed recording.
 
     The times are of another image, see ``_paper_size_times``; none where nothing is tuned, in a mere check. The last
-    training recording is taken, whose movements are the fastest; if that fails, the one before.
+    training recording is taken, whose movements are the fastest; if that fails, the one before. Pictures that an
+    earlier run made of the same stay.
     """
-    plan, failed, shown = spec.plan(), list[str](), False
+    plan = spec.plan()
+    made_of = _made_of(plan, trainers)
+    known = _shown_before(out / "pictures", made_of)
+    if known is not None:
+        return known
     with whole_or_nothing(out / "pictures", ("*",)) as folder, one_thread():
-        for clip in reversed(trainers):
-            try:
-                if not shown:
-                    _show_one(folder.parent / folder.name, plan, clip)
-                    shown = True
-                return _paper_size_times(plan, clip), tuple(failed)
-            except AnchorposeError as error:
-                failed.append(f"{clip.name} is not shown: {error}")
+        times, failed = _show_last(folder.parent / folder.name, plan, trainers)
+        account = {"made_of": made_of, "times": None if times is None else asdict(times), "failed": failed}
+        (folder / SHOWN).write_text(json.dumps(account), encoding="utf-8")
+    return times, failed
+
+
+def _made_of(plan: Plan, trainers: Sequence[Clip]) -> str:
+    """The digest of all that the pictures depend on: code, methods, settings, recordings."""
+    methods = [(method.key, method.content, plan.settings[method.key]) for method in plan.methods]
+    what = (code_digest(), plan.config, methods, plan.movements_digest, [identity(clip) for clip in trainers])
+    return plan.store.path("pictures", *what).stem
+
+
+def _shown_before(folder: Path, made_of: str) -> Shown | None:
+    """What ``show`` returned when it made the pictures in a folder; None where they were made of something else."""
+    try:
+        account = json.loads((folder / SHOWN).read_text(encoding="utf-8"))
+        if account["made_of"] != made_of:
+            return None
+        return None if account["times"] is None else PaperTimes(**account["times"]), tuple(account["failed"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _show_last(folder: Path, plan: Plan, trainers: Sequence[Clip]) -> Shown:
+    failed, shown = list[str](), False
+    for clip in reversed(trainers):
+        try:
+            if not shown:
+                _show_one(folder, plan, clip)
+                shown = True
+            return _paper_size_times(plan, clip), tuple(failed)
+        except AnchorposeError as error:
+            failed.append(f"{clip.name} is not shown: {error}")
     return None, tuple(failed)
 
 
