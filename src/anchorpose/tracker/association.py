@@ -143,6 +143,20 @@ def pairs_of(
     return place_constraints(point, hypothesis.matched_m[found] + beside, PAIR_SIGMA_M, 3.0 * PAIR_SIGMA_M)
 
 
+def skin_places(
+    now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[Observation], T_next_now: np.ndarray
+) -> np.ndarray:
+    """(m, 3) where the skin point beside each node goes: to the node's match, less their distance along the skin.
+
+    The distance off the skin is not kept, so a body that has drifted from the surface is brought back. NaN where the
+    node is missed.
+    """
+    skin, normals = now.points_m[hypothesis.point], now.normals[hypothesis.point]
+    beside = skin - window[0].surface.points_m[hypothesis.node]
+    along = beside - (beside * normals).sum(axis=1, keepdims=True) * normals
+    return np.asarray(hypothesis.matched_m + np.einsum("mij,mj->mi", T_next_now[hypothesis.part, :3, :3], along))
+
+
 def parts_by_icp(
     now: PosedPoints,
     hypothesis: GlobalHypothesis,
@@ -153,13 +167,10 @@ def parts_by_icp(
 ) -> np.ndarray:
     """(b, 4, 4) T_next_now of every part by the paper's ICP; parts without evidence keep their prediction.
 
-    A skin point moves to the match of the node beside it, less their distance along the skin; the distance off the
-    skin is not kept, so a body that has drifted from the surface is brought back.
+    The points of the skin go to their ``skin_places``.
     """
     point, part = hypothesis.point, hypothesis.part
     skin, normals = now.points_m[point], now.normals[point]
-    beside = skin - window[0].surface.points_m[hypothesis.node]
-    along = beside - (beside * normals).sum(axis=1, keepdims=True) * normals
-    matched = hypothesis.matched_m + np.einsum("mij,mj->mi", T_predicted[part, :3, :3], along)
+    matched = skin_places(now, hypothesis, window, T_predicted)
     skin_points, surface = Oriented(skin, normals), window[1].surface
     return register_parts(skin_points, part, matched, surface, T_predicted, iterations, robust).T_next_now

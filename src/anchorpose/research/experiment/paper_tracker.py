@@ -27,7 +27,7 @@ from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.research.experiment.config import Form
 from anchorpose.surface.surface import BodyMap
-from anchorpose.tracker.association import GlobalHypothesis, pairs_of, part_motion, parts_by_icp
+from anchorpose.tracker.association import PAIR_SIGMA_M, GlobalHypothesis, part_motion, parts_by_icp, skin_places
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.run import Run
@@ -66,18 +66,20 @@ class PaperTracker(PatientTracker):
             predicted = filter_matches(self.body, now, hypothesis, window, predicted, config, robust)
             pose = predicted.pose
             if not form.refined:
-                return Registration(predicted, 1.0, True)
+                return Registration(replace(predicted, pose=self._with_limbs(pose)), 1.0, True)
             hypothesis = replace(hypothesis, matched_m=np.full_like(hypothesis.matched_m, np.nan))
         T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
         T_next_now = parts_by_icp(now, hypothesis, window, T_predicted, ITERATIONS if form.refined else 0, robust)
         joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
-        pose = pose_from_joints(self.body, pose, joints)
-        if self.way.own_surface:
-            pose = bring_limbs_back(self.body, pose, self.window[1].geodesics)
+        pose = self._with_limbs(pose_from_joints(self.body, pose, joints))
         found = posterior(self.body, pose, predicted, self.window[1].evidence, config)
         if not robust and not found.found:  # a pose that explains too little is rejected too, for the predicted one
             return Registration(replace(predicted, pose=pose), found.explained, True)
         return found
+
+    def _with_limbs(self, pose: Pose) -> Pose:
+        """The pose with lost limbs brought back, where the method does that."""
+        return bring_limbs_back(self.body, pose, self.window[1].geodesics) if self.way.own_surface else pose
 
 
 @lru_cache(maxsize=1)
@@ -86,6 +88,7 @@ def _body_of(shape: FittedShape) -> tuple[Body, BodyMap]:
     return body, map_body(body)
 
 
+PAIR_SCALE_M: Final = 3.0 * PAIR_SIGMA_M  # at which a match has a quarter of its weight
 FAR_M: Final = 1000.0  # a scale at which no row loses weight
 FILTER_STEPS: Final = 4  # of Gauss and Newton: an iterated extended Kalman filter; it settles in three
 
@@ -105,10 +108,12 @@ def filter_matches(
     belief is the prediction. robust: distant matches count less.
     """
     T_next_now = part_motion(now.transforms, pose_points(body, predicted.pose).transforms)
-    pairs = pairs_of(now, hypothesis, window, T_next_now)
-    if len(pairs) == 0:
+    places = skin_places(now, hypothesis, window, T_next_now)
+    found = np.isfinite(places).all(axis=1)
+    if not found.any():
         return predicted
-    rows = pairs if robust else replace(pairs, scale_m=np.full(len(pairs), FAR_M))
+    scale_m = PAIR_SCALE_M if robust else FAR_M
+    rows = place_constraints(hypothesis.point[found], places[found], PAIR_SIGMA_M, scale_m)
     expected, pose = (predicted.pose, predicted.information), predicted.pose
     for _ in range(FILTER_STEPS):
         pose = damped_step(body, pose, rows, expected, config.rows_per_observation)

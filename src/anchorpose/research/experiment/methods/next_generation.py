@@ -203,6 +203,7 @@ METHODS = (
         configure=_configure,
         several=True,
         own_surface=True,
+        filtered=True,
         frame_ms=170.0,
     ),
 )
