@@ -12,8 +12,6 @@ from results_builder import make_frame, standing_joints
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.live.output import LiveFrame
 from anchorpose.live.page_server import PageOutput
-from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.tables import JointTable
 
 LATENCY_S = 0.05
 
@@ -55,14 +53,6 @@ def live_frame_of(
     """A frame with these joints (21, 3), sigma 1 cm."""
     sigma_m = np.where(np.isnan(joints_m[:, 0]), np.nan, 0.01)
     codes = np.array([STATE_CODE[state] for state in states], np.int8)
-    table = JointTable(
-        frame=np.array([frame], np.int32),
-        time_s=np.array([time_s]),
-        position_m=joints_m[None],
-        state_code=codes[None],
-        sigma_m=sigma_m[None],
-    )
-    angles = joint_angles(table)
     return LiveFrame(
         frame,
         time_s,
@@ -70,9 +60,6 @@ def live_frame_of(
         joints_m,
         sigma_m,
         codes,
-        angles.degrees[0],
-        angles.sigma_deg[0],
-        angles.state_code[0],
         why_lost,
         touched,
         dropped,

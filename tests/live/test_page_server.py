@@ -15,6 +15,7 @@ from live_builder import live_frame_of, page_running, standing_frame
 from anchorpose.cli import main
 from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, LOST
+from anchorpose.live.output import angles_of
 from anchorpose.live.page_server import BUFFER_BYTES, PageOutput
 from anchorpose.live.people import PersonInView
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
@@ -145,8 +146,8 @@ def test_two_clients_read_joints_and_angles_with_sigma_and_state(output):
         assert found["sigma_m"][JOINT_INDEX["HandLeft"]] is None
         assert found["state"][JOINT_INDEX["HandLeft"]] == LOST
         knee = ANGLE_NAMES.index("knee_flexion_left")
-        assert found["degrees"][knee] == pytest.approx(frame.degrees[knee], abs=1e-3)
-        assert found["sigma_deg"][knee] == pytest.approx(frame.sigma_deg[knee], abs=1e-3)
+        assert found["degrees"][knee] == pytest.approx(angles_of(frame).degrees[0, knee], abs=1e-3)
+        assert found["sigma_deg"][knee] == pytest.approx(angles_of(frame).sigma_deg[0, knee], abs=1e-3)
         client.close()
 
 

@@ -46,7 +46,7 @@ class Constraints:
 
     def residuals(self, posed: PosedPoints) -> np.ndarray:
         """(n,) metres."""
-        return ((posed.points_m[self.point] - self.target_m) * self.direction).sum(axis=1)
+        return np.einsum("ij,ij->i", posed.points_m[self.point] - self.target_m, self.direction)
 
     def weights(self, residual_m: np.ndarray) -> np.ndarray:
         """(n,) information of each row under Geman and McClure's kernel (doi:10.1007/978-1-4612-3732-0)."""

@@ -102,8 +102,9 @@ def find_outline(view: View) -> np.ndarray | None:
     if not patient.any():
         return None
     other = view.labels >= PixelLabel.OTHER_PERSON
-    behind = other & (view.depth_m > np.median(view.depth_m[patient]))
-    unseen = (view.labels != PixelLabel.BACKGROUND) & ~behind & ~patient
+    unseen = (view.labels != PixelLabel.BACKGROUND) & ~patient
+    if other.any():
+        unseen &= ~(other & (view.depth_m > np.median(view.depth_m[patient])))
     thick = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_OPEN, np.ones((THICK_PX, THICK_PX), np.uint8))
     return np.asarray(patient | (thick > 0))
 

@@ -10,7 +10,7 @@ import numpy as np
 from anchorpose import __version__
 from anchorpose.errors import MissingPackage
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.live.output import LiveFrame
+from anchorpose.live.output import LiveFrame, angles_of
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
 
 PARTS: Final = (("X", "PositionX", "meters"), ("Y", "PositionY", "meters"), ("Z", "PositionZ", "meters"),
@@ -39,8 +39,9 @@ class LslOutput:
         """See ``Output``."""
         stamp = self._clock() - (time.monotonic() - frame.taken_s)
         joints = np.column_stack([frame.joints_m, frame.sigma_m, frame.state_code]).astype(np.float32)
-        angles = np.column_stack([frame.degrees, frame.sigma_deg, frame.angle_state]).astype(np.float32)
         self._joints.push_sample(joints.ravel().tolist(), stamp)
+        found = angles_of(frame)
+        angles = np.concatenate([found.degrees, found.sigma_deg, found.state_code]).T.astype(np.float32)
         self._angles.push_sample(angles.ravel().tolist(), stamp)
 
     def close(self) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from anchorpose.errors import MissingPackage
 from anchorpose.joints import JOINT_NAMES, JointState
-from anchorpose.live.output import LiveFrame
+from anchorpose.live.output import LiveFrame, angles_of
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
 
 if TYPE_CHECKING:
@@ -39,9 +39,10 @@ class OscOutput:
         for row, name in enumerate(JOINT_NAMES):
             values = [*frame.joints_m[row].tolist(), float(frame.sigma_m[row])]
             self._add_named(bundle, "/anchorpose/joint", name, values, int(frame.state_code[row]))
+        angles = angles_of(frame)
         for row, name in enumerate(ANGLE_NAMES):
-            values = [float(frame.degrees[row]), float(frame.sigma_deg[row])]
-            self._add_named(bundle, "/anchorpose/angle", name, values, int(frame.angle_state[row]))
+            values = [float(angles.degrees[0, row]), float(angles.sigma_deg[0, row])]
+            self._add_named(bundle, "/anchorpose/angle", name, values, int(angles.state_code[0, row]))
         self._add(bundle, "/anchorpose/patient", int(frame.patient))
         self._client.send(bundle.build())
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final, Protocol
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from anchorpose.joints import LOST, JointState
 from anchorpose.live.people import PersonInView
 from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.tables import JointTable
+from anchorpose.results.tables import AngleTable, JointTable
 from anchorpose.tracker.estimate import Estimate
 
 _CODES: Final = {state: code for code, state in enumerate(JointState)}
@@ -20,14 +21,13 @@ _CODES: Final = {state: code for code, state in enumerate(JointState)}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveFrame:
-    """One frame's answer. NaN where a joint is lost or an angle not determined.
+    """One frame's answer. NaN where a joint is lost.
 
     frame, time_s: of the first camera; taken_s: when its images were taken, by ``time.monotonic``. joints_m (21, 3)
-    world, sigma_m (21,), state_code (21,) index into ``JointState``; degrees, sigma_deg, angle_state (a,): the angles
-    of ``ANGLE_NAMES``. why_lost: why every joint is lost, empty where one is not. touched: parts of the patient
-    (``REGIONS``) that other people touched in the frame before, and whether that was seen; None where it is not known.
-    dropped: images that were not tracked, since tracking live began. people: everybody else in view; patient: 1, and
-    one more whenever another person becomes the patient.
+    world, sigma_m (21,), state_code (21,) index into ``JointState``. why_lost: why every joint is lost, empty where one
+    is not. touched: parts of the patient (``REGIONS``) that other people touched in the frame before, and whether that
+    was seen; None where it is not known. dropped: images that were not tracked, since tracking live began. people:
+    everybody else in view; patient: 1, and one more whenever another person becomes the patient.
     """
 
     frame: int
@@ -36,9 +36,6 @@ class LiveFrame:
     joints_m: np.ndarray
     sigma_m: np.ndarray
     state_code: np.ndarray
-    degrees: np.ndarray
-    sigma_deg: np.ndarray
-    angle_state: np.ndarray
     why_lost: str
     touched: Mapping[str, bool] | None = None
     dropped: int = 0
@@ -53,7 +50,19 @@ class LiveFrame:
     @property
     def joint_table(self) -> JointTable:
         """A table of this frame alone."""
-        return _one_row(self.frame, self.time_s, self.joints_m, self.state_code, self.sigma_m)
+        return JointTable(
+            frame=np.array([self.frame], np.int32),
+            time_s=np.array([self.time_s]),
+            position_m=self.joints_m[None],
+            state_code=self.state_code[None],
+            sigma_m=self.sigma_m[None],
+        )
+
+
+@lru_cache(maxsize=2)  # several outputs ask for the same
+def angles_of(frame: LiveFrame) -> AngleTable:
+    """The angles of a frame, a table of one row; computed when they are asked for, so that joints are sent first."""
+    return joint_angles(frame.joint_table)
 
 
 class Output(Protocol):
@@ -74,7 +83,6 @@ def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
     """What is sent of an estimate; taken_s as in ``LiveFrame``."""
     frame_set = estimate.frame_set
     codes = np.array([_CODES[state] for state in estimate.states], np.int8)
-    angles = joint_angles(_one_row(frame_set.frame, frame_set.time_s, estimate.joints_m, codes, estimate.sigma_m))
     return LiveFrame(
         frame_set.frame,
         frame_set.time_s,
@@ -82,22 +90,7 @@ def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
         estimate.joints_m,
         estimate.sigma_m,
         codes,
-        angles.degrees[0],
-        angles.sigma_deg[0],
-        angles.state_code[0],
         estimate.why_lost if (codes == LOST).all() else "",
-    )
-
-
-def _one_row(
-    frame: int, time_s: float, joints_m: np.ndarray, state_code: np.ndarray, sigma_m: np.ndarray
-) -> JointTable:
-    return JointTable(
-        frame=np.array([frame], np.int32),
-        time_s=np.array([time_s]),
-        position_m=joints_m[None],
-        state_code=state_code[None],
-        sigma_m=sigma_m[None],
     )
 
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
-from anchorpose.live.output import LiveFrame
+from anchorpose.live.output import LiveFrame, angles_of
 from anchorpose.live.standing import Standing, UprightClock
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
@@ -88,6 +88,7 @@ def describe_live() -> dict[str, Any]:
 
 def frame_message(frame: LiveFrame, standing: Standing) -> dict[str, Any]:
     """A frame as values for JSON: metres, degrees, seconds; states as places in ``JointState``; None is not known."""
+    angles = angles_of(frame)
     return {
         "frame": frame.frame,
         "time_s": frame.time_s,
@@ -96,9 +97,9 @@ def frame_message(frame: LiveFrame, standing: Standing) -> dict[str, Any]:
         "joints_m": [_numbers(place) for place in frame.joints_m],
         "sigma_m": _numbers(frame.sigma_m),
         "state": frame.state_code.tolist(),
-        "degrees": _numbers(frame.degrees),
-        "sigma_deg": _numbers(frame.sigma_deg),
-        "angle_state": frame.angle_state.tolist(),
+        "degrees": _numbers(angles.degrees[0]),
+        "sigma_deg": _numbers(angles.sigma_deg[0]),
+        "angle_state": angles.state_code[0].tolist(),
         "why_lost": frame.why_lost,
         "upright": None if standing.upright == UNKNOWN else standing.upright == UPRIGHT,
         "upright_s": round(standing.upright_s, 2),
