@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -218,4 +218,9 @@ SPECTRAL = (
 )  # fmt: skip
 
 
-METHODS = (*LOCAL, *MESH, *SPECTRAL)
+_SHOT = next(method for method in LOCAL if method.key == "shot")
+
+FILTERED = (replace(_SHOT, key="shot-filter", title="SHOT with a Kalman filter", filtered=True),)
+"""Shows what the filter alone is worth, which the next generation has too."""
+
+METHODS = (*LOCAL, *FILTERED, *MESH, *SPECTRAL)

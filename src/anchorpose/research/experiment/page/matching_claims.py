@@ -193,7 +193,9 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        return [method for method in self._methods.values() if method.family in families]
+        """Without those that a filter follows: they are controls."""
+        every = self._methods.values()
+        return [method for method in every if method.family in families and not method.filtered]
 
 
 def _ratio_check(what: str, value: Estimate) -> Check:

@@ -213,7 +213,9 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        return [method for method in self._methods if method.family in families]
+        """Without those that a filter follows: they are controls."""
+        every = self._methods
+        return [method for method in every if method.family in families and not method.filtered]
 
 
 def difference(
