@@ -11,7 +11,7 @@ from html import escape
 from typing import Any, Final
 
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
-from anchorpose.research.experiment.method import PROPOSED, Family
+from anchorpose.research.experiment.method import NEXT, PROPOSED, Family
 from anchorpose.research.experiment.page.page_parts import best_of, text_table
 from anchorpose.research.experiment.page.selection import left_out
 from anchorpose.research.experiment.page.tables import Table, format_estimate
@@ -83,12 +83,13 @@ def _plural(verdict: Verdict, count: int) -> str:
 
 
 def _errors(results: ExperimentResults, tables: Sequence[Table]) -> str:
-    """The proposed method and the best of each other kind with the largest hole."""
+    """The proposed method, its next generation, and the best of each other kind with the largest hole."""
     errors = next((table for table in tables if table.key == "result1"), None)
     if errors is None:
         return ""
     first, last = errors.columns[0], errors.columns[-1]
-    chosen = [PROPOSED, *(_best(errors, last.key, family) for family in Family if family is not Family.PROPOSED)]
+    others = (_best(errors, last.key, family) for family in Family if family is not Family.PROPOSED)
+    chosen = [PROPOSED, NEXT, *others]
     lines = [
         f"{method.title}: {format_estimate(errors.value(method.key, first.key), first.unit)} and "
         f"{format_estimate(errors.value(method.key, last.key), last.unit)}"
@@ -103,7 +104,7 @@ def _errors(results: ExperimentResults, tables: Sequence[Table]) -> str:
 
 
 def _best(errors: Table, column: str, family: Family) -> str | None:
-    return best_of(errors, column, [method.key for method in errors.methods if method.family is family])
+    return best_of(errors, column, [one.key for one in errors.methods if one.family is family and not one.filtered])
 
 
 def run_html(results: ExperimentResults) -> str:
