@@ -39,7 +39,7 @@ def offline_mm(recording: Path, truth: Path, results: Path) -> float:
 def live_mm(recording: Path, truth: Path, results: Path, wait_frames: int) -> tuple[float, LatencySummary]:
     """The same of live tracking, and its latency."""
     results.mkdir()
-    options = LiveOptions(TrackConfig(), wait_frames=wait_frames, start_s=LEARNT_S)
+    options = LiveOptions(config=TrackConfig(), wait_frames=wait_frames, start_s=LEARNT_S)
     source = Playback(open_recording(recording))
     user = User(lambda sentence: print(sentence, file=sys.stderr), Event())
     latency = track_live([source], results, options, [], user)
