@@ -17,7 +17,7 @@ class LiveGiven:
     """The options of ``anchorpose live``."""
 
     wait_frames: Literal[0, 1] = 0
-    """Later frames to wait for before a frame is answered; 1 is a little more accurate and one frame later."""
+    """Later frames to wait for before a frame is answered. 1 was more accurate only in a clinic with one camera."""
 
     start_seconds: Annotated[float, positive(DAY_S)] = 6.0
     """How long room and patient are looked at before the body is learnt; the patient should move a little meanwhile."""
