@@ -169,7 +169,7 @@ def score(method: Method, setting: object, window: Window, truth: Truth) -> Matc
 
 
 def warm_up(method: Method, setting: object, window: Window) -> None:
-    """Match two frames once: kernels are loaded or compiled at their first call, which is no time of the method's."""
+    """Match two frames once: kernels are loaded or compiled at their first call, which must not be timed."""
     if method.associate is not None:
         now, after = window.observations[:2]
         method.associate(setting)(now, after, method.configure(window.config, setting)).all()
