@@ -129,8 +129,7 @@ def _track(
     means = np.array([np.broadcast_to(tracking(one.key, hole_m, bool(hidden)), JOINT_COUNT) for hidden in occluded])
     hard = 1.0 + 0.1 * np.sin(number)  # the recording's own: harder or easier for every method
     error = hard * means * (1.0 + spread * rng.uniform(-1, 1, means.shape))
-    seconds = 0.1 * len(frame) if form is Form.REFINED else np.nan
-    return Tracked(scene, f"{scene}-{500 + number}", hole_m, one.key, frame, occluded, error, seconds, form)
+    return Tracked(scene, f"{scene}-{500 + number}", hole_m, one.key, frame, occluded, error, form)
 
 
 def _match(rng: np.random.Generator, number: int, hole_m: float, key: str, matching: Matches, gap_s: float) -> Matched:

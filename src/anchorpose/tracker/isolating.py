@@ -96,15 +96,6 @@ def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pie
     return step_onto(front, seen_m, pieces, cameras)
 
 
-def isolate_again(seen: Observation, expected: Expectation, before: Observation, run: Run) -> Isolated:
-    """Who is who in a frame that was isolated before, by a better expectation than there was when it came in."""
-    elapsed_s = seen.frame_set.time_s - before.frame_set.time_s
-    memory = walked(before, seen.pieces, run)
-    others = _not_in(seen.bystanders, expected.skin.points_m.mean(axis=0))
-    views = _separated(seen.pieces, expected, memory, others, elapsed_s, 0.0, run)
-    return _isolated(seen.pieces, views, memory, seen.bystanders, elapsed_s, run)
-
-
 def relabelled(seen: Observation, views: Sequence[View | None], before: Observation, run: Run) -> Isolated:
     """Who is who in a frame of which some pixels have got another label."""
     elapsed_s = seen.frame_set.time_s - before.frame_set.time_s

@@ -75,20 +75,27 @@ class PatientTracker:
         frame_set: the next frame, None when no more come; only_look: it only joins the look-ahead. Returns the estimate
         of the first frame after the last estimated one, once its whole look-ahead is in the window; else None.
         """
+        if not self._look(frame_set) or only_look:
+            return None
+        registration, following, hypothesis = self._advance()
+        # estimate: joints by the rule J, their states and their uncertainty
+        estimate = self._estimate(replace(registration, belief=self.belief), following, hypothesis)
+        return replace(estimate, moved=self.moved)
+
+    def _look(self, frame_set: FrameSet | None) -> bool:
+        """One more frame in the window; whether the next one to be estimated has its whole look-ahead there."""
         if frame_set is not None:
             self.window.append(frame_set)
-        enough = 2 if frame_set is None else 1 + self.config.follow.look_ahead
-        if only_look or len(self.window) < enough:
-            return None
+        return len(self.window) >= (2 if frame_set is None else 1 + self.config.follow.look_ahead)
+
+    def _advance(self) -> tuple[Registration, Observation, GlobalHypothesis | None]:
+        """Register the body to the second frame of the window, and make it the first."""
         # predict, isolate, surface, anchors: what the second frame of the window shows; it is estimated now
         poses, elapsed_s = self._observe_until(1), self._elapsed_s()
         # register: the body, all parts at once, to all that is seen of the patient; where that leaves the frame
         # unexplained, also to the matches of the track tree (Section IV-D); then limbs are looked for again
         registration, hypothesis = self._register(poses, elapsed_s)
-        # estimate: joints by the rule J, their states and their uncertainty
-        following = self._move_on(registration, elapsed_s)
-        estimate = self._estimate(replace(registration, belief=self.belief), following, hypothesis)
-        return replace(estimate, moved=self.moved)
+        return registration, self._move_on(registration, elapsed_s), hypothesis
 
     def finish(self) -> Iterator[Estimate]:
         """The estimates of the frames still in the window, with what look-ahead is left."""

@@ -423,9 +423,12 @@ def test_pictures_are_drawn_once_and_again_where_anything_changed(
 def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
     from anchorpose.recording.reader import open_recording
     from anchorpose.research.experiment.clips import cut_holes
+    from anchorpose.research.experiment.config import Form
     from anchorpose.research.experiment.correspondence import Skin
-    from anchorpose.research.experiment.framework import make_reference
+    from anchorpose.research.experiment.framework import paper_room, run_in
+    from anchorpose.research.experiment.given import GivenFrames, make_reference
     from anchorpose.research.experiment.method import load_methods
+    from anchorpose.research.experiment.work import Trial
     from anchorpose.simulate import config as presets
     from anchorpose.simulate.write import simulate_recording
     from anchorpose.tracker.config import TrackConfig
@@ -438,14 +441,20 @@ def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
     frame = int(np.flatnonzero(reference.found[:-4])[-1]) + 1
     chosen = np.arange(20) >= frame
     cut_holes(recording, tmp_path / "holed", reference.centre_m, chosen, 0.09)
-    holed, methods = open_recording(tmp_path / "holed"), load_methods(("fpfh", "anchors", "none"))
+    methods, room = load_methods(("fpfh", "anchors", "none")), paper_room(recording, SHIPPED)
+    uncut, holed_room = GivenFrames(room, reference), replace(room, recording=open_recording(tmp_path / "holed"))
+    holed = GivenFrames(holed_room, reference, uncut, chosen)
+    trials = [
+        Trial(given, cut, {Form.REFINED: run_in(given.room, SHIPPED)})
+        for given, cut in ((uncut, np.zeros(20, bool)), (holed, chosen))
+    ]
     settings = {method.key: method.settings[0] for method in methods}
     prepared = SimpleNamespace(recording=recording, reference=reference, skin=Skin(simulation))
-    plan = SimpleNamespace(methods=methods, settings=settings, movements=SHIPPED)
+    plan = SimpleNamespace(methods=methods, settings=settings)
     written = []
     for out in (tmp_path / "one", tmp_path / "other"):
         out.mkdir()
-        album.write_pictures(out, prepared, holed, frame, plan)
+        album.write_pictures(out, prepared, *trials, frame, plan)
         written.append({path.name: path.read_bytes() for path in out.iterdir()})
     assert written[0] == written[1]
     contents = json.loads(written[0].pop("pictures.json"))
@@ -455,4 +464,4 @@ def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
     assert {"matches-whole.png", "matches-hole.png", "matches-hole-fpfh.png", "tracked.png"} <= set(written[0])
     assert "matches-whole-none.png" not in written[0]
     with pytest.raises(ValueError, match="frame before"):
-        album.write_pictures(tmp_path, prepared, holed, 0, plan)
+        album.write_pictures(tmp_path, prepared, *trials, 0, plan)

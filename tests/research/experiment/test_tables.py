@@ -32,7 +32,7 @@ def tracked(
     """All joints have the frame's error."""
     hidden = np.zeros(len(error), bool) if occluded is None else occluded
     joints = np.repeat(np.asarray(error, float)[:, None], JOINT_COUNT, axis=1)
-    return Tracked(scene, recording, hole_m, key, np.arange(first, first + len(error)), hidden, joints, 1.0)
+    return Tracked(scene, recording, hole_m, key, np.arange(first, first + len(error)), hidden, joints)
 
 
 def results_of(*runs: Tracked, methods=(FAST, SLOW)) -> ExperimentResults:
@@ -79,7 +79,6 @@ def test_a_method_that_tracked_nothing_takes_no_frames_from_the_others() -> None
 def test_a_method_without_a_single_frame_takes_none_from_the_others_either() -> None:
     results = results_of(tracked("anchors", np.array([7.0])), tracked("fpfh", np.empty(0)))
     assert table(results, "result1").value("anchors", "0").mean == 7.0
-    assert table(results, "times").value("anchors", "track").mean == 1.0
 
 
 def test_the_deviation_is_over_frames_of_the_frames_mean() -> None:
@@ -235,10 +234,9 @@ def test_matches_are_compared_in_the_windows_that_all_methods_were_asked_in() ->
     assert {window[0] for window in Matching(replace(results, matched=tuple(fewer))).windows} == {"paper-501"}
 
 
-def test_times_are_per_frame_and_per_pair() -> None:
+def test_times_are_per_pair() -> None:
     times = table(make_results(recordings=2), "times")
     assert times.value("rops", "describe").mean == pytest.approx(0.32)
-    assert times.value("own", "track").mean == pytest.approx(0.1)
 
 
 def test_an_results_of_nothing_has_no_tables() -> None:

@@ -12,20 +12,31 @@ import pytest
 
 from anchorpose.association.hypotheses import Matcher
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import read_frame
 from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips, reference_joints
 from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene, quick
 from anchorpose.research.experiment.correspondence import REGIONS, Skin
 from anchorpose.research.experiment.costs import measure_costs
-from anchorpose.research.experiment.framework import GivenStarts, paper_room, paper_run, run_in, start_at
+from anchorpose.research.experiment.framework import given_start, run_in
+from anchorpose.research.experiment.given import from_arrays, to_arrays
 from anchorpose.research.experiment.matching import Window, draw_some, score, take_window, truth_of
-from anchorpose.research.experiment.method import NO_SUBSET, Family, Method, load_methods
+from anchorpose.research.experiment.method import (
+    NO_SUBSET,
+    DescriptorSetting,
+    Family,
+    Method,
+    by_descriptor,
+    load_methods,
+)
 from anchorpose.research.experiment.plan import Kind, Plan, PlanSpec, experiment_code, read
 from anchorpose.research.experiment.results import MISSED_MM, capped_mean_mm, choose
 from anchorpose.research.experiment.run import training_clips, write_movements
 from anchorpose.research.experiment.work import (
     PreparedClip,
+    Trial,
+    open_trials,
     prepare_clip,
     segment_starts,
     track_segments,
@@ -65,8 +76,14 @@ def prepared(plan: Plan) -> Iterator[PreparedClip]:
 
 
 @pytest.fixture(scope="module")
-def window(plan: Plan, prepared: PreparedClip) -> Window:
-    found = take_window(3, prepared.reference, paper_run(prepared.recording, plan.movements))
+def trials(plan: Plan, prepared: PreparedClip) -> Iterator[dict[float, Trial]]:
+    with open_trials(prepared, plan) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def window(trials: dict[float, Trial]) -> Window:
+    found = take_window(3, trials[0.0].given, trials[0.0].runs[Form.REFINED])
     assert found is not None
     return found
 
@@ -200,12 +217,17 @@ def test_a_segment_starts_where_the_pose_is_known_and_is_whole() -> None:
     assert segment_starts(23, 5, found) == [0, 10, 15]
 
 
-def test_tracking_begins_at_the_given_pose_and_leaves_its_frame_out(prepared: PreparedClip, plan: Plan) -> None:
-    given = GivenStarts(paper_room(prepared.recording, plan.movements), prepared.reference)
-    runs = {form: run_in(given.room, plan.movements, form) for form in (Form.REFINED, Form.MATCHES_ALL)}
+def two_forms(trial: Trial) -> Trial:
+    return replace(trial, runs={form: trial.runs[form] for form in (Form.REFINED, Form.MATCHES_ALL)})
+
+
+def test_tracking_begins_at_the_given_pose_and_leaves_its_frame_out(
+    prepared: PreparedClip, plan: Plan, trials: dict[float, Trial]
+) -> None:
+    trial = two_forms(trials[0.0])
     nearest = next(method for method in plan.methods if method.key == "nearest")
-    track = track_segments(nearest, None, given, runs, prepared.starts, 5)
-    again = track_segments(nearest, None, given, runs, prepared.starts, 5)
+    (track,) = track_segments(nearest, None, [trial], prepared.starts, 5)
+    (again, _) = track_segments(nearest, None, [trial, two_forms(trials[0.15])], prepared.starts, 5)
     np.testing.assert_array_equal(track.joints_m, again.joints_m)
     assert track.frame.tolist() == [1, 2, 3, 4, 6, 7, 8, 9]
     error = np.linalg.norm(track.joints_m - prepared.truth_m[track.frame], axis=3)
@@ -214,19 +236,68 @@ def test_tracking_begins_at_the_given_pose_and_leaves_its_frame_out(prepared: Pr
     assert error[0].mean() != error[1].mean()
 
 
-def test_a_given_start_is_that_of_a_tracker_that_starts_by_itself(prepared: PreparedClip, plan: Plan) -> None:
-    given = GivenStarts(paper_room(prepared.recording, plan.movements), prepared.reference)
-    run = run_in(given.room, plan.movements)
+def test_a_given_start_is_made_once_for_runs_that_observe_the_same(trials: dict[float, Trial]) -> None:
+    given, run = trials[0.0].given, trials[0.0].runs[Form.REFINED]
     closed = replace(run, config=replace(run.config, surface=SurfaceConfig()))
-    for own in (run, closed):
-        shared = given.start(5, own).observation
-        alone = start_at(5, given.frames(5, 1)[0], prepared.reference, own).window[0]
-        np.testing.assert_array_equal(shared.whole.points_m, alone.whole.points_m)
-        np.testing.assert_array_equal(shared.descriptor, alone.descriptor)
-    other_form = run_in(given.room, plan.movements, Form.MATCHES_ALL)
-    assert given.start(5, other_form) is given.start(5, run)
-    assert given.start(5, closed) is not given.start(5, run)
-    assert given.start(0, run) is not given.start(5, run)
+    assert given_start(5, given, trials[0.0].runs[Form.MATCHES_ALL]) is given_start(5, given, run)
+    assert given_start(5, given, closed) is not given_start(5, given, run)
+    assert given_start(0, given, run) is not given_start(5, given, run)
+    assert given_start(5, trials[0.15].given, run) is given_start(5, given, run)  # no hole is cut where tracking starts
+
+
+def test_the_patients_pixels_are_given_wherever_a_method_expects_the_patient(trials: dict[float, Trial]) -> None:
+    given, run = trials[0.0].given, trials[0.0].runs[Form.REFINED]
+    start = given_start(5, given, run).observation
+    assert start.expected is not None
+    astray = start.expected.moved(np.array([1.0, 0.0, 0.0]))
+    seen = given.observe(given.frame(5), astray, 1.7, run, anchored=False)
+    np.testing.assert_array_equal(seen.surface.points_m, start.surface.points_m)
+    assert start.anchors.found.sum() >= 4
+    assert not seen.anchors.found.any()
+
+
+def test_a_hole_takes_its_nodes_and_leaves_all_other_frames_the_same(
+    prepared: PreparedClip, trials: dict[float, Trial]
+) -> None:
+    run = trials[0.0].runs[Form.REFINED]
+    for frame in range(len(prepared.in_hole)):
+        (whole, holed) = (
+            trial.given.observe(trial.given.frame(frame), None, 1.7, run, anchored=False) for trial in trials.values()
+        )
+        assert (whole.evidence is holed.evidence) != prepared.in_hole[frame]
+        view, cut = whole.evidence.views[0], holed.evidence.views[0]
+        assert view is not None
+        assert cut is not None
+        gone = view.patient & ~cut.patient
+        assert gone.any() == prepared.in_hole[frame]
+        assert not (cut.patient & ~view.patient).any()
+        assert (cut.depth_m[gone] == 0).all()
+        np.testing.assert_array_equal(cut.depth_m[~gone & (cut.labels > 0)], view.depth_m[~gone & (cut.labels > 0)])
+
+
+def test_a_reference_is_the_same_after_it_was_kept_as_arrays(prepared: PreparedClip) -> None:
+    again = from_arrays(to_arrays(prepared.reference))
+    for name in ("rotations", "joints_m", "labels", "T_world_camera"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(prepared.reference, name))
+    assert (again.labels[0] == PixelLabel.PATIENT).any(axis=(1, 2)).all()
+
+
+def test_what_looks_the_same_is_described_and_matched_once_for_all_forms_and_holes(
+    prepared: PreparedClip, trials: dict[float, Trial]
+) -> None:
+    described = list[int]()
+
+    def describe(seen: Observation, config: object) -> np.ndarray:
+        described.append(seen.frame_set.frame)
+        return seen.surface.points_m
+
+    associate = by_descriptor(describe)
+    method = Method(key="place", title="", family=Family.LOCAL, source="", associate=associate, anchored=False)
+    asked = [two_forms(trial) for trial in trials.values()]
+    track_segments(method, DescriptorSetting(config=None), asked, prepared.starts[:1], 5)
+    first = prepared.starts[0]
+    holes = int(prepared.in_hole[first : first + 5].sum())
+    assert len(described) == 5 + holes
 
 
 def test_every_answer_is_kept_and_asked_once(
@@ -268,10 +339,12 @@ def test_a_question_over_other_gaps_or_forms_is_another_one(plan: Plan, prepared
 
 def test_costs_are_measured_on_this_machine_and_grow_with_the_work(plan: Plan) -> None:
     clip = plan_clips(CONFIG, None)[0]
-    costs = measure_costs(plan, clip)
-    assert set(costs.method_s) == {"nearest", "none"}
-    assert 0.01 < costs.frame_s < 10.0
-    assert 0.0 <= costs.method_s["none"] < costs.method_s["nearest"] < costs.frame_s
+    spec = PlanSpec(config=CONFIG, wanted=CONFIG.methods, chosen=(), movements=plan.movements, movements_digest="m",
+                    cache=plan.store.folder, code=experiment_code())  # fmt: skip
+    costs = measure_costs(spec, [clip], 1)
+    assert 0.01 < costs.own_s < 10.0
+    assert 0.01 < costs.frame_s["none"] < 2.0
+    assert 0.0 < costs.window_s["none"] < costs.window_s["nearest"] < 1.0
     tracked, matched = (
         next(task for task in plan.tasks(clip) if task.kind is kind and task.method.key == "nearest")
         for kind in (Kind.TRACKED, Kind.MATCHED)
@@ -298,13 +371,16 @@ def test_every_method_runs_on_every_recording_and_the_forms_are_compared_at_both
         assert all(task.forms == (Form.REFINED,) for task in tasks if task.hole_m == 0.09 or task.method.key == "own")
 
 
-def test_windows_over_a_longer_gap_compare_frames_farther_apart(plan: Plan, prepared: PreparedClip) -> None:
-    window = take_window(0, prepared.reference, paper_run(prepared.recording, plan.movements, stride=5), 5)
+def test_windows_over_a_longer_gap_compare_frames_farther_apart(
+    plan: Plan, prepared: PreparedClip, trials: dict[float, Trial]
+) -> None:
+    given, run = trials[0.0].given, trials[0.0].runs[Form.REFINED]
+    window = take_window(0, given, run_in(given.room, plan.movements, stride=5), 5)
     assert window is not None
     assert [int(seen.frame_set.frame) for seen in window.observations] == [0, 5, 10]
     assert prepared.skin is not None
     truth = truth_of(window, prepared.skin)
-    near = take_window(0, prepared.reference, paper_run(prepared.recording, plan.movements))
+    near = take_window(0, given, run)
     assert near is not None
     assert truth.moved_mm.mean() > truth_of(near, prepared.skin).moved_mm.mean()
 

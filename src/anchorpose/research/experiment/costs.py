@@ -1,114 +1,137 @@
-"""How long the open tasks of an experiment take, measured on its first segment on this machine."""
+"""How long the open tasks of an experiment take, measured on its first segments on this machine."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
 from typing import Final
 
+import numpy as np
+
+from anchorpose.errors import AnchorposeError
 from anchorpose.research.experiment.clips import Clip
-from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene
-from anchorpose.research.experiment.framework import GivenStarts, paper_run
-from anchorpose.research.experiment.matching import Window, score, take_window, truth_of
-from anchorpose.research.experiment.method import Family, Method, cached_per_pair
-from anchorpose.research.experiment.plan import Kind, Plan, Task
-from anchorpose.research.experiment.work import prepare_clip, track_segments
+from anchorpose.research.experiment.config import ExperimentConfig, Scene
+from anchorpose.research.experiment.matching import score
+from anchorpose.research.experiment.method import Family, Method
+from anchorpose.research.experiment.methods.references import OWN_TRACKER
+from anchorpose.research.experiment.plan import Kind, Plan, PlanSpec, Task
+from anchorpose.research.experiment.work import (
+    PreparedClip,
+    Trial,
+    open_trials,
+    prepare_clip,
+    track_segments,
+    track_whole,
+    windows_of,
+)
 from anchorpose.threads import one_thread
-from anchorpose.tracker.run import Run
 
 COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # therapists; three cameras
-USUAL_FRAME_S: Final = 0.035  # in the framework without the method, on an idle core
-MEASURED_FRAMES: Final = 5  # of a segment
-WINDOW_FRAMES: Final = 4.0  # each with a descriptor, and matches with the next
+USUAL_FORM_S: Final = 0.02  # of a frame in one form of the framework, without the method
+USUAL_OWN_S: Final = 0.15
+MAKING: Final = 2.0  # to simulate a frame and to track it for the reference, in times of ``own_s``
 
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """Seconds of this machine's time.
+    """Seconds of this machine's time, of one core where all are busy.
 
-    frame_s: per frame in the framework without the method; window_s: per pair of frames whose matches are compared,
-    likewise, on meshes that all methods share; own_s: per frame of this project's tracker, learning included;
-    making_s: to simulate a frame of a camera and to track the reference; method_s: per frame and method.
+    frame_s: per frame and method, in all forms and sizes of hole of the paper's scene; window_s: per pair of frames
+    whose matches are compared, and method; own_s: per frame of this project's tracker, learning included.
     """
 
-    frame_s: float
-    window_s: float
+    frame_s: Mapping[str, float]
+    window_s: Mapping[str, float]
     own_s: float
-    making_s: float
-    method_s: Mapping[str, float]
 
     def of(self, task: Task, config: ExperimentConfig) -> float:
         """Seconds of a task."""
         clip, method = task.clip, task.method
-        factor, own_s = COST_FACTOR.get(clip.scene, 1.0), self.method_s.get(method.key, 0.0)
+        factor = COST_FACTOR.get(clip.scene, 1.0)
         frames = 40 if clip.simulation is None else clip.simulation.frames  # a real recording is not open yet
         if task.kind is Kind.MATCHED:
-            return factor * task.pairs * (self.window_s + WINDOW_FRAMES * own_s)
+            return factor * task.pairs * self.window_s[method.key]
         if method.family is Family.TRACKER:
             return factor * frames * self.own_s
         tracked = min(config.segments, frames // config.segment_frames) * config.segment_frames
-        times = len(task.forms) if method.own_surface else 1  # its mesh depends on the pose, so forms share nothing
-        return factor * tracked * (len(task.forms) * self.frame_s + times * own_s)
+        return factor * tracked * self.frame_s[method.key] * len(task.forms) / _forms(config)
 
     def making(self, clip: Clip) -> float:
         """Seconds to simulate a clip and to find its reference."""
         if clip.simulation is None:
             return 10.0
-        return 5.0 + self.making_s * clip.simulation.frames * clip.simulation.cameras
+        return 5.0 + MAKING * self.own_s * clip.simulation.frames * clip.simulation.cameras
 
 
-def usual_costs(methods: Sequence[Method], slower: float = 1.0) -> Costs:
-    """On an idle core, or on a machine that takes ``slower`` times as long."""
-    each = {method.key: slower * method.frame_ms / 1000.0 for method in methods}
-    return Costs(slower * USUAL_FRAME_S, slower * 0.05, slower * 0.15, slower * 0.35, each)
+def _forms(config: ExperimentConfig) -> int:
+    """Number of forms that a method runs in on a recording of the paper's scene, over all sizes of hole."""
+    ends = min(len(config.holes_m), 2)
+    return ends * len(config.forms) + len(config.holes_m) - ends
 
 
-def measure_costs(plan: Plan, clip: Clip) -> Costs:
-    """The costs of every method on the first segment of a clip; all work is done once before, to compile it.
+def usual_costs(methods: Sequence[Method], config: ExperimentConfig) -> Costs:
+    """On an idle core."""
+    forms, method_s = _forms(config), {method.key: method.frame_ms / 1000.0 for method in methods}
+    frame_s = {key: forms * USUAL_FORM_S + len(config.holes_m) * spent for key, spent in method_s.items()}
+    return Costs(frame_s, {key: 0.05 + 3.0 * spent for key, spent in method_s.items()}, USUAL_OWN_S)
 
-    Raises AnchorposeError where the patient is not found in it.
+
+def measure_costs(spec: PlanSpec, clips: Sequence[Clip], processes: int) -> Costs:
+    """The mean costs on as many clips as there are processes, all at once, since they slow each other down.
+
+    Raises AnchorposeError where the patient is not found in one of them.
     """
-    with one_thread(), prepare_clip(clip, plan) as prepared:
-        if not prepared.starts or prepared.skin is None:
-            return usual_costs(plan.methods)
-        run = paper_run(prepared.recording, plan.movements)
-        none = next((m for m in plan.methods if m.family is Family.NONE), plan.methods[0])
-        given = GivenStarts(run.room, prepared.reference)
-        frame_s = _second_s(lambda: _track_some(none, plan, given, run, prepared.starts[:1])) / MEASURED_FRAMES
-        usual = usual_costs(plan.methods, frame_s / USUAL_FRAME_S)
-        window = take_window(prepared.starts[0], prepared.reference, run)
-        if window is None or len(window.observations) < 3:
-            return usual
-        truth = truth_of(window, prepared.skin)
-        window_s = _second_s(lambda: score(none, plan.settings[none.key], window, truth))
-        each = {m.key: _method_s(m, plan.settings[m.key], window) for m in plan.methods}
-    return replace(usual, window_s=window_s, method_s=each)
+    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+        every = list(pool.map(partial(_measure, spec), clips[:processes]))
+    return Costs(
+        {key: float(np.mean([one.frame_s[key] for one in every])) for key in every[0].frame_s},
+        {key: float(np.mean([one.window_s[key] for one in every])) for key in every[0].window_s},
+        float(np.mean([one.own_s for one in every])),
+    )
 
 
-def _track_some(method: Method, plan: Plan, given: GivenStarts, run: Run, starts: Sequence[int]) -> None:
-    track_segments(method, plan.settings[method.key], given, {Form.REFINED: run}, starts, MEASURED_FRAMES + 1)
+def _measure(spec: PlanSpec, clip: Clip) -> Costs:
+    """On the first segment and the windows of a clip; all work is done once before, to compile it."""
+    plan = spec.plan()
+    with one_thread(), prepare_clip(clip, plan) as prepared, open_trials(prepared, plan) as trials:
+        if not prepared.starts:
+            raise AnchorposeError(f"{clip.name}: the patient is not found in a whole segment of it.")
+        own, recording = OWN_TRACKER[0], prepared.recording
+        own_s = _second_s([lambda: track_whole(own, None, recording)]) / len(prepared.in_hole)
+        methods = [method for method in plan.methods if method.associate is not None]
+        frame_s = {method.key: _frame_s(method, plan, prepared, trials) for method in methods}
+        window_s = {method.key: _window_s(method, plan, prepared, trials) for method in methods}
+    return Costs(frame_s, window_s, own_s)
 
 
-def _second_s(work: Callable[[], object]) -> float:
+def _frame_s(method: Method, plan: Plan, prepared: PreparedClip, trials: Mapping[float, Trial]) -> float:
+    setting, length = plan.settings[method.key], plan.config.segment_frames
+    asked = [
+        Trial(trial.given, trial.cut, {form: trial.runs[form] for form in plan.forms(prepared.clip, hole_m, method)})
+        for hole_m, trial in trials.items()
+    ]
+    return _second_s([lambda: track_segments(method, setting, asked, prepared.starts[:1], length)]) / length
+
+
+def _window_s(method: Method, plan: Plan, prepared: PreparedClip, trials: Mapping[float, Trial]) -> float:
+    setting = plan.settings[method.key]
+    known = windows_of(method, setting, prepared, trials[0.0], plan)
+    return _second_s([partial(score, method, setting, *one) for one in known]) / max(len(known), 1)
+
+
+def _second_s(works: Iterable[Callable[[], object]]) -> float:
     """Seconds of the second time: the first compiles."""
-    work()
-    began = time.perf_counter()
-    work()
-    return time.perf_counter() - began
-
-
-def _method_s(method: Method, setting: object, window: Window) -> float:
-    """Seconds per frame: one descriptor, and its matches with the frame before."""
-    if method.associate is None:
-        return 0.0
-    config, (first, second, third) = method.configure(window.config, setting), window.observations[:3]
-    for _ in range(2):  # the first compiles
-        associate = cached_per_pair(method.associate(setting))
-        associate(first, second, config).all()
+    spent = 0.0
+    for _ in range(2):
         began = time.perf_counter()
-        associate(second, third, config).all()
-    return time.perf_counter() - began
+        for work in works:
+            work()
+        spent = time.perf_counter() - began
+    return spent
 
 
 def duration(seconds: float) -> str:

@@ -17,9 +17,9 @@ from anchorpose.body.pose import Pose
 from anchorpose.geodesics.anchors import anchor_descriptor
 from anchorpose.geodesics.center import center_field
 from anchorpose.geodesics.extrema import geodesic_extrema
-from anchorpose.recording.reader import read_frame
 from anchorpose.research.experiment.correspondence import Skin, TruePlaces
-from anchorpose.research.experiment.framework import NEVER_M, Reference, start_at
+from anchorpose.research.experiment.framework import NEVER_M, start_at
+from anchorpose.research.experiment.given import GivenFrames
 from anchorpose.research.experiment.method import Family, Method
 from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis
 from anchorpose.tracker.config import TrackConfig
@@ -57,20 +57,16 @@ class Matches:
     describe_s: float
 
 
-def take_window(frame: int, reference: Reference, run: Run, stride: int = 1) -> Window | None:
+def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Window | None:
     """The window from a frame on; None where the patient was not found in it or is not seen in the next.
 
-    stride: frames from one observation to the next, of ``paper_run`` too.
+    stride: frames from one observation to the next, of ``run_in`` too.
     """
-    recording = run.room.recording
-    count = len(recording.streams[0].files)
-    if not reference.found[frame] or frame + stride >= count:
+    if not given.reference.found[frame] or frame + stride >= len(given):
         return None
-    seen = range(frame, min(frame + 1 + stride * run.config.follow.look_ahead, count), stride)
-    frames = [read_frame(recording, number) for number in seen]
-    tracker = start_at(frame, frames[0], reference, run, stride=stride)
-    for frame_set in frames[1:]:
-        tracker.step(frame_set, only_look=True)
+    tracker = start_at(frame, given, run, stride=stride)
+    for later in range(frame + stride, min(frame + 1 + stride * run.config.follow.look_ahead, len(given)), stride):
+        tracker.step(given.frame(later), only_look=True)
     if tracker.next_hypothesis() is None:
         return None
     poses = tracker.predict(len(tracker.window) - 1)

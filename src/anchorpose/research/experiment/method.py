@@ -9,6 +9,7 @@ import pkgutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -65,6 +66,7 @@ class Method:
     associate: Callable[[Any], Associate] | None = None
     configure: Callable[[TrackConfig, Any], TrackConfig] = lambda config, setting: config
     several: bool = False
+    anchored: bool = True
     filtered: bool = False
     own_surface: bool = False
     content: str = ""
@@ -86,13 +88,15 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
     """
 
     def associate(setting: DescriptorSetting) -> Associate:
-        @cached_per_frame
-        def described(seen: Observation) -> np.ndarray:
-            return describe(seen, setting.config)
+        described = cached(lambda seen: describe(seen, setting.config), _surface_content)
 
         def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+            @cache  # sooner or later nearly all nodes are asked for, and all at once are faster
+            def match() -> np.ndarray:
+                return nearest_descriptor(described(now), described(following), setting.metric)
+
             def find(nodes: np.ndarray) -> np.ndarray:
-                return nearest_descriptor(described(now)[nodes], described(following), setting.metric)[:, None]
+                return match()[nodes][:, None]
 
             return Matcher(find, len(now.surface), NO_SUBSET)
 
@@ -101,27 +105,34 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
     return associate
 
 
-def cached_per_frame(describe: Callable[[Observation], np.ndarray]) -> Callable[[Observation], np.ndarray]:
-    """The same function, computed once for frames that show the same."""
+Content = Callable[[Observation], bytes]
+"""A digest of what is looked at in a frame."""
+
+
+def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[..., np.ndarray]:
+    """The same function of frames, computed once for those with the same content, as long as there is room for it."""
     recent: dict[bytes, np.ndarray] = {}
 
-    def described(seen: Observation) -> np.ndarray:
-        key = _content(seen)
+    def known(*seen: Observation) -> np.ndarray:
+        key = b"".join(map(content, seen))
         if key not in recent:
-            recent[key] = describe(seen)
+            recent[key] = compute(*seen)
             while len(recent) > 2 and sum(one.nbytes for one in recent.values()) > CACHED_BYTES:
                 del recent[next(iter(recent))]
         return recent[key]
 
-    return described
+    return known
 
 
-def cached_per_pair(associate: Associate) -> Associate:
-    """The same association, made once for two frames that show the same, whatever the form of the framework."""
+def associate_once(method: Method, setting: Any) -> Associate:
+    """The method's association, made once for two frames that show the same, whatever the form of the framework."""
+    if method.associate is None:
+        raise ValueError(f"{method.key} has no association that the framework could use")
+    associate, content = method.associate(setting), whole_content if method.anchored else _surface_content
     recent: dict[bytes, Matcher] = {}
 
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-        key = _content(now) + _content(following)
+        key = content(now) + content(following)
         if key not in recent:
             recent[key] = associate(now, following, config)
             if len(recent) > CACHED_PAIRS:
@@ -131,9 +142,22 @@ def cached_per_pair(associate: Associate) -> Associate:
     return pair
 
 
-def _content(seen: Observation) -> bytes:
+def whole_content(seen: Observation) -> bytes:
     """A digest of the surface and the anchors of a frame."""
-    arrays = (seen.surface.points_m, seen.whole.points_m, seen.whole.ring, seen.anchors.node)
+    return _digest(seen.surface.points_m, seen.whole.points_m, seen.whole.ring, seen.anchors.node)
+
+
+def _surface_content(seen: Observation) -> bytes:
+    """A digest of the surface."""
+    return _digest(seen.surface.points_m, seen.whole.points_m, seen.whole.ring)
+
+
+def seen_content(seen: Observation) -> bytes:
+    """A digest of the seen nodes and their normals, which do not depend on how the mesh is cut or closed."""
+    return _digest(seen.surface.points_m, seen.surface.normals)
+
+
+def _digest(*arrays: np.ndarray) -> bytes:
     return hashlib.sha256(b"".join(np.ascontiguousarray(one).tobytes() for one in arrays)).digest()
 
 

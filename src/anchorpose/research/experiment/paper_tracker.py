@@ -25,7 +25,9 @@ from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_poi
 from anchorpose.body.tips import anchor_points
 from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.joints import ANCHOR_NAMES
+from anchorpose.recording.recording import FrameSet
 from anchorpose.research.experiment.config import Form
+from anchorpose.research.experiment.given import GivenFrames
 from anchorpose.surface.surface import BodyMap
 from anchorpose.tracker.association import PAIR_SIGMA_M, GlobalHypothesis, part_motion, parts_by_icp, skin_places
 from anchorpose.tracker.observation import Observation
@@ -38,11 +40,13 @@ from anchorpose.tracker.start import Start
 class Way:
     """What a method does beside its association, and the form of the framework.
 
-    filtered: the pose follows the matches by a Kalman filter, not part by part. own_surface: limbs whose ends are seen
-    elsewhere are brought back by matching the body's own surface.
+    anchored: it looks at the anchors, which are found only then. filtered: the pose follows the matches by a Kalman
+    filter, not part by part. own_surface: limbs whose ends are seen elsewhere are brought back by matching the body's
+    own surface.
     """
 
     form: Form = Form.REFINED
+    anchored: bool = True
     filtered: bool = False
     own_surface: bool = False
 
@@ -50,14 +54,26 @@ class Way:
 class PaperTracker(PatientTracker):
     """The patient in the paper's framework."""
 
-    def __init__(self, run: Run, start: Start, way: Way) -> None:
-        self.way = way
+    def __init__(self, run: Run, start: Start, way: Way, given: GivenFrames) -> None:
+        self.way, self.given = way, given
         super().__init__(run, start)
 
     def use_shape(self, shape: FittedShape) -> None:
         """As in ``PatientTracker``; a tracker starts again every second, always with the same body."""
         self.shape = shape
         self.body, self.map = _body_of(shape)
+
+    def follow(self, frame_set: FrameSet | None) -> bool:
+        """As ``step``, without states and uncertainty, which are not compared; whether a frame was registered."""
+        ready = self._look(frame_set)
+        if ready:
+            self._advance()
+        return ready
+
+    def _observe(self, number: int) -> Observation:
+        """As in ``PatientTracker``; but which pixels are the patient's is given."""
+        expected = self.expect(self.predict(number)[-1])
+        return self.given.observe(self.window.frames[number], expected, self.height_m, self.run, self.way.anchored)
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
         config, form, robust = self.config.registration, self.way.form, self.way.form.rejects

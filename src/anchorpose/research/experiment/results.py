@@ -23,8 +23,7 @@ class Tracked:
 
     frame (f,) int64: positions in the recording, without the frames whose pose was given. occluded (f,) bool: the frame
     has a hole. error_mm (f, 21): distance from the truth, or from the reference skeleton of a real recording; NaN where
-    either has no joint. seconds: on one core, in total, NaN in
-    forms that use the descriptors of another.
+    either has no joint.
     """
 
     scene: Scene
@@ -34,7 +33,6 @@ class Tracked:
     frame: np.ndarray
     occluded: np.ndarray
     error_mm: np.ndarray
-    seconds: float
     form: Form = Form.REFINED
 
     def __post_init__(self) -> None:

@@ -108,7 +108,7 @@ def run_experiment(
         raise InputError(real, "contains no recording folder with a skeleton.npz", "check the folder")
     trainers = tuple(training_clips(config))
     spec = _untuned_plan(out / CACHE, trainers, config)
-    costs = _costs(spec, clips, trainers, processes, report)
+    costs = _costs(spec, clips, processes, report)
     training = Part(replace(spec, training=True), trainers if config.tuned else (), costs)
     testing = Part(replace(spec, chosen=_chosen(_tried(training, methods))), tuple(clips), costs)
     left_s = training.left_s() + testing.left_s()
@@ -128,20 +128,18 @@ def run_experiment(
 
 
 AROUND_S: Final = 240.0  # kernels that are compiled or loaded by every process, the figures of anchors, and the page
-LONG_S: Final = 300.0  # a longer run is worth one or two minutes for an estimate of this machine
+LONG_S: Final = 600.0  # a longer run is worth some minutes for an estimate of this machine
 
 
-def _costs(
-    spec: PlanSpec, clips: Sequence[Clip], trainers: Sequence[Clip], processes: int, report: Callable[[str], None]
-) -> Costs:
+def _costs(spec: PlanSpec, clips: Sequence[Clip], processes: int, report: Callable[[str], None]) -> Costs:
     """What the tasks cost: measured on this machine where much is left to do."""
-    usual = usual_costs(load_methods(spec.config.methods))
+    usual, simulated = usual_costs(load_methods(spec.config.methods), spec.config), [c for c in clips if c.simulation]
     left_s = Part(spec, tuple(clips), usual).left_s()
-    if left_s / processes < LONG_S:
+    if left_s / processes < LONG_S or not simulated:
         return usual
     report("Measuring how long every method takes here.")
     try:
-        return measure_costs(spec.plan(), trainers[0])
+        return measure_costs(spec, simulated, processes)
     except AnchorposeError as error:
         report(f"Not measured: {error}")
         return usual
@@ -212,9 +210,8 @@ def _collect(tasks: Sequence[Task]) -> tuple[tuple[Tracked, ...], tuple[Matched,
             continue
         arrays, who = read(task.path), (task.clip.scene, task.clip.name, task.hole_m, task.method.key)
         if task.kind is Kind.TRACKED:
-            for number, (form, error_mm) in enumerate(zip(task.forms, arrays["error_mm"], strict=True)):
-                seconds = float(arrays["seconds"]) if number == 0 else np.nan
-                tracked.append(Tracked(*who, arrays["frame"], arrays["occluded"], error_mm, seconds, form))
+            for form, error_mm in zip(task.forms, arrays["error_mm"], strict=True):
+                tracked.append(Tracked(*who, arrays["frame"], arrays["occluded"], error_mm, form))
             continue
         matched += _windows_of(task, arrays)
     return tuple(tracked), tuple(matched)

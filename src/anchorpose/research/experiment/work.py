@@ -5,10 +5,9 @@ A method runs on segments in the paper's framework; this project's tracker runs 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from zlib import crc32
@@ -27,19 +26,15 @@ from anchorpose.research.experiment.clips import (
 )
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.correspondence import Skin
-from anchorpose.research.experiment.framework import (
-    GivenStarts,
+from anchorpose.research.experiment.framework import follow_segment, paper_config, paper_room, run_in, start_at
+from anchorpose.research.experiment.given import (
+    GivenFrames,
     NoReference,
     Reference,
-    follow_segment,
     from_arrays,
     in_its_world,
     make_reference,
-    paper_config,
-    paper_room,
-    run_in,
     to_arrays,
-    track_from,
 )
 from anchorpose.research.experiment.matching import (
     MatchErrors,
@@ -51,25 +46,22 @@ from anchorpose.research.experiment.matching import (
     truth_of,
     warm_up,
 )
-from anchorpose.research.experiment.method import Family, Method, cached_per_pair
+from anchorpose.research.experiment.method import Family, Method, associate_once
 from anchorpose.research.experiment.paper_tracker import Way
 from anchorpose.research.experiment.plan import Kind, Plan, Task, read
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedJoints:
-    """frame (f,) positions in the recording; joints_m (forms, f, 21, 3) world, NaN where lost; seconds on one core, of
-    the first form, from the given start on."""
+    """frame (f,) positions in the recording; joints_m (forms, f, 21, 3) world, NaN where lost."""
 
     frame: np.ndarray
     joints_m: np.ndarray
-    seconds: float
 
 
 def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
@@ -77,29 +69,38 @@ def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
     return [start for start in range(0, frames - length + 1, length) if found[start]]
 
 
-def track_segments(
-    method: Method, setting: object, given: GivenStarts, runs: Mapping[Form, Run], starts: Sequence[int], length: int
-) -> TrackedJoints:
-    """The method in each form of the framework, started again at each start; the first frames are left out.
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """A recording with one size of hole, and the forms of the framework that methods run in on it.
 
-    All forms use the same descriptors and matches where they see the same.
+    cut (t,) bool: the frames that lost readings. windows: those taken so far, by kind of mesh.
     """
-    if method.associate is None:
-        raise ValueError(f"{method.key} has no association that the framework could use")
-    associate = cached_per_pair(method.associate(setting))
-    frames, seconds = [np.zeros(0, np.int64)], 0.0
-    joints: dict[Form, list[np.ndarray]] = {form: [np.zeros((0, JOINT_COUNT, 3))] for form in runs}
+
+    given: GivenFrames
+    cut: np.ndarray
+    runs: Mapping[Form, Run]
+    windows: dict[SurfaceConfig, list[tuple[Window, Truth]]] = field(default_factory=dict)
+
+
+def track_segments(
+    method: Method, setting: object, trials: Sequence[Trial], starts: Sequence[int], length: int
+) -> list[TrackedJoints]:
+    """The method in every trial, started again at each start; the first frames are left out.
+
+    All trials use the same descriptors and matches where they see the same.
+    """
+    associate = associate_once(method, setting)
+    joints = [{form: [np.zeros((0, JOINT_COUNT, 3))] for form in trial.runs} for trial in trials]
     for start in starts:
-        for number, (form, run) in enumerate(runs.items()):
-            own = replace(run, config=method.configure(run.config, setting), associate=associate)
-            way = Way(form=form, filtered=method.filtered, own_surface=method.own_surface)
-            first, later = given.start(start, own), given.frames(start, length)[1:]
-            began = time.process_time()
-            joints[form].append(follow_segment(track_from(start, first, given.reference, own, way), later))
-            seconds += time.process_time() - began if number == 0 else 0.0
-        frames.append(np.arange(start + 1, start + length))
-    together = np.stack([np.concatenate(joints[form]) for form in runs])
-    return TrackedJoints(np.concatenate(frames), together, seconds)
+        for trial, found in zip(trials, joints, strict=True):
+            later = [trial.given.frame(position) for position in range(start + 1, start + length)]
+            for form, run in trial.runs.items():
+                own = replace(run, config=method.configure(run.config, setting), associate=associate)
+                way = Way(form=form, anchored=method.anchored, filtered=method.filtered, own_surface=method.own_surface)
+                found[form].append(follow_segment(start_at(start, trial.given, own, way), later))
+    frames = np.concatenate([np.zeros(0, np.int64), *(np.arange(start + 1, start + length) for start in starts)])
+    together = (np.stack([np.concatenate(of_form) for of_form in found.values()]) for found in joints)
+    return [TrackedJoints(frames, joints_m) for joints_m in together]
 
 
 def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
@@ -107,12 +108,12 @@ def track_whole(method: Method, setting: object, recording: Recording) -> Tracke
 
     It is the same in every form. The joints are those of its pose, also where it calls them lost.
     """
-    began, frames = time.process_time(), np.arange(len(recording.streams[0].files))
+    frames = np.arange(len(recording.streams[0].files))
     try:
         joints = make_reference(recording, method.configure(TrackConfig(), setting)).joints_m
     except NoReference:
         joints = np.full((len(frames), JOINT_COUNT, 3), np.nan)
-    return TrackedJoints(frames, joints[None], time.process_time() - began)
+    return TrackedJoints(frames, joints[None])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,12 +146,14 @@ def work_on(clip: Clip, plan: Plan) -> None:
     open_tasks = [task for task in plan.tasks(clip) if not task.done]
     if not open_tasks:
         return
-    with one_thread(), prepare_clip(clip, plan) as prepared:
-        for hole_m in plan.holes(clip):
-            tasks = [task for task in open_tasks if task.hole_m == hole_m]
-            if tasks:
-                with with_holes(prepared, hole_m) as (recording, cut):
-                    _run_tasks(tasks, prepared, recording, cut, plan)
+    with one_thread(), prepare_clip(clip, plan) as prepared, open_trials(prepared, plan) as trials:
+        for task in open_tasks:
+            if task.kind is Kind.MATCHED:
+                _match(task, prepared, trials[task.hole_m], plan)
+        methods = {(task.method.key, task.setting): task.method for task in open_tasks if task.kind is Kind.TRACKED}
+        for key, setting in methods:
+            same = [t for t in open_tasks if (t.kind, t.method.key, t.setting) == (Kind.TRACKED, key, setting)]
+            _track(same, prepared, trials, plan)
 
 
 @contextmanager
@@ -197,59 +200,76 @@ def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recordin
         yield in_its_world(open_recording(out), reference), cut
 
 
-def _run_tasks(
-    tasks: Sequence[Task], prepared: PreparedClip, recording: Recording, cut: np.ndarray, plan: Plan
-) -> None:
-    room = paper_room(recording, plan.movements)
-    cache, length = _WindowCache(prepared, plan, room), plan.config.segment_frames
-    for task in tasks:
-        if task.kind is Kind.MATCHED:
-            known = cache.windows(task.method, task.setting)
-            for window, _ in known[:1]:
-                warm_up(task.method, task.setting, window)
-            scores = [score(task.method, task.setting, window, truth) for window, truth in known]
-            plan.store.write(task.path, _matched_arrays([window for window, _ in known], scores, prepared, cut, plan))
-    runs = {form: run_in(room, plan.movements, form) for form in Form}
-    given, chosen = GivenStarts(room, prepared.reference), _segments(prepared, plan)
-    for task in tasks:
-        if task.kind is Kind.TRACKED:
-            if task.method.family is Family.TRACKER:
-                track = _evaluated(track_whole(task.method, task.setting, recording), chosen, length)
-            else:
-                wanted = {form: runs[form] for form in task.forms}
-                track = track_segments(task.method, task.setting, given, wanted, chosen, length)
-            plan.store.write(task.path, _tracked_arrays(track, prepared, cut))
+@contextmanager
+def open_trials(prepared: PreparedClip, plan: Plan) -> Iterator[dict[float, Trial]]:
+    """The recording with every size of hole that the plan has for it."""
+    with ExitStack() as stack:
+        room = paper_room(prepared.recording, plan.movements)
+        uncut, trials = GivenFrames(room, prepared.reference), {}
+        for hole_m in plan.holes(prepared.clip):
+            recording, cut = stack.enter_context(with_holes(prepared, hole_m))
+            holed = replace(room, recording=recording)
+            given = GivenFrames(holed, prepared.reference, uncut, cut) if hole_m else uncut
+            trials[hole_m] = Trial(given, cut, {form: run_in(holed, plan.movements, form) for form in Form})
+        yield trials
 
 
-def _segments(prepared: PreparedClip, plan: Plan) -> list[int]:
+def _match(task: Task, prepared: PreparedClip, trial: Trial, plan: Plan) -> None:
+    known = windows_of(task.method, task.setting, prepared, trial, plan)
+    for window, _ in known[:1]:
+        warm_up(task.method, task.setting, window)
+    scores = [score(task.method, task.setting, window, truth) for window, truth in known]
+    arrays = _matched_arrays([window for window, _ in known], scores, prepared, trial.cut, plan)
+    plan.store.write(task.path, arrays)
+
+
+def _track(tasks: Sequence[Task], prepared: PreparedClip, trials: Mapping[float, Trial], plan: Plan) -> None:
+    """Tasks of one method that differ in the size of the hole."""
+    method, setting, length = tasks[0].method, tasks[0].setting, plan.config.segment_frames
+    starts, of_tasks = segments(prepared, plan), [trials[task.hole_m] for task in tasks]
+    if method.family is Family.TRACKER:
+        whole = [track_whole(method, setting, trial.given.room.recording) for trial in of_tasks]
+        tracks = [_evaluated(track, starts, length) for track in whole]
+    else:
+        wanted = [
+            replace(trial, runs={form: trial.runs[form] for form in task.forms})
+            for task, trial in zip(tasks, of_tasks, strict=True)
+        ]
+        tracks = track_segments(method, setting, wanted, starts, length)
+    for task, trial, track in zip(tasks, of_tasks, tracks, strict=True):
+        plan.store.write(task.path, _tracked_arrays(track, prepared, trial.cut))
+
+
+def segments(prepared: PreparedClip, plan: Plan) -> list[int]:
     """The starts of the segments that every method runs on, drawn at random."""
     return draw_some(prepared.starts, plan.config.segments, prepared.seed)
 
 
-class _WindowCache:
-    """The windows of a recording, shared by all methods with the same kind of mesh."""
+def windows_of(
+    method: Method, setting: object, prepared: PreparedClip, trial: Trial, plan: Plan
+) -> list[tuple[Window, Truth]]:
+    """The windows on the meshes of a method, gap by gap, with the true correspondence; none of a real recording.
 
-    def __init__(self, prepared: PreparedClip, plan: Plan, room: Room) -> None:
-        self.prepared, self.plan, self.room = prepared, plan, room
-        self.taken: dict[SurfaceConfig, list[tuple[Window, Truth]]] = {}
+    Methods with the same kind of mesh share them.
+    """
+    skin, taken = prepared.skin, trial.windows
+    surface = method.configure(paper_config(plan.movements), setting).surface
+    if skin is not None and surface not in taken:
+        found = [window for gap_s in plan.gaps_s for window in _windows_over(gap_s, surface, prepared, trial, plan)]
+        taken[surface] = [(window, truth_of(window, skin)) for window in found]
+    return taken.get(surface, [])
 
-    def windows(self, method: Method, setting: object) -> list[tuple[Window, Truth]]:
-        """The windows on the meshes of a method, with the true correspondence, gap by gap."""
-        skin = self.prepared.skin
-        surface = method.configure(paper_config(self.plan.movements), setting).surface
-        if skin is not None and surface not in self.taken:
-            found = [window for gap_s in self.plan.gaps_s for window in self._of_gap(gap_s, surface)]
-            self.taken[surface] = [(window, truth_of(window, skin)) for window in found]
-        return self.taken.get(surface, [])
 
-    def _of_gap(self, gap_s: float, surface: SurfaceConfig) -> Iterator[Window]:
-        stride = self.plan.config.stride(gap_s)
-        run = run_in(self.room, self.plan.movements, stride=stride)
-        run = replace(run, config=replace(run.config, surface=surface))
-        for frame in window_frames(self.prepared, self.plan, stride):
-            window = take_window(frame, self.prepared.reference, run, stride)
-            if window is not None:
-                yield window
+def _windows_over(
+    gap_s: float, surface: SurfaceConfig, prepared: PreparedClip, trial: Trial, plan: Plan
+) -> Iterator[Window]:
+    stride = plan.config.stride(gap_s)
+    run = run_in(trial.given.room, plan.movements, stride=stride)
+    run = replace(run, config=replace(run.config, surface=surface))
+    for frame in window_frames(prepared, plan, stride):
+        window = take_window(frame, trial.given, run, stride)
+        if window is not None:
+            yield window
 
 
 def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[int]:
@@ -265,7 +285,7 @@ def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> Trac
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
         kept[start + 1 : start + length] = True
-    return TrackedJoints(track.frame[kept], track.joints_m[:, kept], track.seconds)
+    return TrackedJoints(track.frame[kept], track.joints_m[:, kept])
 
 
 def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarray) -> dict[str, object]:
@@ -274,7 +294,6 @@ def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarra
         "frame": track.frame,
         "occluded": cut[track.frame],
         "error_mm": error_mm.astype(np.float32),
-        "seconds": track.seconds,
     }
 
 

@@ -14,7 +14,7 @@ from anchorpose.association.hypotheses import GateConfig, HypothesisConfig, Matc
 from anchorpose.geodesics.anchors import anchor_descriptor
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.research.experiment.framework import ANYWHERE_M, PAPER_GATE
-from anchorpose.research.experiment.method import PROPOSED, Family, Method, cached_per_frame
+from anchorpose.research.experiment.method import PROPOSED, Family, Method, cached, whole_content
 from anchorpose.research.features.psi import match_by_psi, subsets_with_pieces
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.tracker.association import Associate
@@ -59,7 +59,7 @@ def _by_edges(seen: Observation) -> np.ndarray:
 
 def _by_psi(describe: Callable[[Observation], np.ndarray], size: int, setting: AnchorSetting) -> Associate:
     """A hypothesis for every subset of ``size`` anchors, and for the anchors that are left behind a cut."""
-    distances = cached_per_frame(describe)
+    distances = cached(describe, whole_content)
 
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
         source, target = distances(now), distances(following)

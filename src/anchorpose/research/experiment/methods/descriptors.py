@@ -83,9 +83,10 @@ def _both(
     associate = by_descriptor(describe)
     return (
         Method(key=key, title=title, family=Family.LOCAL, source=source, settings=chosen, associate=associate,
-               frame_ms=frame_ms),
+               anchored=False, frame_ms=frame_ms),
         Method(key=f"{key}-5cm", title=f"{title}, 5 cm", family=Family.LOCAL, source=source,
-               settings=(setting(USUAL_RADIUS_M, 0),), associate=associate, frame_ms=frame_ms / 2.0),
+               settings=(setting(USUAL_RADIUS_M, 0),), associate=associate, anchored=False,
+               frame_ms=frame_ms / 2.0),
     )  # fmt: skip
 
 
@@ -139,6 +140,7 @@ MESH = (
             for radius, spread in ((0.20, 0.5), (0.20, 0.3), (0.10, 0.3))
         ),
         associate=by_descriptor(_mesh_hog),
+        anchored=False,
         frame_ms=200.0,
     ),
     Method(
@@ -152,6 +154,7 @@ MESH = (
             for radius in (0.20, 0.15, 0.10)
         ),
         associate=by_descriptor(_ld_sift),
+        anchored=False,
         frame_ms=360.0,
     ),
 )
@@ -198,6 +201,7 @@ def _spectral_method(
         source=source,
         settings=settings,
         associate=by_descriptor(_described(signature)),
+        anchored=False,
         frame_ms=200.0,
     )
 

@@ -6,7 +6,6 @@ A local descriptor tells neighbours apart and confuses places far from each othe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -15,7 +14,7 @@ from numba import njit
 from anchorpose.association.hypotheses import HypothesisConfig, Matcher, anchor_subsets
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.research.experiment.framework import NEVER_M
-from anchorpose.research.experiment.method import NEXT, Family, Method, cached_per_frame
+from anchorpose.research.experiment.method import NEXT, Family, Method, cached, seen_content
 from anchorpose.research.features.shot import ShotConfig, shot
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.association import Associate
@@ -66,12 +65,15 @@ def _signatures(seen: Observation) -> np.ndarray:
 
 
 def _associate(setting: NextSetting) -> Associate:
-    signatures = cached_per_frame(_signatures)
+    signatures = cached(_signatures, seen_content)
+    unlike = cached(
+        lambda now, following: _unlike(signatures(now), signatures(following), setting.shot_sigma), seen_content
+    )
 
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
         subsets = anchor_subsets(now.anchors.found & following.anchors.found, SUBSET)
         subsets = subsets if len(subsets) else np.empty((1, 0), np.int64)
-        local = partial(_local, signatures(now), signatures(following), setting.shot_sigma)
+        local = unlike(now, following)
         source = now.descriptor - jitter_m(now, following, local)
 
         def find(nodes: np.ndarray) -> np.ndarray:
@@ -81,7 +83,7 @@ def _associate(setting: NextSetting) -> Associate:
                 chosen = nodes[first : first + ROWS]
                 seen = (source[chosen], now.surface.points_m[chosen])
                 others = (following.descriptor, following.surface.points_m)
-                match[first : first + ROWS], total = most_similar(local(chosen), seen, others, subsets, per2)
+                match[first : first + ROWS], total = most_similar(local[chosen], seen, others, subsets, per2)
                 matcher.cost_m[chosen] = setting.cost_m * np.sqrt(total)
             return match
 
@@ -91,9 +93,9 @@ def _associate(setting: NextSetting) -> Associate:
     return pair
 
 
-def _local(source: np.ndarray, target: np.ndarray, sigma: float, nodes: np.ndarray) -> np.ndarray:
-    """(k, n) float32: squared distances of signatures of unit length, in deviations, at most ``MOST_SHOT``."""
-    apart2 = 2.0 * source[nodes] @ target.T
+def _unlike(source: np.ndarray, target: np.ndarray, sigma: float) -> np.ndarray:
+    """(m, n) float32: squared distances of signatures of unit length, in deviations, at most ``MOST_SHOT``."""
+    apart2 = 2.0 * source @ target.T
     np.subtract(2.0, apart2, out=apart2)  # in place: new arrays of this size cost more than the arithmetic
     np.maximum(apart2, 0.0, out=apart2)
     apart2 /= np.float32(sigma**2)
@@ -174,7 +176,7 @@ def _add_up(
             sums[s] += each[anchor]
 
 
-def jitter_m(now: Observation, following: Observation, local: partial[np.ndarray]) -> np.ndarray:
+def jitter_m(now: Observation, following: Observation, local: np.ndarray) -> np.ndarray:
     """(5,) float32 metres, e_1: the anchors' own movement adds the same to the distance of every node.
 
     It is the median difference between nodes and their matches by the local descriptor alone; 0 for an anchor that is
@@ -185,7 +187,7 @@ def jitter_m(now: Observation, following: Observation, local: partial[np.ndarray
         return jitter
     some = np.arange(0, len(now.surface), 1 + len(now.surface) // ROWS)
     with np.errstate(invalid="ignore"):
-        off = now.descriptor[some] - following.descriptor[local(some).argmin(axis=1)]
+        off = now.descriptor[some] - following.descriptor[local[some].argmin(axis=1)]
     for anchor, column in enumerate(off.T):
         known = column[np.isfinite(column)]
         jitter[anchor] = np.median(known) if len(known) else 0.0

@@ -46,9 +46,9 @@ def _nearest(setting: Any) -> Associate:
 
 BASELINES = (
     Method(key="none", title="no association: prediction and ICP", family=Family.NONE, source="",
-           associate=_none, frame_ms=1.0),
+           associate=_none, anchored=False, frame_ms=1.0),
     Method(key="nearest", title="the node nearest to where the node was", family=Family.NONE, source="",
-           associate=_nearest, frame_ms=3.0),
+           associate=_nearest, anchored=False, frame_ms=3.0),
 )  # fmt: skip
 
 
@@ -74,6 +74,7 @@ GLOBAL = (
         source="Bronstein et al. 2006, doi:10.1073/pnas.0508601103",
         settings=(GmdsConfig(), GmdsConfig(samples=60), GmdsConfig(cap_m=0.3)),
         associate=_gmds,
+        anchored=False,
         frame_ms=550.0,
     ),
 )

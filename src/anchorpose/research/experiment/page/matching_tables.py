@@ -8,12 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.research.experiment.config import Scene
 from anchorpose.research.experiment.correspondence import REGIONS
 from anchorpose.research.experiment.page.selection import (
     Matching,
-    Tracking,
-    compared,
     direct_mm,
     error_of,
     in_regions,
@@ -146,10 +143,10 @@ PAPER_EDGES: Final = 36185
 
 def time_tables(results: ExperimentResults) -> list[Table]:
     """Seconds per method."""
-    rows = [*_matching_rows(results), *_tracking_rows(results)]
+    rows = _matching_rows(results)
     note = (
-        "On one core. Descriptors and matches: for one pair of frames, with the nodes of that mesh. Tracking: time per "
-        "frame. The paper’s feature took 0.23 s on a mesh of 15,549 nodes."
+        "On one core, for the descriptors of one pair of frames and their matches, with the nodes of that mesh. The "
+        "paper’s feature took 0.23 s on a mesh of 15,549 nodes."
     )
     return [Table("times", "Time, s", "what", note, tuple(rows))] if rows else []
 
@@ -174,20 +171,3 @@ def _matching_rows(results: ExperimentResults) -> list[Row]:
             results.config.resamples))
         for method in matching.methods
     ]  # fmt: skip
-
-
-def _tracking_rows(results: ExperimentResults) -> list[Row]:
-    tracking, column = Tracking(results), Column("track", "tracking, per frame", Unit.SECONDS)
-    rows = []
-    resamples = results.config.resamples
-    for method in tracking.ran(Scene.PAPER, compared(results.methods)):
-        seconds: dict[str, list[float]] = {}
-        frames: dict[str, list[float]] = {}
-        for hole in tracking.holes(Scene.PAPER):
-            for recording, run in tracking.runs(Scene.PAPER, method.key, hole).items():
-                if len(run.frame):
-                    seconds.setdefault(recording, []).append(run.seconds)
-                    frames.setdefault(recording, []).append(len(run.frame))
-        spent, had = ([np.array(values) for _, values in sorted(of.items())] for of in (seconds, frames))
-        rows.append(Row(method, column, ratio_of(spent, had, resamples)))
-    return rows

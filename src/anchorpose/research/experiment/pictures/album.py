@@ -15,10 +15,10 @@ import numpy as np
 from anchorpose.errors import AnchorposeError
 from anchorpose.geodesics.distance import geodesic_distance, geodesic_distance_to_set
 from anchorpose.geodesics.extrema import surface_center
-from anchorpose.recording.recording import Recording
 from anchorpose.research.experiment.clips import Clip
+from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.correspondence import Skin
-from anchorpose.research.experiment.framework import Reference, paper_run
+from anchorpose.research.experiment.given import GivenFrames
 from anchorpose.research.experiment.matching import take_window
 from anchorpose.research.experiment.method import PROPOSED, Method
 from anchorpose.research.experiment.pictures.canvas import (
@@ -37,7 +37,7 @@ from anchorpose.research.experiment.pictures.regions import HoledFrame, region_p
 from anchorpose.research.experiment.pictures.tracked import follow, tracked_picture
 from anchorpose.research.experiment.plan import Plan, PlanSpec, identity
 from anchorpose.research.experiment.results import PaperTimes
-from anchorpose.research.experiment.work import PreparedClip, prepare_clip, with_holes
+from anchorpose.research.experiment.work import PreparedClip, Trial, open_trials, prepare_clip
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.results.folder import whole_or_nothing
 from anchorpose.surface.mesh import edges
@@ -50,27 +50,28 @@ from anchorpose.versions import code_digest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sources:
-    """What the pictures show: the frame before the hole and the next one, without and with the hole; run: with it."""
+    """What the pictures show: the frame before the hole and the next one, without and with the hole; holed: with it."""
 
     view: View
     skin: Skin
-    reference: Reference
     whole: Moment
     hole: Moment
-    run: Run
+    holed: Trial
 
 
-def write_pictures(folder: Path, prepared: PreparedClip, holed: Recording, hole_frame: int, plan: Plan) -> None:
+def write_pictures(
+    folder: Path, prepared: PreparedClip, whole: Trial, holed: Trial, hole_frame: int, plan: Plan
+) -> None:
     """Write *.png and pictures.json into a folder, a list of {"file", "caption", "section"} in the order of the page.
 
-    prepared: of a simulated recording; holed: its copy with holes, one of them in ``hole_frame``, a position, and none
-    in the frame before. Raises ValueError where the patient was not found in the frame before the hole; MissingPackage
+    prepared: of a simulated recording; holed: with holes, one of them in ``hole_frame``, a position, and none in the
+    frame before. Raises ValueError where the patient was not found in the frame before the hole; MissingPackage
     without matplotlib.
     """
     with default_style():
-        sources, centre_m = _prepare_sources(prepared, holed, hole_frame, plan.movements), prepared.reference.centre_m
+        sources, centre_m = _prepare_sources(prepared, whole, holed, hole_frame), prepared.reference.centre_m
         seen = sources.whole.window.observations[1]
-        taken = taken_pixels(prepared.recording, holed, hole_frame)
+        taken = taken_pixels(whole.given.frame(hole_frame), holed.given.frame(hole_frame))
         frame = HoledFrame(f"Frame {hole_frame}", seen.whole, seen.anchors, taken, centre_m[hole_frame])
         pictures = chain(
             _matches(sources, plan.methods, plan.settings),
@@ -87,16 +88,15 @@ def write_picture(folder: Path, picture: Picture) -> dict[str, str]:
     return {"file": picture.file, "caption": picture.caption, "section": picture.section}
 
 
-def _prepare_sources(prepared: PreparedClip, holed: Recording, hole_frame: int, movements: Path) -> _Sources:
-    reference, skin, frame = prepared.reference, prepared.skin, hole_frame - 1
+def _prepare_sources(prepared: PreparedClip, without: Trial, holed: Trial, hole_frame: int) -> _Sources:
+    skin, frame = prepared.skin, hole_frame - 1
     if frame < 0:
         raise ValueError(f"hole_frame must have a frame before it, got {hole_frame}")
     if skin is None:
         raise ValueError("only a simulated recording has a true correspondence to draw")
-    without, with_hole = (paper_run(each, movements) for each in (prepared.recording, holed))
-    whole = take_moment(frame, reference, without, skin, "whole", "Nothing hidden")
-    hole = take_moment(frame, reference, with_hole, skin, "hole", "With a hole in the second frame")
-    return _Sources(upright_view(without.room.cameras[0]), skin, reference, whole, hole, with_hole)
+    whole = take_moment(frame, without, skin, "whole", "Nothing hidden")
+    hole = take_moment(frame, holed, skin, "hole", "With a hole in the second frame")
+    return _Sources(upright_view(without.given.room.cameras[0]), skin, whole, hole, holed)
 
 
 def _matches(sources: _Sources, methods: Sequence[Method], settings: Mapping[str, object]) -> Iterator[Picture]:
@@ -121,9 +121,9 @@ def _proposed(
     """Tracked joints and hypotheses of the proposed method, where it is among the methods."""
     for method in methods:
         if method.key == PROPOSED:
-            setting, run, truth_m = settings[method.key], sources.run, sources.skin.performance.joints_m()
-            frames = follow(start, sources.reference, run, method, setting, truth_m)
-            yield tracked_picture(sources.view, method, frames, run.room.recording.rate_hz, start)
+            setting, holed, truth_m = settings[method.key], sources.holed, sources.skin.performance.joints_m()
+            frames = follow(start, holed.given, holed.runs[Form.REFINED], method, setting, truth_m)
+            yield tracked_picture(sources.view, method, frames, holed.given.room.recording.rate_hz, start)
             for moment in (sources.whole, sources.hole):
                 yield from hypothesis_pictures(sources.view, moment, method, setting)
 
@@ -131,10 +131,10 @@ def _proposed(
 ROUNDS: Final = 5  # of which the median counts
 
 
-def measure_times(frame: int, reference: Reference, run: Run) -> PaperTimes | None:
+def measure_times(frame: int, given: GivenFrames, run: Run) -> PaperTimes | None:
     """Times of the paper's own steps on one frame, after everything was compiled; None where nobody was found in it."""
     fine = replace(run.config.surface, step=1)
-    window = take_window(frame, reference, run)
+    window = take_window(frame, given, run)
     if window is None:
         return None
     views = [view for view in window.observations[0].evidence.views if view is not None]
@@ -228,10 +228,10 @@ def _show_last(folder: Path, plan: Plan, trainers: Sequence[Clip]) -> Shown:
 
 def _show_one(folder: Path, plan: Plan, clip: Clip) -> None:
     middle = sorted(plan.config.holes_m)[len(plan.config.holes_m) // 2]
-    with prepare_clip(clip, plan) as prepared, with_holes(prepared, middle) as (holed, cut):
-        frame = _moving_frame(prepared, cut)
+    with prepare_clip(clip, plan) as prepared, open_trials(prepared, plan) as trials:
+        frame = _moving_frame(prepared, trials[middle].cut)
         if prepared.skin is not None and frame is not None:
-            write_pictures(folder, prepared, holed, frame, plan)
+            write_pictures(folder, prepared, trials[0.0], trials[middle], frame, plan)
 
 
 PAPER_SIZE: Final = "azure-kinect"  # sees a person with as many pixels as the paper's mesh has nodes
@@ -243,10 +243,11 @@ def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
         return None
     seconds = (plan.config.segment_frames + 1) / plan.config.fps
     finer = replace(clip.simulation, sensor=PAPER_SIZE, seconds=seconds)
-    with prepare_clip(replace(clip, name=f"{clip.name}, finer", simulation=finer), plan) as prepared:
+    finer_clip = replace(clip, name=f"{clip.name}, finer", simulation=finer)
+    with prepare_clip(finer_clip, plan) as prepared, open_trials(prepared, plan) as trials:
         if not prepared.starts:
             return None
-        return measure_times(prepared.starts[0], prepared.reference, paper_run(prepared.recording, plan.movements))
+        return measure_times(prepared.starts[0], trials[0.0].given, trials[0.0].runs[Form.REFINED])
 
 
 def _moving_frame(prepared: PreparedClip, cut: np.ndarray) -> int | None:

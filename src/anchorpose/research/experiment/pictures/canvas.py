@@ -14,14 +14,13 @@ from anchorpose.camera import Camera
 from anchorpose.errors import MissingPackage
 from anchorpose.pages import canvas as colours
 from anchorpose.pages.canvas import as_hex
-from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import Recording
+from anchorpose.recording.recording import FrameSet
+from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.correspondence import Skin, TruePlaces
-from anchorpose.research.experiment.framework import Reference
 from anchorpose.research.experiment.matching import Window, take_window
+from anchorpose.research.experiment.work import Trial
 from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
-from anchorpose.tracker.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -163,19 +162,19 @@ class Moment:
         return self.window.observations[0].surface, self.window.observations[1].surface
 
 
-def take_moment(frame: int, reference: Reference, run: Run, skin: Skin, name: str, title: str) -> Moment:
+def take_moment(frame: int, trial: Trial, skin: Skin, name: str, title: str) -> Moment:
     """The frame and the next one; ValueError where the patient was not found in it."""
-    window = take_window(frame, reference, run)
+    window = take_window(frame, trial.given, trial.runs[Form.REFINED])
     if window is None:
         raise ValueError(f"the patient was not found in frame {frame} or is not seen in the next: choose another one")
     before, after = (seen.surface.points_m.astype(np.float64) for seen in window.observations[:2])
     return Moment(name, title, window, skin.follow(before, frame, frame + 1, after))
 
 
-def taken_pixels(whole: Recording, holed: Recording, frame: int) -> np.ndarray:
+def taken_pixels(whole: FrameSet, holed: FrameSet) -> np.ndarray:
     """(height, width) bool: pixels of the first camera's depth image that the hole removed."""
-    pictures = [read_frame(recording, frame).depths_m[0] for recording in (whole, holed)]
+    pictures = [each.depths_m[0] for each in (whole, holed)]
     if pictures[0] is None or pictures[1] is None:
-        raise ValueError(f"the first camera has no picture of frame {frame}")
+        raise ValueError(f"the first camera has no picture of frame {whole.frame}")
     taken: np.ndarray = (pictures[0] > 0) & (pictures[1] == 0)
     return taken

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from anchorpose.joints import LIMBS
-from anchorpose.recording.reader import read_frames
-from anchorpose.research.experiment.framework import Reference, start_at
+from anchorpose.research.experiment.framework import start_at
+from anchorpose.research.experiment.given import GivenFrames
 from anchorpose.research.experiment.method import Method
 from anchorpose.research.experiment.pictures.canvas import (
     BLUE,
@@ -50,7 +50,7 @@ class TrackedFrame:
 
 
 def follow(
-    start: int, reference: Reference, run: Run, method: Method, setting: object, truth_m: np.ndarray
+    start: int, given: GivenFrames, run: Run, method: Method, setting: object, truth_m: np.ndarray
 ) -> list[TrackedFrame]:
     """A method's joints in the frame after the start and in every ``APART``-th from there. truth_m (t, 21, 3)."""
     if method.associate is None:
@@ -60,11 +60,10 @@ def follow(
     if not wanted:
         raise ValueError(f"no frame comes after frame {start}")
     stop = min(wanted[-1] + config.follow.look_ahead, len(truth_m))
-    frames = list(read_frames(run.room.recording, start, stop))
-    tracker = start_at(start, frames[0], reference, replace(run, config=config, associate=method.associate(setting)))
+    tracker = start_at(start, given, replace(run, config=config, associate=method.associate(setting)))
     found: list[TrackedFrame] = []
     frame = start
-    for frame_set in [*frames[1:], None]:
+    for frame_set in [*(given.frame(position) for position in range(start + 1, stop)), None]:
         predicted = _joints(tracker)
         estimates = tracker.finish() if frame_set is None else filter(None, [tracker.step(frame_set)])
         for _ in estimates:

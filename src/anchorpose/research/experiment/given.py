@@ -1,0 +1,212 @@
+"""What every method of the experiment is given: the body, the pose before tracking starts, and the patient's pixels.
+
+The paper takes all three from the sensor's own tracker on unoccluded data; here they come from this project's tracker,
+on the recording before anything is removed from it. No method sees the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from anchorpose.body.pose import Pose
+from anchorpose.body.skin_points import FittedShape, body_points, build_body
+from anchorpose.errors import AnchorposeError
+from anchorpose.geodesics.anchors import no_anchors
+from anchorpose.isolation.bystander_memory import empty_memory
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.recording.reader import read_frame
+from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.surface.surface import SurfaceConfig
+from anchorpose.tracker.bystanders import Bystanders
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.following import follow_patient
+from anchorpose.tracker.observation import (
+    Expectation,
+    Isolated,
+    Observation,
+    SeenSurface,
+    gather,
+    see_anchors,
+    see_surface,
+)
+from anchorpose.tracker.passes import learn_on, plan_route
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.room import Room
+from anchorpose.tracker.run import Run
+from anchorpose.tracker.start import Start
+from anchorpose.tracking.motion_file import load_motions
+
+
+class NoReference(AnchorposeError):
+    """The patient was not found in the original recording, so no method can start."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """What all methods start from.
+
+    T_world_camera (k, 4, 4): poses of the cameras, given or found, so that all methods share one world. Over t frames:
+    rotations (t, b, 3, 3) and root_m (t, 3) of the pose, joints_m (t, 21, 3) and centre_m (t, 3), the mean of the
+    visible body, world; NaN where the patient was lost. shape: the learnt body. labels: per camera (t, height, width)
+    uint8 of ``PixelLabel``, all ``NO_READING`` in a frame that nobody was looked for in.
+    """
+
+    T_world_camera: np.ndarray
+    shape: FittedShape
+    rotations: np.ndarray
+    root_m: np.ndarray
+    joints_m: np.ndarray
+    centre_m: np.ndarray
+    labels: tuple[np.ndarray, ...]
+
+    @property
+    def found(self) -> np.ndarray:
+        """(t,) bool: the patient was found."""
+        return np.isfinite(self.root_m).all(axis=1)
+
+    def pose(self, frame: int) -> Pose:
+        """The pose in a frame in which the patient was found."""
+        return Pose(self.rotations[frame], self.root_m[frame])
+
+
+def make_reference(recording: Recording, config: TrackConfig) -> Reference:
+    """Track the original recording. Raises NoReference where nobody is found, InputError without a world frame."""
+    room = prepare_room(recording, config)
+    run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
+    route = plan_route(room, config, lambda: None)
+    learnt = learn_on(route, run)
+    if learnt is None:
+        raise NoReference(f"{recording.folder.name}: nobody was found in it, so no method can start.")
+    body = build_body(body_points(), learnt.shape)
+    frames, bones = len(recording.streams[0].files), len(body.points.asset.bone_names)
+    rotations, root = np.full((frames, bones, 3, 3), np.nan), np.full((frames, 3), np.nan)
+    joints, centre = np.full((frames, 21, 3), np.nan), np.full((frames, 3), np.nan)
+    labels = tuple(np.zeros((frames, camera.height, camera.width), np.uint8) for camera in room.cameras)
+    for side in (route.backward, route.forward):
+        estimates = follow_patient(run, route.frames(side), learnt.shape)
+        for position, estimate in zip(side, estimates, strict=True):
+            if estimate.observation is None:
+                continue
+            for of_camera, view in zip(labels, estimate.observation.evidence.views, strict=True):
+                if view is not None:
+                    of_camera[position] = view.labels
+            if estimate.belief is None or len(estimate.observation.surface) == 0:
+                continue
+            pose = estimate.belief.pose
+            rotations[position], root[position] = pose.rotations, pose.root_m
+            joints[position] = body.joints(pose)
+            centre[position] = estimate.observation.surface.points_m.mean(axis=0, dtype=np.float64)
+    poses = np.array([camera.require_pose() for camera in room.cameras])
+    return Reference(poses, learnt.shape, rotations, root, joints, centre, labels)
+
+
+def in_its_world(recording: Recording, reference: Reference) -> Recording:
+    """The recording, or its copy with holes, with the reference's camera poses as given poses."""
+    cameras = tuple(
+        replace(camera, T_world_camera=T) for camera, T in zip(recording.cameras, reference.T_world_camera, strict=True)
+    )
+    return replace(recording, cameras=cameras)
+
+
+def to_arrays(reference: Reference) -> dict[str, np.ndarray]:
+    """The reference as arrays, for a file."""
+    return {
+        "T_world_camera": reference.T_world_camera,
+        "coefficients": reference.shape.coefficients,
+        "offset_m": reference.shape.offset_m,
+        "rotations": reference.rotations,
+        "root_m": reference.root_m,
+        "joints_m": reference.joints_m,
+        "centre_m": reference.centre_m,
+        **{f"labels_{number}": of_camera for number, of_camera in enumerate(reference.labels)},
+    }
+
+
+def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
+    """The reference that ``to_arrays`` took apart."""
+    shape = FittedShape(arrays["coefficients"], arrays["offset_m"])
+    poses = arrays["T_world_camera"]
+    labels = tuple(arrays[f"labels_{number}"] for number in range(len(poses)))
+    rotations, root_m, joints_m, centre_m = (arrays[name] for name in ("rotations", "root_m", "joints_m", "centre_m"))
+    return Reference(poses, shape, rotations, root_m, joints_m, centre_m, labels)
+
+
+class GivenFrames:
+    """The frames of a recording with the patient's pixels in them, and the surfaces that these show.
+
+    All are made once for all methods and forms, which therefore see the same; only a method that closes the mesh with
+    the expected body sees a surface of its own. uncut: the frames of the recording before holes were cut; those that
+    lost nothing are the same.
+    """
+
+    def __init__(
+        self, room: Room, reference: Reference, uncut: GivenFrames | None = None, cut: np.ndarray | None = None
+    ):
+        """cut (t,) bool: the frames that lost readings, all where None."""
+        self.room, self.reference = room, reference
+        self.starts: dict[tuple[int, bool, TrackConfig], Start] = {}
+        self._uncut = uncut
+        self._cut = np.ones(len(self), bool) if cut is None or uncut is None else cut
+        self._frames: dict[int, FrameSet] = {}
+        self._surfaces: dict[tuple[int, SurfaceConfig], SeenSurface] = {}
+        self._position = {int(frame): position for position, frame in enumerate(room.recording.streams[0].frame)}
+
+    def __len__(self) -> int:
+        return len(self.room.recording.streams[0].files)
+
+    def same_as_uncut(self, position: int) -> GivenFrames | None:
+        """The frames before holes were cut, where the one at a position is the same."""
+        return None if self._cut[position] else self._uncut
+
+    def frame(self, position: int) -> FrameSet:
+        """The frame at a position in the recording."""
+        same = self.same_as_uncut(position)
+        if same is not None:
+            return same.frame(position)
+        if position not in self._frames:
+            self._frames[position] = read_frame(self.room.recording, position)
+        return self._frames[position]
+
+    def observe(
+        self, frame_set: FrameSet, expected: Expectation | None, height_m: float, run: Run, anchored: bool
+    ) -> Observation:
+        """What a frame shows of the patient: a surface that is given, and anchors by the method's own expectation.
+
+        anchored: False where nothing looks at the anchors, which are then not looked for.
+        """
+        surface = self._surface(self._position[frame_set.frame], expected, run)
+        anchors = see_anchors(surface, expected, height_m, run) if anchored else no_anchors()
+        return gather(frame_set, expected, _isolated(surface.evidence.views), surface, anchors, run)
+
+    def _surface(self, position: int, expected: Expectation | None, run: Run) -> SeenSurface:
+        same, config = self.same_as_uncut(position), run.config.surface
+        if same is not None:
+            return same._surface(position, expected, run)
+        if config.by_body:
+            return see_surface(_isolated(self._views(position)), expected, run)
+        key = position, config
+        if key not in self._surfaces:
+            self._surfaces[key] = see_surface(_isolated(self._views(position)), None, run)
+        return self._surfaces[key]
+
+    def _views(self, position: int) -> tuple[View | None, ...]:
+        """The given labels of each camera's pixels, but for readings that a hole has taken since."""
+        before = None if self._uncut is None else self._uncut.frame(position)
+        views = list[View | None]()
+        for number, depth_m in enumerate(self.frame(position).depths_m):
+            if depth_m is None:
+                views.append(None)
+                continue
+            labels, whole = self.reference.labels[number][position], None if before is None else before.depths_m[number]
+            taken = np.zeros_like(depth_m, bool) if whole is None else (whole > 0) & (depth_m == 0)
+            labels = np.where(taken, np.uint8(PixelLabel.NO_READING), labels)
+            views.append(View(np.where(labels == PixelLabel.NO_READING, np.float32(0.0), depth_m), labels))
+        return tuple(views)
+
+
+def _isolated(views: tuple[View | None, ...]) -> Isolated:
+    """Who is who where it is given: nobody else has to be followed."""
+    return Isolated((None,) * len(views), views, empty_memory(), Bystanders())
