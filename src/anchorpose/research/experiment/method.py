@@ -54,7 +54,8 @@ class Method:
     associate: makes the association of two frames from a setting; None for a complete tracker. configure: other changes
     to the framework's configuration (for a tracker: to the defaults). frame_ms: approximate time of a frame of 3,000
     nodes on one core, to estimate the duration of an experiment. several: it makes several hypotheses per node, among
-    which only the tree can choose. filtered, own_surface: see ``paper_tracker.Way``.
+    which only the tree can choose. anchored, filtered, own_surface: see ``paper_tracker.Way``. One that is not anchored
+    is asked once for frames that differ in nothing but their anchors.
     content: digest of the file that it comes from; empty for those of the package.
     """
 
