@@ -67,7 +67,7 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
     expected = expected.moved(step) if step.any() else expected
     others = bystanders_placed(before.bystanders, memory, pieces, run.room.cameras, elapsed_s)
     apart = _not_in(others, expected.skin.points_m.mean(axis=0))
-    views = _separated(pieces, expected, memory, apart, elapsed_s, elapsed_s, run)
+    views = _separated(pieces, expected, memory, apart, elapsed_s, run)
     bystanders = see_bystanders(others, views, elapsed_s, run)
     return _isolated(pieces, views, memory, bystanders, elapsed_s, run), step
 
@@ -120,12 +120,11 @@ def _separated(
     memory: BystanderMemory,
     bystanders: Bystanders,
     elapsed_s: float,
-    ahead_s: float,
     run: Run,
 ) -> tuple[View | None, ...]:
-    """Everybody's pixels; ahead_s: from the frame that the bystanders' bodies were fitted to until this one."""
+    """Everybody's pixels; elapsed_s: since the frame that the bystanders' bodies were fitted to."""
     with run.stage("isolation"):
-        others = bystander_likelihood(bystanders, body_points(), ahead_s)
+        others = bystander_likelihood(bystanders, body_points(), elapsed_s)
         likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
         return separate(pieces, memory, likelihood, elapsed_s, run.config.isolation)
 

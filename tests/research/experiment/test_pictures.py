@@ -441,11 +441,11 @@ def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
     frame = int(np.flatnonzero(reference.found[:-4])[-1]) + 1
     chosen = np.arange(20) >= frame
     cut_holes(recording, tmp_path / "holed", reference.centre_m, chosen, 0.09)
-    methods, room = load_methods(("fpfh", "anchors", "none")), paper_room(recording, SHIPPED)
+    methods, room = load_methods(("fpfh", "anchors", "none")), paper_room(recording, reference, SHIPPED)
     uncut, holed_room = GivenFrames(room, reference), replace(room, recording=open_recording(tmp_path / "holed"))
     holed = GivenFrames(holed_room, reference, uncut, chosen)
     trials = [
-        Trial(given, cut, {Form.REFINED: run_in(given.room, SHIPPED)})
+        Trial(given.room.recording, given, cut, {Form.REFINED: run_in(given.room, SHIPPED)})
         for given, cut in ((uncut, np.zeros(20, bool)), (holed, chosen))
     ]
     settings = {method.key: method.settings[0] for method in methods}

@@ -20,7 +20,7 @@ from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene,
 from anchorpose.research.experiment.correspondence import REGIONS, Skin
 from anchorpose.research.experiment.costs import measure_costs
 from anchorpose.research.experiment.framework import given_start, run_in
-from anchorpose.research.experiment.given import from_arrays, to_arrays
+from anchorpose.research.experiment.given import GivenFrames, from_arrays, to_arrays
 from anchorpose.research.experiment.matching import Window, draw_some, score, take_window, truth_of
 from anchorpose.research.experiment.method import (
     NO_SUBSET,
@@ -77,7 +77,7 @@ def prepared(plan: Plan) -> Iterator[PreparedClip]:
 
 @pytest.fixture(scope="module")
 def trials(plan: Plan, prepared: PreparedClip) -> Iterator[dict[float, Trial]]:
-    with open_trials(prepared, plan) as opened:
+    with open_trials(prepared, plan, (0.0, 0.15)) as opened:
         yield opened
 
 
@@ -211,29 +211,39 @@ def test_windows_touch_a_hole_and_are_the_same_each_time(prepared: PreparedClip,
     assert all(prepared.in_hole[frame] or prepared.in_hole[frame + 1] for frame in frames)
 
 
-def test_a_segment_starts_where_the_pose_is_known_and_is_whole() -> None:
-    found = np.ones(23, bool)
-    found[5] = False
-    assert segment_starts(23, 5, found) == [0, 10, 15]
+def test_a_segment_is_whole_and_the_patient_is_found_in_all_of_it() -> None:
+    found = np.ones(28, bool)
+    found[[5, 23]] = False
+    assert segment_starts(28, 5, found) == [0, 10, 15]
 
 
 def two_forms(trial: Trial) -> Trial:
-    return replace(trial, runs={form: trial.runs[form] for form in (Form.REFINED, Form.MATCHES_ALL)})
+    return trial.within([Form.REFINED, Form.MATCHES_ALL])
 
 
 def test_tracking_begins_at_the_given_pose_and_leaves_its_frame_out(
     prepared: PreparedClip, plan: Plan, trials: dict[float, Trial]
 ) -> None:
-    trial = two_forms(trials[0.0])
     nearest = next(method for method in plan.methods if method.key == "nearest")
-    (track,) = track_segments(nearest, None, [trial], prepared.starts, 5)
-    (again, _) = track_segments(nearest, None, [trial, two_forms(trials[0.15])], prepared.starts, 5)
-    np.testing.assert_array_equal(track.joints_m, again.joints_m)
+    (track,) = track_segments(nearest, None, [two_forms(trials[0.0])], prepared.starts, 5)
     assert track.frame.tolist() == [1, 2, 3, 4, 6, 7, 8, 9]
     error = np.linalg.norm(track.joints_m - prepared.truth_m[track.frame], axis=3)
     assert error.shape == (2, 8, 21)
     assert (error.mean(axis=(1, 2)) < 0.04).all()
     assert error[0].mean() != error[1].mean()
+
+
+@pytest.mark.parametrize("key", ["nearest", "anchors", "fpfh", "next"])
+def test_a_method_finds_the_same_alone_and_after_the_trials_that_it_shares_its_matches_with(
+    prepared: PreparedClip, plan: Plan, trials: dict[float, Trial], key: str
+) -> None:
+    (method,) = load_methods((key,))
+    setting, whole, holed = method.settings[0], two_forms(trials[0.0]), two_forms(trials[0.15])
+    together = track_segments(method, setting, [whole, holed], prepared.starts, 5)
+    with open_trials(prepared, plan, (0.15,)) as fresh:  # nothing was seen before
+        (alone,) = track_segments(method, setting, [two_forms(fresh[0.15])], prepared.starts, 5)
+    np.testing.assert_array_equal(together[1].joints_m, alone.joints_m)
+    assert (together[0].joints_m != together[1].joints_m).any()
 
 
 def test_a_given_start_is_made_once_for_runs_that_observe_the_same(trials: dict[float, Trial]) -> None:
@@ -245,13 +255,17 @@ def test_a_given_start_is_made_once_for_runs_that_observe_the_same(trials: dict[
     assert given_start(5, trials[0.15].given, run) is given_start(5, given, run)  # no hole is cut where tracking starts
 
 
-def test_the_patients_pixels_are_given_wherever_a_method_expects_the_patient(trials: dict[float, Trial]) -> None:
+def test_the_patients_pixels_are_given_wherever_a_method_expects_the_patient(
+    prepared: PreparedClip, trials: dict[float, Trial]
+) -> None:
     given, run = trials[0.0].given, trials[0.0].runs[Form.REFINED]
     start = given_start(5, given, run).observation
     assert start.expected is not None
-    astray = start.expected.moved(np.array([1.0, 0.0, 0.0]))
-    seen = given.observe(given.frame(5), astray, 1.7, run, anchored=False)
-    np.testing.assert_array_equal(seen.surface.points_m, start.surface.points_m)
+    astray, fresh = start.expected.moved(np.array([1.0, 0.0, 0.0])), GivenFrames(given.room, prepared.reference)
+    for surface in (run.config.surface, SurfaceConfig()):
+        own = replace(run, config=replace(run.config, surface=surface))
+        seen = fresh.observe(fresh.frame(5), astray, 1.7, own, anchored=False)
+        np.testing.assert_array_equal(seen.surface.points_m, start.surface.points_m)
     assert start.anchors.found.sum() >= 4
     assert not seen.anchors.found.any()
 
@@ -279,25 +293,37 @@ def test_a_reference_is_the_same_after_it_was_kept_as_arrays(prepared: PreparedC
     again = from_arrays(to_arrays(prepared.reference))
     for name in ("rotations", "joints_m", "labels", "T_world_camera"):
         np.testing.assert_array_equal(getattr(again, name), getattr(prepared.reference, name))
+    assert again.clocks == prepared.reference.clocks
+    short = replace(prepared.reference, shape=replace(prepared.reference.shape, missing=("left-forearm",)))
+    assert from_arrays(to_arrays(short)).shape.missing == ("left-forearm",)
     assert (again.labels[0] == PixelLabel.PATIENT).any(axis=(1, 2)).all()
 
 
 def test_what_looks_the_same_is_described_and_matched_once_for_all_forms_and_holes(
     prepared: PreparedClip, trials: dict[float, Trial]
 ) -> None:
-    described = list[int]()
+    described, matched = list[int](), list[int]()
 
     def describe(seen: Observation, config: object) -> np.ndarray:
         described.append(seen.frame_set.frame)
         return seen.surface.points_m
 
-    associate = by_descriptor(describe)
+    def associate(setting: DescriptorSetting) -> Associate:
+        pairs = by_descriptor(describe)(setting)
+
+        def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+            matched.append(now.frame_set.frame)
+            return pairs(now, following, config)
+
+        return pair
+
     method = Method(key="place", title="", family=Family.LOCAL, source="", associate=associate, anchored=False)
     asked = [two_forms(trial) for trial in trials.values()]
     track_segments(method, DescriptorSetting(config=None), asked, prepared.starts[:1], 5)
     first = prepared.starts[0]
-    holes = int(prepared.in_hole[first : first + 5].sum())
-    assert len(described) == 5 + holes
+    cut = prepared.in_hole[first : first + 5]
+    assert len(described) == 5 + cut.sum()
+    assert len(matched) == 4 + (cut[1:] | cut[:-1]).sum()
 
 
 def test_every_answer_is_kept_and_asked_once(
@@ -344,7 +370,8 @@ def test_costs_are_measured_on_this_machine_and_grow_with_the_work(plan: Plan) -
     costs = measure_costs(spec, [clip], 1)
     assert 0.01 < costs.own_s < 10.0
     assert 0.01 < costs.frame_s["none"] < 2.0
-    assert 0.0 < costs.window_s["none"] < costs.window_s["nearest"] < 1.0
+    assert 0.01 < costs.alone_s["none"] < costs.frame_s["none"]
+    assert 0.0 < costs.window_s["none"] < 1.0
     tracked, matched = (
         next(task for task in plan.tasks(clip) if task.kind is kind and task.method.key == "nearest")
         for kind in (Kind.TRACKED, Kind.MATCHED)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -14,8 +14,8 @@ import numpy as np
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.research.experiment.clips import Clip
-from anchorpose.research.experiment.config import ExperimentConfig, Scene
-from anchorpose.research.experiment.matching import score
+from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene
+from anchorpose.research.experiment.matching import score, warm_up
 from anchorpose.research.experiment.method import Family, Method
 from anchorpose.research.experiment.methods.references import OWN_TRACKER
 from anchorpose.research.experiment.plan import Kind, Plan, PlanSpec, Task
@@ -33,6 +33,7 @@ from anchorpose.threads import one_thread
 COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # therapists; three cameras
 USUAL_FORM_S: Final = 0.02  # of a frame in one form of the framework, without the method
 USUAL_OWN_S: Final = 0.15
+WARM_FRAMES: Final = 2  # of a segment, before it is timed
 MAKING: Final = 2.0  # to simulate a frame and to track it for the reference, in times of ``own_s``
 
 
@@ -40,11 +41,13 @@ MAKING: Final = 2.0  # to simulate a frame and to track it for the reference, in
 class Costs:
     """Seconds of this machine's time, of one core where all are busy.
 
-    frame_s: per frame and method, in all forms and sizes of hole of the paper's scene; window_s: per pair of frames
-    whose matches are compared, and method; own_s: per frame of this project's tracker, learning included.
+    frame_s: per frame and method, in all forms and sizes of hole of the paper's scene, which share descriptors and
+    matches; alone_s: in one form with one size; window_s: per pair of frames whose matches are compared, and method;
+    own_s: per frame of this project's tracker, learning included.
     """
 
     frame_s: Mapping[str, float]
+    alone_s: Mapping[str, float]
     window_s: Mapping[str, float]
     own_s: float
 
@@ -58,7 +61,9 @@ class Costs:
         if method.family is Family.TRACKER:
             return factor * frames * self.own_s
         tracked = min(config.segments, frames // config.segment_frames) * config.segment_frames
-        return factor * tracked * self.frame_s[method.key] * len(task.forms) / _forms(config)
+        if clip.scene is Scene.PAPER:
+            return tracked * self.frame_s[method.key] * len(task.forms) / _forms(config)
+        return factor * tracked * self.alone_s[method.key] * len(task.forms)
 
     def making(self, clip: Clip) -> float:
         """Seconds to simulate a clip and to find its reference."""
@@ -76,8 +81,12 @@ def _forms(config: ExperimentConfig) -> int:
 def usual_costs(methods: Sequence[Method], config: ExperimentConfig) -> Costs:
     """On an idle core."""
     forms, method_s = _forms(config), {method.key: method.frame_ms / 1000.0 for method in methods}
-    frame_s = {key: forms * USUAL_FORM_S + len(config.holes_m) * spent for key, spent in method_s.items()}
-    return Costs(frame_s, {key: 0.05 + 3.0 * spent for key, spent in method_s.items()}, USUAL_OWN_S)
+    return Costs(
+        {key: forms * USUAL_FORM_S + len(config.holes_m) * spent for key, spent in method_s.items()},
+        {key: USUAL_FORM_S + spent for key, spent in method_s.items()},
+        {key: 0.05 + 3.0 * spent for key, spent in method_s.items()},
+        USUAL_OWN_S,
+    )
 
 
 def measure_costs(spec: PlanSpec, clips: Sequence[Clip], processes: int) -> Costs:
@@ -88,50 +97,54 @@ def measure_costs(spec: PlanSpec, clips: Sequence[Clip], processes: int) -> Cost
     with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         every = list(pool.map(partial(_measure, spec), clips[:processes]))
     return Costs(
-        {key: float(np.mean([one.frame_s[key] for one in every])) for key in every[0].frame_s},
-        {key: float(np.mean([one.window_s[key] for one in every])) for key in every[0].window_s},
+        _means([one.frame_s for one in every]),
+        _means([one.alone_s for one in every]),
+        _means([one.window_s for one in every]),
         float(np.mean([one.own_s for one in every])),
     )
 
 
+def _means(every: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    return {key: float(np.mean([one[key] for one in every])) for key in every[0]}
+
+
 def _measure(spec: PlanSpec, clip: Clip) -> Costs:
-    """On the first segment and the windows of a clip; all work is done once before, to compile it."""
+    """On the first segment and the windows of a clip; a little of the same work is done before, to compile it."""
     plan = spec.plan()
-    with one_thread(), prepare_clip(clip, plan) as prepared, open_trials(prepared, plan) as trials:
+    with one_thread(), prepare_clip(clip, plan) as prepared, open_trials(prepared, plan, plan.holes(clip)) as trials:
         if not prepared.starts:
             raise AnchorposeError(f"{clip.name}: the patient is not found in a whole segment of it.")
-        own, recording = OWN_TRACKER[0], prepared.recording
-        own_s = _second_s([lambda: track_whole(own, None, recording)]) / len(prepared.in_hole)
         methods = [method for method in plan.methods if method.associate is not None]
-        frame_s = {method.key: _frame_s(method, plan, prepared, trials) for method in methods}
+
+        def wanted(method: Method) -> list[Trial]:
+            return [trial.within(plan.forms(clip, hole_m, method)) for hole_m, trial in trials.items()]
+
+        alone = [trials[0.0].within([Form.REFINED])]
+        alone_s = {method.key: _frame_s(method, plan, prepared, alone) for method in methods}
+        frame_s = {method.key: _frame_s(method, plan, prepared, wanted(method)) for method in methods}
         window_s = {method.key: _window_s(method, plan, prepared, trials) for method in methods}
-    return Costs(frame_s, window_s, own_s)
+        own_s = _seconds(lambda: track_whole(OWN_TRACKER[0], None, prepared.recording)) / len(prepared.in_hole)
+    return Costs(frame_s, alone_s, window_s, own_s)
 
 
-def _frame_s(method: Method, plan: Plan, prepared: PreparedClip, trials: Mapping[float, Trial]) -> float:
-    setting, length = plan.settings[method.key], plan.config.segment_frames
-    asked = [
-        Trial(trial.given, trial.cut, {form: trial.runs[form] for form in plan.forms(prepared.clip, hole_m, method)})
-        for hole_m, trial in trials.items()
-    ]
-    return _second_s([lambda: track_segments(method, setting, asked, prepared.starts[:1], length)]) / length
+def _frame_s(method: Method, plan: Plan, prepared: PreparedClip, trials: Sequence[Trial]) -> float:
+    setting, starts, length = plan.settings[method.key], prepared.starts[:1], plan.config.segment_frames
+    track_segments(method, setting, trials, starts, WARM_FRAMES)
+    return _seconds(lambda: track_segments(method, setting, trials, starts, length)) / length
 
 
 def _window_s(method: Method, plan: Plan, prepared: PreparedClip, trials: Mapping[float, Trial]) -> float:
     setting = plan.settings[method.key]
     known = windows_of(method, setting, prepared, trials[0.0], plan)
-    return _second_s([partial(score, method, setting, *one) for one in known]) / max(len(known), 1)
+    for window, _ in known[:1]:
+        warm_up(method, setting, window)
+    return sum(_seconds(partial(score, method, setting, *one)) for one in known) / max(len(known), 1)
 
 
-def _second_s(works: Iterable[Callable[[], object]]) -> float:
-    """Seconds of the second time: the first compiles."""
-    spent = 0.0
-    for _ in range(2):
-        began = time.perf_counter()
-        for work in works:
-            work()
-        spent = time.perf_counter() - began
-    return spent
+def _seconds(work: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
 
 
 def duration(seconds: float) -> str:

@@ -10,9 +10,10 @@ import numpy as np
 
 from anchorpose.association.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.body.belief import PoseBelief, vague_belief
-from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.calibration.clocks import ClockConfig
+from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.research.experiment.config import Form
-from anchorpose.research.experiment.given import GivenFrames
+from anchorpose.research.experiment.given import GivenFrames, Reference
 from anchorpose.research.experiment.paper_tracker import PaperTracker, Way
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
@@ -24,7 +25,7 @@ from anchorpose.tracking.motion import MotionConfig, MotionRule
 from anchorpose.tracking.motion_file import load_motions
 from anchorpose.tracking.tree import TreeConfig
 
-USUAL_HEIGHT_M = 1.7  # scales anchors until the given body is known
+NO_HEIGHT_M = np.nan  # only anchors depend on it, which are not looked for before the body is known
 NEVER_M = 1000.0  # no branch of the tree is ever so far from its prediction that it is given up
 ANYWHERE_M = 10.0  # every node may be matched with every other, as in the paper
 ALL_NODES = (
@@ -41,6 +42,7 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
     """
     return TrackConfig(
         method=Method.PARTS,
+        clocks=ClockConfig(estimate=False),  # the reference's are given
         tree=TreeConfig() if form.rejects else TreeConfig(missed_cost_m=NEVER_M),
         surface=SurfaceConfig(by_body=False),
         hypotheses=HypothesisConfig(trusted_only=False),
@@ -51,9 +53,9 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
     )
 
 
-def paper_room(recording: Recording, movements: Path) -> Room:
-    """The room of a recording, which is the same in every form and at every stride."""
-    return prepare_room(recording, paper_config(movements))
+def paper_room(recording: Recording, reference: Reference, movements: Path) -> Room:
+    """The room of a recording by the reference's clocks, the same in every form and at every stride."""
+    return prepare_room(align_clocks(recording, reference.clocks), paper_config(movements))
 
 
 def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
@@ -84,18 +86,16 @@ def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, s
 
 def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True) -> Start:
     """The start in a frame in which the pose is given, made once for runs that observe the same in it."""
-    same = given.same_as_uncut(frame)
-    if same is not None:
-        return given_start(frame, same, run, anchored)
-    key = frame, anchored, _observing(run.config)
-    if key not in given.starts:
+
+    def make() -> Start:
         pose, frame_set = given.reference.pose(frame), given.frame(frame)
-        unexpected = given.observe(frame_set, None, USUAL_HEIGHT_M, run, anchored=False)
+        unexpected = given.observe(frame_set, None, NO_HEIGHT_M, run, anchored=False)
         start = Start(unexpected, given.reference.shape, _confident(vague_belief(pose)), 1.0)
         unnamed = PaperTracker(run, start, Way(), given)
         seen = given.observe(frame_set, unnamed.expect(pose), unnamed.height_m, run, anchored)
-        given.starts[key] = replace(start, observation=seen)
-    return given.starts[key]
+        return replace(start, observation=seen)
+
+    return given.start(frame, (anchored, _observing(run.config)), make)
 
 
 def _observing(config: TrackConfig) -> TrackConfig:

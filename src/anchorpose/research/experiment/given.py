@@ -6,7 +6,7 @@ on the recording before anything is removed from it. No method sees the truth.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.isolation.bystander_memory import empty_memory
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.recording import Clock, FrameSet, Recording
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.config import TrackConfig
@@ -51,7 +51,8 @@ class Reference:
     T_world_camera (k, 4, 4): poses of the cameras, given or found, so that all methods share one world. Over t frames:
     rotations (t, b, 3, 3) and root_m (t, 3) of the pose, joints_m (t, 21, 3) and centre_m (t, 3), the mean of the
     visible body, world; NaN where the patient was lost. shape: the learnt body. labels: per camera (t, height, width)
-    uint8 of ``PixelLabel``, all ``NO_READING`` in a frame that nobody was looked for in.
+    uint8 of ``PixelLabel``, all ``NO_READING`` in a frame that nobody was looked for in; none where they were not asked
+    for. clocks: of the cameras, which say whose images are of one time.
     """
 
     T_world_camera: np.ndarray
@@ -61,6 +62,7 @@ class Reference:
     joints_m: np.ndarray
     centre_m: np.ndarray
     labels: tuple[np.ndarray, ...]
+    clocks: tuple[Clock, ...]
 
     @property
     def found(self) -> np.ndarray:
@@ -72,8 +74,11 @@ class Reference:
         return Pose(self.rotations[frame], self.root_m[frame])
 
 
-def make_reference(recording: Recording, config: TrackConfig) -> Reference:
-    """Track the original recording. Raises NoReference where nobody is found, InputError without a world frame."""
+def make_reference(recording: Recording, config: TrackConfig, labelled: bool = True) -> Reference:
+    """Track the original recording; labelled: pixels are wanted, too.
+
+    Raises NoReference where nobody is found, InputError without a world frame.
+    """
     room = prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
     route = plan_route(room, config, lambda: None)
@@ -84,13 +89,14 @@ def make_reference(recording: Recording, config: TrackConfig) -> Reference:
     frames, bones = len(recording.streams[0].files), len(body.points.asset.bone_names)
     rotations, root = np.full((frames, bones, 3, 3), np.nan), np.full((frames, 3), np.nan)
     joints, centre = np.full((frames, 21, 3), np.nan), np.full((frames, 3), np.nan)
-    labels = tuple(np.zeros((frames, camera.height, camera.width), np.uint8) for camera in room.cameras)
+    cameras = room.cameras if labelled else ()
+    labels = tuple(np.zeros((frames, camera.height, camera.width), np.uint8) for camera in cameras)
     for side in (route.backward, route.forward):
         estimates = follow_patient(run, route.frames(side), learnt.shape)
         for position, estimate in zip(side, estimates, strict=True):
             if estimate.observation is None:
                 continue
-            for of_camera, view in zip(labels, estimate.observation.evidence.views, strict=True):
+            for of_camera, view in zip(labels, estimate.observation.evidence.views, strict=labelled):
                 if view is not None:
                     of_camera[position] = view.labels
             if estimate.belief is None or len(estimate.observation.surface) == 0:
@@ -100,7 +106,7 @@ def make_reference(recording: Recording, config: TrackConfig) -> Reference:
             joints[position] = body.joints(pose)
             centre[position] = estimate.observation.surface.points_m.mean(axis=0, dtype=np.float64)
     poses = np.array([camera.require_pose() for camera in room.cameras])
-    return Reference(poses, learnt.shape, rotations, root, joints, centre, labels)
+    return Reference(poses, learnt.shape, rotations, root, joints, centre, labels, room.clocks.clocks)
 
 
 def in_its_world(recording: Recording, reference: Reference) -> Recording:
@@ -117,6 +123,8 @@ def to_arrays(reference: Reference) -> dict[str, np.ndarray]:
         "T_world_camera": reference.T_world_camera,
         "coefficients": reference.shape.coefficients,
         "offset_m": reference.shape.offset_m,
+        "missing": np.array(reference.shape.missing, np.str_),
+        "clocks": np.array([(clock.ahead_s, clock.drift, clock.at_s) for clock in reference.clocks]),
         "rotations": reference.rotations,
         "root_m": reference.root_m,
         "joints_m": reference.joints_m,
@@ -127,11 +135,12 @@ def to_arrays(reference: Reference) -> dict[str, np.ndarray]:
 
 def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
     """The reference that ``to_arrays`` took apart."""
-    shape = FittedShape(arrays["coefficients"], arrays["offset_m"])
+    shape = FittedShape(arrays["coefficients"], arrays["offset_m"], tuple(arrays["missing"].tolist()))
     poses = arrays["T_world_camera"]
     labels = tuple(arrays[f"labels_{number}"] for number in range(len(poses)))
+    clocks = tuple(Clock(ahead_s=ahead_s, drift=drift, at_s=at_s) for ahead_s, drift, at_s in arrays["clocks"].tolist())
     rotations, root_m, joints_m, centre_m = (arrays[name] for name in ("rotations", "root_m", "joints_m", "centre_m"))
-    return Reference(poses, shape, rotations, root_m, joints_m, centre_m, labels)
+    return Reference(poses, shape, rotations, root_m, joints_m, centre_m, labels, clocks)
 
 
 class GivenFrames:
@@ -147,7 +156,7 @@ class GivenFrames:
     ):
         """cut (t,) bool: the frames that lost readings, all where None."""
         self.room, self.reference = room, reference
-        self.starts: dict[tuple[int, bool, TrackConfig], Start] = {}
+        self._starts: dict[tuple[int, Hashable], Start] = {}
         self._uncut = uncut
         self._cut = np.ones(len(self), bool) if cut is None or uncut is None else cut
         self._frames: dict[int, FrameSet] = {}
@@ -157,13 +166,22 @@ class GivenFrames:
     def __len__(self) -> int:
         return len(self.room.recording.streams[0].files)
 
-    def same_as_uncut(self, position: int) -> GivenFrames | None:
+    def _same_as_uncut(self, position: int) -> GivenFrames | None:
         """The frames before holes were cut, where the one at a position is the same."""
         return None if self._cut[position] else self._uncut
 
+    def start(self, position: int, observing: Hashable, make: Callable[[], Start]) -> Start:
+        """The start at a position for those who observe the same in it, made where there is none yet."""
+        same, key = self._same_as_uncut(position), (position, observing)
+        if same is not None:
+            return same.start(position, observing, make)
+        if key not in self._starts:
+            self._starts[key] = make()
+        return self._starts[key]
+
     def frame(self, position: int) -> FrameSet:
         """The frame at a position in the recording."""
-        same = self.same_as_uncut(position)
+        same = self._same_as_uncut(position)
         if same is not None:
             return same.frame(position)
         if position not in self._frames:
@@ -182,7 +200,7 @@ class GivenFrames:
         return gather(frame_set, expected, _isolated(surface.evidence.views), surface, anchors, run)
 
     def _surface(self, position: int, expected: Expectation | None, run: Run) -> SeenSurface:
-        same, config = self.same_as_uncut(position), run.config.surface
+        same, config = self._same_as_uncut(position), run.config.surface
         if same is not None:
             return same._surface(position, expected, run)
         if config.by_body:

@@ -31,8 +31,8 @@ OWN: Final = "own"
 NEXT: Final = "next"
 """Key of its next generation, the paper's future work."""
 
-CACHED_BYTES: Final = 400_000_000  # of descriptors: the largest of twelve frames, most of a whole segment in all forms
-CACHED_PAIRS: Final = 48  # whose matches are kept: those of a segment, for all its forms
+CACHED_BYTES: Final = 400_000_000  # of descriptors: the largest of twelve frames, most of a whole segment
+CACHED_PAIRS: Final = 48  # whose matches are kept: those of a segment for two sizes of hole in all forms
 
 
 class Family(StrEnum):
@@ -51,7 +51,8 @@ class Family(StrEnum):
 class Method:
     """A method and its settings, of which the training recordings choose one.
 
-    associate: makes the association of two frames from a setting; None for a complete tracker. configure: other changes
+    associate: makes the association of two frames from a setting, of which it may look at surface and anchors; None for
+    a complete tracker. configure: other changes
     to the framework's configuration (for a tracker: to the defaults). frame_ms: approximate time of a frame of 3,000
     nodes on one core, to estimate the duration of an experiment. several: it makes several hypotheses per node, among
     which only the tree can choose. anchored, filtered, own_surface: see ``paper_tracker.Way``. One that is not anchored
@@ -116,10 +117,9 @@ def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[...
 
     def known(*seen: Observation) -> np.ndarray:
         key = b"".join(map(content, seen))
-        if key not in recent:
-            recent[key] = compute(*seen)
-            while len(recent) > 2 and sum(one.nbytes for one in recent.values()) > CACHED_BYTES:
-                del recent[next(iter(recent))]
+        recent[key] = recent.pop(key) if key in recent else compute(*seen)
+        while len(recent) > 2 and sum(one.nbytes for one in recent.values()) > CACHED_BYTES:
+            del recent[next(iter(recent))]  # the one that was not asked for the longest
         return recent[key]
 
     return known
@@ -134,10 +134,9 @@ def associate_once(method: Method, setting: Any) -> Associate:
 
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
         key = content(now) + content(following)
-        if key not in recent:
-            recent[key] = associate(now, following, config)
-            if len(recent) > CACHED_PAIRS:
-                del recent[next(iter(recent))]
+        recent[key] = recent.pop(key) if key in recent else associate(now, following, config)
+        if len(recent) > CACHED_PAIRS:
+            del recent[next(iter(recent))]
         return recent[key]
 
     return pair
@@ -145,12 +144,13 @@ def associate_once(method: Method, setting: Any) -> Associate:
 
 def whole_content(seen: Observation) -> bytes:
     """A digest of the surface and the anchors of a frame."""
-    return _digest(seen.surface.points_m, seen.whole.points_m, seen.whole.ring, seen.anchors.node)
+    return _surface_content(seen) + _digest(seen.anchors.node)
 
 
 def _surface_content(seen: Observation) -> bytes:
     """A digest of the surface."""
-    return _digest(seen.surface.points_m, seen.whole.points_m, seen.whole.ring)
+    whole = seen.whole
+    return _digest(seen.surface.points_m, whole.points_m, whole.ring, whole.link_node, whole.link_length_m)
 
 
 def seen_content(seen: Observation) -> bytes:

@@ -108,7 +108,7 @@ def run_experiment(
         raise InputError(real, "contains no recording folder with a skeleton.npz", "check the folder")
     trainers = tuple(training_clips(config))
     spec = _untuned_plan(out / CACHE, trainers, config)
-    costs = _costs(spec, clips, processes, report)
+    costs = _costs(spec, clips, trainers, processes, report)
     training = Part(replace(spec, training=True), trainers if config.tuned else (), costs)
     testing = Part(replace(spec, chosen=_chosen(_tried(training, methods))), tuple(clips), costs)
     left_s = training.left_s() + testing.left_s()
@@ -131,15 +131,17 @@ AROUND_S: Final = 240.0  # kernels that are compiled or loaded by every process,
 LONG_S: Final = 600.0  # a longer run is worth some minutes for an estimate of this machine
 
 
-def _costs(spec: PlanSpec, clips: Sequence[Clip], processes: int, report: Callable[[str], None]) -> Costs:
+def _costs(
+    spec: PlanSpec, clips: Sequence[Clip], trainers: Sequence[Clip], processes: int, report: Callable[[str], None]
+) -> Costs:
     """What the tasks cost: measured on this machine where much is left to do."""
-    usual, simulated = usual_costs(load_methods(spec.config.methods), spec.config), [c for c in clips if c.simulation]
+    usual, measured = usual_costs(load_methods(spec.config.methods), spec.config), [*clips, *trainers]
     left_s = Part(spec, tuple(clips), usual).left_s()
-    if left_s / processes < LONG_S or not simulated:
+    if left_s / processes < LONG_S:
         return usual
     report("Measuring how long every method takes here.")
     try:
-        return measure_costs(spec, simulated, processes)
+        return measure_costs(spec, [clip for clip in measured if clip.scene is Scene.PAPER], processes)
     except AnchorposeError as error:
         report(f"Not measured: {error}")
         return usual

@@ -65,21 +65,27 @@ class TrackedJoints:
 
 
 def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
-    """The first frame of each whole segment in which the patient's pose is known."""
-    return [start for start in range(0, frames - length + 1, length) if found[start]]
+    """The first frame of each whole segment in which the patient's pose is known: elsewhere no pixels are given."""
+    return [start for start in range(0, frames - length + 1, length) if found[start : start + length].all()]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
     """A recording with one size of hole, and the forms of the framework that methods run in on it.
 
-    cut (t,) bool: the frames that lost readings. windows: those taken so far, by kind of mesh.
+    recording: itself, its clocks as they are; cut (t,) bool: the frames that lost readings. windows: those taken so
+    far, by kind of mesh.
     """
 
+    recording: Recording
     given: GivenFrames
     cut: np.ndarray
     runs: Mapping[Form, Run]
     windows: dict[SurfaceConfig, list[tuple[Window, Truth]]] = field(default_factory=dict)
+
+    def within(self, forms: Sequence[Form]) -> Trial:
+        """In some of the forms only."""
+        return replace(self, runs={form: self.runs[form] for form in forms})
 
 
 def track_segments(
@@ -110,7 +116,7 @@ def track_whole(method: Method, setting: object, recording: Recording) -> Tracke
     """
     frames = np.arange(len(recording.streams[0].files))
     try:
-        joints = make_reference(recording, method.configure(TrackConfig(), setting)).joints_m
+        joints = make_reference(recording, method.configure(TrackConfig(), setting), labelled=False).joints_m
     except NoReference:
         joints = np.full((len(frames), JOINT_COUNT, 3), np.nan)
     return TrackedJoints(frames, joints[None])
@@ -146,14 +152,13 @@ def work_on(clip: Clip, plan: Plan) -> None:
     open_tasks = [task for task in plan.tasks(clip) if not task.done]
     if not open_tasks:
         return
-    with one_thread(), prepare_clip(clip, plan) as prepared, open_trials(prepared, plan) as trials:
-        for task in open_tasks:
-            if task.kind is Kind.MATCHED:
-                _match(task, prepared, trials[task.hole_m], plan)
-        methods = {(task.method.key, task.setting): task.method for task in open_tasks if task.kind is Kind.TRACKED}
-        for key, setting in methods:
-            same = [t for t in open_tasks if (t.kind, t.method.key, t.setting) == (Kind.TRACKED, key, setting)]
-            _track(same, prepared, trials, plan)
+    with one_thread(), prepare_clip(clip, plan) as prepared:
+        holes_m = sorted({task.hole_m for task in open_tasks})
+        one_camera = len(prepared.recording.cameras) == 1
+        for together in [holes_m] if one_camera else [[hole_m] for hole_m in holes_m]:  # holes need one camera
+            tasks = [task for task in open_tasks if task.hole_m in together]
+            with open_trials(prepared, plan, together) as trials:
+                _run_tasks(tasks, prepared, trials, plan)
 
 
 @contextmanager
@@ -201,17 +206,28 @@ def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recordin
 
 
 @contextmanager
-def open_trials(prepared: PreparedClip, plan: Plan) -> Iterator[dict[float, Trial]]:
-    """The recording with every size of hole that the plan has for it."""
+def open_trials(prepared: PreparedClip, plan: Plan, holes_m: Sequence[float]) -> Iterator[dict[float, Trial]]:
+    """The recording with holes of every one of these sizes. Raises InputError as ``cut_holes``."""
     with ExitStack() as stack:
-        room = paper_room(prepared.recording, plan.movements)
+        room = paper_room(prepared.recording, prepared.reference, plan.movements)
         uncut, trials = GivenFrames(room, prepared.reference), {}
-        for hole_m in plan.holes(prepared.clip):
+        for hole_m in holes_m:
             recording, cut = stack.enter_context(with_holes(prepared, hole_m))
-            holed = replace(room, recording=recording)
+            holed = replace(room, recording=recording) if hole_m else room
             given = GivenFrames(holed, prepared.reference, uncut, cut) if hole_m else uncut
-            trials[hole_m] = Trial(given, cut, {form: run_in(holed, plan.movements, form) for form in Form})
+            trials[hole_m] = Trial(recording, given, cut, {form: run_in(holed, plan.movements, form) for form in Form})
         yield trials
+
+
+def _run_tasks(tasks: Sequence[Task], prepared: PreparedClip, trials: Mapping[float, Trial], plan: Plan) -> None:
+    for task in tasks:
+        if task.kind is Kind.MATCHED:
+            _match(task, prepared, trials[task.hole_m], plan)
+    for trial in trials.values():
+        trial.windows.clear()
+    tracked = [task for task in tasks if task.kind is Kind.TRACKED]
+    for key in dict.fromkeys(task.method.key for task in tracked):
+        _track([task for task in tracked if task.method.key == key], prepared, trials, plan)
 
 
 def _match(task: Task, prepared: PreparedClip, trial: Trial, plan: Plan) -> None:
@@ -226,21 +242,18 @@ def _match(task: Task, prepared: PreparedClip, trial: Trial, plan: Plan) -> None
 def _track(tasks: Sequence[Task], prepared: PreparedClip, trials: Mapping[float, Trial], plan: Plan) -> None:
     """Tasks of one method that differ in the size of the hole."""
     method, setting, length = tasks[0].method, tasks[0].setting, plan.config.segment_frames
-    starts, of_tasks = segments(prepared, plan), [trials[task.hole_m] for task in tasks]
+    starts, of_tasks = _segments(prepared, plan), [trials[task.hole_m] for task in tasks]
     if method.family is Family.TRACKER:
-        whole = [track_whole(method, setting, trial.given.room.recording) for trial in of_tasks]
+        whole = [track_whole(method, setting, trial.recording) for trial in of_tasks]
         tracks = [_evaluated(track, starts, length) for track in whole]
     else:
-        wanted = [
-            replace(trial, runs={form: trial.runs[form] for form in task.forms})
-            for task, trial in zip(tasks, of_tasks, strict=True)
-        ]
+        wanted = [trial.within(task.forms) for task, trial in zip(tasks, of_tasks, strict=True)]
         tracks = track_segments(method, setting, wanted, starts, length)
     for task, trial, track in zip(tasks, of_tasks, tracks, strict=True):
         plan.store.write(task.path, _tracked_arrays(track, prepared, trial.cut))
 
 
-def segments(prepared: PreparedClip, plan: Plan) -> list[int]:
+def _segments(prepared: PreparedClip, plan: Plan) -> list[int]:
     """The starts of the segments that every method runs on, drawn at random."""
     return draw_some(prepared.starts, plan.config.segments, prepared.seed)
 

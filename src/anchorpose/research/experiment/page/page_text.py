@@ -48,8 +48,9 @@ LIMITS: Final = (
     "edges come from this project’s simulator, whose body model the trackers also fit. Real people and sensors differ.",
     "The truth of simulated recordings is exact. That of real ones is the skeleton of another tracker, with its own "
     "errors.",
-    "Each method starts with the pose and the body that this project’s tracker found on the recording without holes; "
-    "the paper takes them from the sensor’s own tracker. Only anchorpose’s tracker finds its first pose itself.",
+    "Each method is given the body, the pose before it starts, and which pixels are the patient’s, as this project’s "
+    "tracker found them on the recording without holes; the paper takes them from the sensor’s own tracker. Only "
+    "anchorpose’s tracker finds all three itself, on the recording with holes.",
     "Matches are compared in a few pairs of frames of each recording, over nodes whose place is seen in both.",
     "Intervals are by a bootstrap over recordings, widened by Student’s distribution for their small number. They are "
     "valid for recordings like these.",

@@ -228,7 +228,7 @@ def _show_last(folder: Path, plan: Plan, trainers: Sequence[Clip]) -> Shown:
 
 def _show_one(folder: Path, plan: Plan, clip: Clip) -> None:
     middle = sorted(plan.config.holes_m)[len(plan.config.holes_m) // 2]
-    with prepare_clip(clip, plan) as prepared, open_trials(prepared, plan) as trials:
+    with prepare_clip(clip, plan) as prepared, open_trials(prepared, plan, (0.0, middle)) as trials:
         frame = _moving_frame(prepared, trials[middle].cut)
         if prepared.skin is not None and frame is not None:
             write_pictures(folder, prepared, trials[0.0], trials[middle], frame, plan)
@@ -244,7 +244,7 @@ def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
     seconds = (plan.config.segment_frames + 1) / plan.config.fps
     finer = replace(clip.simulation, sensor=PAPER_SIZE, seconds=seconds)
     finer_clip = replace(clip, name=f"{clip.name}, finer", simulation=finer)
-    with prepare_clip(finer_clip, plan) as prepared, open_trials(prepared, plan) as trials:
+    with prepare_clip(finer_clip, plan) as prepared, open_trials(prepared, plan, (0.0,)) as trials:
         if not prepared.starts:
             return None
         return measure_times(prepared.starts[0], trials[0.0].given, trials[0.0].runs[Form.REFINED])
