@@ -25,7 +25,7 @@ def experiment(
 ) -> None:
     """Repeat the paper's comparison: every method in one tracking framework, with tables, figures and a page.
 
-    Takes about twenty hours on two cores; the estimate at the start is measured on your machine. Stop it at any time:
+    Takes about six hours on two cores; the estimate at the start is measured on your machine. Stop it at any time:
     the same command continues from there. --quick shows in five minutes that everything works.
 
     Parameters
