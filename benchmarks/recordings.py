@@ -1,0 +1,201 @@
+"""The recordings that the suites measure on: simulated ones, made once and kept, and real ones."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Protocol
+
+import numpy as np
+from filelock import FileLock
+
+import anchorpose
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.write import simulate_recording
+
+DATA: Final = Path(__file__).resolve().parents[2] / "shared" / "data"
+MOVEMENTS: Final = DATA / "uiprmd_kinect" / "skeletons.npz"
+"""Captured rehabilitation movements; suites that need them are left out without them."""
+
+SOURCES: Final = ("simulate", "body/data", "body/kinematics.py", "body/asset.py", "camera.py", "joints.py")
+"""What a simulated recording depends on, besides its settings."""
+
+DIGITS: Final = 16  # of a digest in a folder's name
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """A recording on disk. truth: its truth.npz, None for a real one; digest: of its content."""
+
+    name: str
+    recording: Path
+    truth: Path | None
+    digest: str
+
+
+class Recording(Protocol):
+    """What a suite declares: a recording that ``ready`` makes or finds."""
+
+    @property
+    def name(self) -> str:
+        """Name of the recording, unique within its suite."""
+
+    def ready(self, cache: Path) -> Ready | None:
+        """Return the recording on disk, made in ``cache`` where it has to be; None where its data is absent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """A recording of the simulator."""
+
+    name: str
+    config: SimulationConfig
+
+    def ready(self, cache: Path) -> Ready | None:
+        """Simulate unless the cache holds a recording of the same settings and the same simulator."""
+        if self.config.movement_file is not None and not self.config.movement_file.is_file():
+            return None
+        digest = digest_of(simulator_digest(), str(self.config))
+        folder = cache / "recordings" / f"{self.name}-{digest}"
+        with _locked(folder):
+            if not folder.exists():
+                simulate_recording(folder, self.config)
+        return Ready(self.name, folder / "recording", folder / "truth" / "truth.npz", digest)
+
+
+@dataclass(frozen=True, slots=True)
+class FrontAlone:
+    """A simulated recording as its first camera made it."""
+
+    whole: Simulated
+
+    @property
+    def name(self) -> str:
+        """Name of the whole recording, marked."""
+        return f"{self.whole.name}-front"
+
+    def ready(self, cache: Path) -> Ready | None:
+        """Link the images of the first camera into a recording of its own."""
+        whole = self.whole.ready(cache)
+        if whole is None:
+            return None
+        digest = digest_of(whole.digest, "front")
+        folder = cache / "recordings" / f"{self.name}-{digest}"
+        with _locked(folder):
+            if not folder.exists():
+                _write(folder, whole.recording, _link_first_camera)
+        return Ready(self.name, folder, whole.truth, digest)
+
+
+@dataclass(frozen=True, slots=True)
+class OneFrame:
+    """A single depth image out of a simulated recording of one camera, and its truth.
+
+    moment: returns the frame's index from the true joints (t, 21, 3).
+    """
+
+    whole: Simulated
+    moment: Callable[[np.ndarray], int]
+
+    @property
+    def name(self) -> str:
+        """Name of the whole recording, marked."""
+        return f"{self.whole.name}-one"
+
+    def ready(self, cache: Path) -> Ready | None:
+        """Copy the chosen image into a recording of one frame, without a picture of the empty room."""
+        whole = self.whole.ready(cache)
+        if whole is None or whole.truth is None:
+            return None
+        with np.load(whole.truth) as file:
+            truth = {key: file[key] for key in ("joints", "names", "time", "occluded", "seen_share", "camera_to_world")}
+        frame, count = self.moment(truth["joints"]), len(truth["time"])
+        digest = digest_of(whole.digest, f"frame {frame}")
+        folder = cache / "recordings" / f"{self.name}-{digest}"
+        with _locked(folder):
+            if not folder.exists():
+                _write(folder, whole.recording, lambda old, new: _copy_frame(old, new, frame))
+                one = {key: value[[frame]] if len(value) == count else value for key, value in truth.items()}
+                np.savez(folder / "truth.npz", **(one | {"time": np.zeros(1), "names": truth["names"]}))
+        return Ready(self.name, folder / "recording", folder / "truth.npz", digest)
+
+
+@dataclass(frozen=True, slots=True)
+class Real:
+    """A recording of ``../shared/data``; folder: its path there."""
+
+    folder: str
+
+    @property
+    def name(self) -> str:
+        """Path with dashes."""
+        return self.folder.replace("/", "-")
+
+    def ready(self, cache: Path) -> Ready | None:
+        """Return the recording where it is; None where the data is absent."""
+        recording = DATA / self.folder
+        if not (recording / "recording.json").is_file():
+            return None
+        files = sorted(path for path in recording.rglob("*") if path.is_file())
+        listed = (f"{path.relative_to(recording)} {path.stat().st_size}" for path in files)
+        return Ready(self.name, recording, None, digest_of(*listed))
+
+
+def digest_of(*parts: str) -> str:
+    """Return the first hexadecimal digits of the SHA-256 of texts."""
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:DIGITS]
+
+
+def simulator_digest() -> str:
+    """Return the SHA-256 of the files that a simulated recording depends on."""
+    root, digest = Path(anchorpose.__file__).parent, hashlib.sha256()
+    for source in SOURCES:
+        place = root / source
+        for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
+            if path.is_file() and path.suffix in (".py", ".npz"):
+                digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _locked(folder: Path) -> FileLock:
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    return FileLock(folder.with_name(f".{folder.name}.lock"))
+
+
+def _write(folder: Path, source: Path, fill: Callable[[Path, Path], None]) -> None:
+    """Fill a new folder, which appears when it is whole."""
+    work = folder.with_name(f".{folder.name}.work")
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir()
+    fill(source, work)
+    work.rename(folder)
+
+
+def _first_camera(recording: Path) -> tuple[dict[str, object], str]:
+    """Return recording.json with its first camera only, and that camera's name."""
+    document = json.loads((recording / "recording.json").read_text(encoding="utf-8"))
+    document["cameras"] = document["cameras"][:1]
+    return document, document["cameras"][0]["name"]
+
+
+def _link_first_camera(recording: Path, out: Path) -> None:
+    document, camera = _first_camera(recording)
+    (out / "recording.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
+    for name in (camera, "equipment.json"):
+        if (recording / name).exists():
+            (out / name).symlink_to((recording / name).resolve())
+
+
+def _copy_frame(recording: Path, out: Path, frame: int) -> None:
+    document, camera = _first_camera(recording)
+    depth = out / "recording" / camera / "depth"
+    depth.mkdir(parents=True)
+    shutil.copyfile(recording / camera / "depth" / f"{frame:06d}.png", depth / "000000.png")
+    (out / "recording" / camera / "timestamps.csv").write_text("frame,time_s\n0,0.0\n", encoding="utf-8")
+    (out / "recording" / "recording.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
+    if (recording / "equipment.json").exists():
+        shutil.copyfile(recording / "equipment.json", out / "recording" / "equipment.json")

@@ -1,0 +1,154 @@
+"""Measure this program: python benchmarks/run.py SUITE... [--quick] [--against COMMIT]
+
+Suites (``suites.py`` declares them): SUITES
+
+Recordings are simulated once and kept in --cache, with the results of each version of the code: a run that was stopped
+goes on, and what did not change is not tracked again. The table has one row per scene class, means over its recordings
+with the worst in brackets; coverage is the share of axes with the truth within 1.96 sigma (0.95 is calibrated), of
+joints called observed and of those called hidden; a confident error is over 100 mm and four sigma off. Times are
+processor seconds without compiling: compare them only within one run, best of suite ``speed``, which runs alone.
+--against: the same recordings by the code of a commit as well, and the differences with 95 % intervals over the
+recordings. --quick: what a developer runs before every merge that touches tracking; it takes under 20 minutes on two
+idle cores. --use held-out: for the last look only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final, get_args
+
+from recordings import Ready, digest_of
+from suites import SUITES, Case, Use, cases_of
+from table import differences, table
+from tracking import COST_FILE, Cost, read_cost, track
+from versions import Version, at_commit, working_tree
+
+CACHE: Final = Path.home() / ".cache" / "anchorpose-benchmarks"
+QUICK_SUITES: Final = ("easy", "hard", "bodies", "rooms", "starts", "real", "contacts")
+Rows = dict[str, list[dict[str, float]]]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What every job of a run has in common. again: track although results are kept, to measure the time."""
+
+    use: Use
+    quick: bool
+    cache: Path
+    versions: tuple[Version, ...]
+    again: bool = False
+
+
+def measure(suite: str, index: int, plan: Plan) -> list[list[tuple[str, dict[str, float]]]]:
+    """Run one case with each version; return per version the rows with their scores, empty where data is absent."""
+    case = cases_of([suite], plan.use, plan.quick)[suite][index]
+    ready = case.recording.ready(plan.cache)
+    named = None if ready is None else case.name(ready)
+    if ready is None or named is None:
+        return [[] for _ in plan.versions]
+    return [_measure(case, ready, named, version, plan) for version in plan.versions]
+
+
+def _measure(
+    case: Case, ready: Ready, named: dict[str, Any], version: Version, plan: Plan
+) -> list[tuple[str, dict[str, float]]]:
+    key = digest_of(version.digest, ready.digest, json.dumps(named))
+    results = plan.cache / "results" / f"{ready.name}-{key}"
+    cost = _tracked(results, ready, named, version, plan.again)
+    costs = {"frame_ms": cost.frame_ms, "start_s": cost.start_s, "peak_mb": cost.peak_mb}
+    if cost.refused:
+        return [(case.row, case.refused() | {"refused": 1.0})]
+    found = case.score(ready, results)
+    if isinstance(found, dict):
+        return [(case.row, found | costs)]
+    return [(f"{case.row}: {part}", scores) for part, scores in found]
+
+
+def _tracked(results: Path, ready: Ready, named: dict[str, Any], version: Version, again: bool) -> Cost:
+    """Return the cost of the kept results, or of tracking now; a folder without a cost was left by a stopped run."""
+    if again or not (results / COST_FILE).is_file():
+        shutil.rmtree(results, ignore_errors=True)
+        return track(version.source, ready.recording, results, named)
+    return read_cost(results)
+
+
+def run_suite(suite: str, plan: Plan, processes: int) -> list[Rows]:
+    """Run a suite; return per version the rows in the order in which the suite declares them."""
+    cases = cases_of([suite], plan.use, plan.quick)[suite]
+    if SUITES[suite].alone:
+        _compile(plan)
+    found: dict[int, list[list[tuple[str, dict[str, float]]]]] = {}
+    began = time.monotonic()
+    with ProcessPoolExecutor(1 if SUITES[suite].alone else processes, mp_context=get_context("spawn")) as pool:
+        jobs = {pool.submit(measure, suite, index, plan): index for index in range(len(cases))}
+        for job in as_completed(jobs):
+            found[jobs[job]] = job.result()
+            name = cases[jobs[job]].recording.name
+            _say(f"{suite}: {len(found)} of {len(cases)} after {time.monotonic() - began:.0f} s; {name}")
+    versions = range(len(plan.versions))
+    return [_rows(found[index][version] for index in range(len(cases))) for version in versions]
+
+
+def _compile(plan: Plan) -> None:
+    """Compile the kernels of every version before anything is timed."""
+    ready = cases_of(["easy"], plan.use, True)["easy"][2].recording.ready(plan.cache)
+    assert ready is not None
+    for version in plan.versions:
+        _tracked(plan.cache / "results" / f"warm-{version.digest}", ready, {}, version, again=False)
+
+
+def _rows(found: Iterator[Sequence[tuple[str, dict[str, float]]]]) -> Rows:
+    rows: Rows = {}
+    for scored in found:
+        for row, scores in scored:
+            rows.setdefault(row, []).append(scores)
+    return rows
+
+
+def _say(sentence: str) -> None:
+    print(sentence, file=sys.stderr, flush=True)
+
+
+def main() -> None:
+    """Print a table per suite."""
+    about = "\n".join(f"  {name:10s} {suite.about}" for name, suite in SUITES.items())
+    parser = argparse.ArgumentParser(
+        description=(__doc__ or "").replace("SUITES", f"\n{about}", 1),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("suites", nargs="*", metavar="SUITE", help="with --quick: all but speed")
+    parser.add_argument("--against", metavar="COMMIT")
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--use", choices=get_args(Use), default="tuning")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--cache", type=Path, default=CACHE)
+    parser.add_argument("--json", type=Path, help="write all scores of all recordings")
+    chosen = parser.parse_args()
+    names = chosen.suites or (QUICK_SUITES if chosen.quick else parser.error("name a suite, or give --quick"))
+    cases_of(names, chosen.use, chosen.quick)
+    versions = [working_tree(), *([at_commit(chosen.against, chosen.cache)] if chosen.against else [])]
+    document: dict[str, Any] = {}
+    print(f"{chosen.use} recordings{', quick' * chosen.quick}; load {os.getloadavg()[0]:.1f} at the start")
+    for name in names:
+        plan = Plan(chosen.use, chosen.quick, chosen.cache, tuple(versions), again=SUITES[name].alone)
+        by_version = run_suite(name, plan, chosen.processes)
+        print(f"\n## {name}: {SUITES[name].about}\n\n{table(by_version[0])}", flush=True)
+        if chosen.against:
+            print(f"\n{differences(*by_version, versions[1].title)}", flush=True)
+        document[name] = {version.title: rows for version, rows in zip(versions, by_version, strict=True)}
+    if chosen.json:
+        chosen.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,298 @@
+"""What a tracked recording is worth: scores by name, from its results and from the truth, labels or instruments."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from recordings import Ready
+
+from anchorpose.body.learning import BONES
+from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.pipeline import TrackConfig
+from anchorpose.recording.reader import open_recording, read_frame
+from anchorpose.recording.recording import Recording
+from anchorpose.research.benchmark.labels import (
+    LABELLERS,
+    LabelledPerson,
+    off_m,
+    place_of,
+    read_label_set,
+    read_labels,
+    trunk_pixel,
+    within,
+)
+from anchorpose.results.evaluate import Evaluation, evaluate
+from anchorpose.results.evaluate_contacts import ContactScore
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.uncertainty import NORMAL_95
+from anchorpose.tracker.preparation import settle
+
+Scores = dict[str, float]
+"""By the names in ``table.COLUMNS``; a score that does not apply is absent, one that could not be measured is NaN."""
+
+SKIP_S: Final = 1.0  # at the start, in which tracking may settle
+LABELS: Final = Path(__file__).parent / "labels"
+NAN: Final = float("nan")
+
+SEEN: Final = 0.5  # least share of the skin around a joint that faces the camera, for the joint to be in plain view
+PLAIN: Final = 0.6  # least share of the joints of trunk and head in plain view, for the patient to be
+RIGHT_M, WRONG_M, FAR_M = 0.10, 0.15, 0.10
+FAR_SIGMAS: Final = 4.0
+TRUNK: Final = [JOINT_INDEX[name] for name in ("SpineMid", "SpineShoulder", "Head", "ShoulderLeft", "ShoulderRight")]
+
+TRACKED: Final = 0.5  # least share of the joints that are not lost, for a person to be tracked
+NEAR_M: Final = 3.5  # farther away a person need not be followed
+REACHES_M: Final = {"within_60": 0.06, "within_100": 0.10}
+INSTRUMENT: Final = Path(__file__).resolve().parents[2] / "shared" / "tools" / "utd_mhad.py"
+
+
+def against_truth(ready: Ready, results: Path) -> Scores:
+    """Compare with the simulator's truth after the first second."""
+    assert ready.truth is not None
+    found = evaluate(results, ready.truth, SKIP_S)
+    contacts = {} if found.contacts is None else _contact_scores(found.contacts.overall)
+    return _scores_of(found) | contacts | _bone_scores(ready.truth, results)
+
+
+def contacts_by_part(ready: Ready, results: Path) -> Iterator[tuple[str, Scores]]:
+    """Yield precision and recall of contacts with people, by frame and by part that was touched or reported."""
+    assert ready.truth is not None
+    found = evaluate(results, ready.truth, SKIP_S).contacts
+    if found is not None:
+        yield "all parts", _contact_scores(found.overall)
+        yield from ((part, _contact_scores(score)) for part, score in found.per_part)
+
+
+def _scores_of(found: Evaluation) -> Scores:
+    wrong_s = [wrong.seconds for _, wrong in found.wrong_in_view]
+    return {
+        "mean_mm": _number(found.overall.mean_mm),
+        "p95_mm": _number(found.overall.p95_mm),
+        "hidden_mm": _number(found.hidden.mean_mm),
+        "confident": _number(found.confident_errors),
+        "cover_seen": _number(found.observed.coverage_95),
+        "cover_hidden": _number(found.hidden.coverage_95),
+        "lost": _number(found.overall.lost_share),
+        "wrong_s": max(wrong_s, default=NAN) if found.view_known else NAN,
+    }
+
+
+def _contact_scores(score: ContactScore) -> Scores:
+    """Counts of parts times frames; their sums over recordings give precision and recall."""
+    right = 0.0 if score.precision is None else score.precision * score.reported
+    found = 0.0 if score.recall is None else score.recall * score.touched
+    counts = {"reported": score.reported, "reported_right": right, "touched": score.touched, "touched_found": found}
+    return counts | {"precision": _number(score.precision), "recall": _number(score.recall)}
+
+
+def _bone_scores(truth: Path, results: Path) -> Scores:
+    """Error of the learnt lengths of the limb bones, and how many lie within 1.96 of their sigma."""
+    body = read_run(results / RUN_FILE)["body"]
+    if body is None:
+        return {}
+    with np.load(truth) as file:
+        joints_m, names = file["joints"][0], [str(name) for name in file["names"]]
+    learnt = {bone["bone"]: (bone["length_m"], bone["sigma_m"]) for bone in body["bones"]}
+    rows = []
+    for name, start, end in BONES:
+        true_m = np.linalg.norm(joints_m[names.index(end)] - joints_m[names.index(start)])
+        if name in learnt and np.isfinite(true_m):
+            rows.append((abs(learnt[name][0] - true_m), learnt[name][1]))
+    if not rows:
+        return {}
+    off, sigma = np.array(rows).T
+    return {"bone_mm": 1e3 * float(np.median(off)), "bone_cover": float(np.mean(off < NORMAL_95 * sigma))}
+
+
+def _number(value: float | None) -> float:
+    return NAN if value is None else float(value)
+
+
+# One camera whose pose is unknown: joints are compared in the camera's frame.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """The truth as one camera has it. joints_m (t, 21, 3) camera; seen, plain: (t, 21), (t,) bool, in plain view."""
+
+    joints_m: np.ndarray
+    seen: np.ndarray
+    plain: np.ndarray
+    time_s: np.ndarray
+
+
+def view_of(truth: Path) -> View:
+    """Read the truth of a recording of one camera."""
+    with np.load(truth) as file:
+        T_world_camera, joints_m, share, time_s = (
+            file[key] for key in ("camera_to_world", "joints", "seen_share", "time")
+        )
+    plain = (share[:, TRUNK].max(axis=2) > SEEN).mean(axis=1) >= PLAIN
+    return View(transform_points(invert_rigid(T_world_camera[0]), joints_m), share.max(axis=2) > SEEN, plain, time_s)
+
+
+def name_patient(ready: Ready) -> dict[str, Any] | None:
+    """Return the settings by which a user would name the patient, in the first frame in plain view; None without."""
+    assert ready.truth is not None
+    view = view_of(ready.truth)
+    if not view.plain.any():
+        return None
+    recording, first = open_recording(ready.recording), int(np.argmax(view.plain))
+    camera = settle(recording, TrackConfig()).calibration.cameras[0]
+    x, _, z = transform_points(camera.require_pose(), view.joints_m[first, JOINT_INDEX["SpineBase"]]).tolist()
+    return {"patient_xz_m": (x, z), "patient_frame": int(recording.streams[0].frame[first])}
+
+
+def in_a_room(ready: Ready, results: Path) -> Scores:
+    """Score the first pose and the frames in plain view, of a patient whom one camera sees.
+
+    right: in some frame of the first second of plain view, every joint in plain view is within 100 mm. accepted_wrong:
+    joints are reported in that second, and those in plain view are over 150 mm off on average in each of its frames.
+    """
+    assert ready.truth is not None
+    view, table = view_of(ready.truth), read_joints(results / JOINTS_FILE)
+    off, rows = np.linalg.norm(_in_camera(table, results) - view.joints_m[table.frame], axis=2), table.frame
+    seen, plain, time_s = view.seen[rows], view.plain[rows], view.time_s[rows]
+    if not plain.any():
+        return {}
+    began_s = time_s[int(np.argmax(plain))]
+    second = np.flatnonzero((time_s >= began_s) & (time_s <= began_s + 1.0) & plain)
+    means = [float(np.nanmean(off[k][seen[k]])) for k in second if np.isfinite(off[k][seen[k]]).any()]
+    known = np.isfinite(off) & plain[:, None]
+    far = known & (off > FAR_M) & (off > FAR_SIGMAS * np.sqrt(3.0) * np.nan_to_num(table.sigma_m, nan=np.inf))
+    return {
+        "right": float(any(bool((off[k][seen[k]] < RIGHT_M).all()) for k in second)),  # a lost joint, NaN, is not
+        "accepted_wrong": float(bool(means) and min(means) > WRONG_M),
+        "mean_mm": _mean_mm(off[known]),
+        "p95_mm": 1e3 * float(np.percentile(off[known], 95)) if known.any() else NAN,
+        "confident": float(far.sum() / max(1, known.sum())),
+        "lost": float(np.isnan(off[plain]).mean()),
+    }
+
+
+def not_found() -> Scores:
+    """Return the scores of a room whose recording was refused: nothing right, everything lost."""
+    return {"right": 0.0, "accepted_wrong": 0.0, "lost": 1.0}
+
+
+def _mean_mm(off_m_: np.ndarray) -> float:
+    return 1e3 * float(off_m_.mean()) if off_m_.size else NAN
+
+
+def _in_camera(table: JointTable, results: Path) -> np.ndarray:
+    pose = np.array(read_run(results / RUN_FILE)["cameras"][0]["camera_to_world"])
+    return transform_points(invert_rigid(pose), table.position_m)
+
+
+# Real depth: labels by eye, and an inertial sensor.
+
+
+def against_msr_labels(ready: Ready, results: Path) -> Scores:
+    """Compare the labelled frames of a sequence of MSR Action3D: joints that both labellers set and neither doubted."""
+    sequence = ready.recording.name
+    first, second = (read_label_set(LABELS, "msr_action3d", labeller)[sequence] for labeller in LABELLERS)
+    recording, table = open_recording(ready.recording), read_joints(results / JOINTS_FILE)
+    camera, joints_m = replace(recording.cameras[0], T_world_camera=np.eye(4)), _in_camera(table, results)
+    away = list[float]()
+    for frame, (one, *_) in first.items():
+        clear = _between(one, second[frame][0])
+        row = int(np.flatnonzero(table.frame == frame)[0])
+        away += off_m(clear, joints_m[row], _depth(recording, frame), camera).values()
+    return _label_scores(away)
+
+
+def labelled_sequences() -> tuple[str, ...]:
+    """Return the sequences of MSR Action3D that have labels."""
+    return tuple(read_label_set(LABELS, "msr_action3d", LABELLERS[0]))
+
+
+def _between(one: LabelledPerson, other: LabelledPerson) -> LabelledPerson:
+    """Return the person half-way between two labellers, with the joints that are unclear to neither."""
+    both = (one.joints.keys() & other.joints.keys()) - one.unclear - other.unclear
+    middle = {name: tuple(np.mean([one.joints[name], other.joints[name]], axis=0).tolist()) for name in sorted(both)}
+    return replace(one, joints=middle)
+
+
+def _label_scores(away_m: Sequence[float]) -> Scores:
+    """Distances from labels, inf where a joint is lost."""
+    away = np.array(away_m)
+    if not away.size:
+        return {}
+    shares = {name: float(np.mean(away < reach)) for name, reach in REACHES_M.items()}
+    return shares | {"median_mm": 1e3 * float(np.median(away)), "labels": float(len(away))}
+
+
+def people_in(folder: str) -> tuple[str, ...]:
+    """Return the labelled people of a real recording who are in plain view in some frame."""
+    frames = read_labels(LABELS, folder, LABELLERS[0])
+    return tuple(sorted({one.person for people in frames.values() for one in people if one.plain and one.joints}))
+
+
+def name_labelled(ready: Ready, person: str) -> dict[str, Any] | None:
+    """Return the settings by which a user would name a labelled person: where most joints are clearly seen, near."""
+    recording, best, most = open_recording(ready.recording), None, 0
+    camera = settle(recording, TrackConfig()).calibration.cameras[0]
+    for frame, people in read_labels(LABELS, ready.recording.name, LABELLERS[0]).items():
+        for one in (one for one in people if one.person == person and one.plain):
+            place = place_of(one, _depth(recording, frame), camera)
+            near = place is not None and np.linalg.norm(place - camera.position_m) < NEAR_M
+            if place is not None and near and len(one.joints) > most:
+                best, most = (
+                    {"patient_xz_m": (float(place[0]), float(place[2])), "patient_frame": frame},
+                    len(one.joints),
+                )
+    return best
+
+
+def against_people_labels(ready: Ready, results: Path, person: str) -> Scores:
+    """Compare a person who was tracked by name with the labels of both labellers."""
+    recording, table = open_recording(ready.recording), read_joints(results / JOINTS_FILE)
+    pose = np.array(read_run(results / RUN_FILE)["cameras"][0]["camera_to_world"])
+    camera = replace(recording.cameras[0], T_world_camera=pose)
+    away, tracked, another = list[float](), list[bool](), 0
+    for labeller in LABELLERS:
+        for frame, people in read_labels(LABELS, ready.recording.name, labeller).items():
+            row = int(np.flatnonzero(table.frame == frame)[0])
+            own = next((one for one in people if one.person == person), None)
+            another += _is_another(own, people, table, row, camera)
+            if own is not None and own.plain:
+                lost = table.lost[row].mean()
+                tracked.append(bool(lost < TRACKED))
+                if lost < 1.0:
+                    away += off_m(own, table.position_m[row], _depth(recording, frame), camera).values()
+    share = float(np.mean(tracked)) if tracked else NAN
+    return _label_scores(away) | {"tracked": share, "another": float(another)}
+
+
+def _is_another(
+    own: LabelledPerson | None, people: Sequence[LabelledPerson], table: JointTable, row: int, camera: Camera
+) -> bool:
+    """Return whether the tracked trunk lies in another person's box and not in the patient's own."""
+    place = trunk_pixel(table, row, camera)
+    if place is None or (own is not None and within(own.box, place)):
+        return False
+    return any(within(one.box, place) for one in people if one is not own)
+
+
+def _depth(recording: Recording, frame: int) -> np.ndarray:
+    depth = read_frame(recording, int(np.flatnonzero(recording.streams[0].frame == frame)[0])).depths_m[0]
+    assert depth is not None, frame
+    return depth
+
+
+def against_inertial_sensor(ready: Ready, results: Path) -> Scores:
+    """Compare the tilt of the right thigh with the sensor strapped to it (``../shared/tools/utd_mhad.py``)."""
+    command = [sys.executable, str(INSTRUMENT), str(ready.recording), str(results)]
+    found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    scores = {"tilt_deg": _number(found["imu"].get("rms_deg")), "kinect_deg": found["kinect_vs_imu"]["rms_deg"]}
+    return scores | {"lost": 1.0 - found["imu"]["known_share"]}

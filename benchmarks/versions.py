@@ -1,0 +1,62 @@
+"""The code that is measured: this working tree, or a commit beside it."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import subprocess
+import tarfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from recordings import DIGITS
+
+REPOSITORY: Final = Path(__file__).resolve().parents[1]
+NOT_MEASURED: Final = ("research/", "simulate/")  # parts of the package that no result depends on
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """Code in a folder with ``src`` and ``benchmarks``. digest: of everything that results depend on."""
+
+    title: str
+    root: Path
+    digest: str
+
+    @property
+    def source(self) -> Path:
+        """The folder that goes on Python's path."""
+        return self.root / "src"
+
+
+def working_tree() -> Version:
+    """Return the code as it stands."""
+    return Version("now", REPOSITORY, _digest(REPOSITORY / "src"))
+
+
+def at_commit(commit: str, cache: Path) -> Version:
+    """Return the code of a commit, unpacked into ``cache`` once; raises SystemExit where git does not know it."""
+    try:
+        name = _git("rev-parse", "--short=12", f"{commit}^{{commit}}").decode().strip()
+    except subprocess.CalledProcessError:
+        raise SystemExit(f"--against: git knows no commit {commit}.") from None
+    root = cache / "versions" / name
+    if not root.exists():
+        root.mkdir(parents=True)
+        with tarfile.open(fileobj=io.BytesIO(_git("archive", name, "src", "benchmarks"))) as archive:
+            archive.extractall(root, filter="data")
+    return Version(name, root, _digest(root / "src"))
+
+
+def _git(*arguments: str) -> bytes:
+    return subprocess.run(["git", *arguments], cwd=REPOSITORY, check=True, capture_output=True).stdout
+
+
+def _digest(source: Path) -> str:
+    package, digest = source / "anchorpose", hashlib.sha256()
+    for path in sorted(package.rglob("*")):
+        place = path.relative_to(package).as_posix()
+        if path.is_file() and path.suffix in (".py", ".npz", ".onnx") and not place.startswith(NOT_MEASURED):
+            digest.update(place.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:DIGITS]
