@@ -49,7 +49,7 @@ PAIRED: Final = (
 
 
 def table(rows: Mapping[str, Measured]) -> str:
-    """Return Markdown: the row's recordings, the means of each column (the worst in brackets), and what else it says."""
+    """Return Markdown: the number of recordings, the mean of each column with the worst in brackets, and the rest."""
     titles = ["scene", "recordings", *(column.title for column in COLUMNS), "also"]
     lines = [f"| {' | '.join(titles)} |", "|---|" + "--:|" * (len(titles) - 2) + "---|"]
     for row, measured in rows.items():
