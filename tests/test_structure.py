@@ -53,6 +53,51 @@ def imported_names(source: str) -> set[str]:
     return names
 
 
+OPENING = {
+    "os.open", "np.load", "np.loadtxt", "np.genfromtxt", "np.fromfile", "np.memmap",
+    "np.lib.format.open_memmap", "cv2.imread", "pq.read_table", "pq.read_schema", "pq.ParquetFile", "pa.memory_map",
+    "pa.OSFile", "pyarrow.csv.read_csv", "sqlite3.connect", "json.load", "tomllib.load", "shutil.copy",
+    "shutil.copyfile", "shutil.copy2",
+}  # fmt: skip
+"""Functions that open a file for reading; beside them ``open`` and the methods of a path."""
+
+OPENS_ITSELF = {
+    "recording/regular_file.py": "the one place",
+    "recording/array_file.py": "np.load, of a file that open_regular opened",
+    "results/parquet.py": "pyarrow, of a path that refuse_unreadable asked about",
+    "batch/table.py": "pyarrow, of a path that refuse_unreadable asked about, and of a table that was just written",
+    "research/benchmark/answers.py": "pyarrow, of a file that open_regular opened",
+    "research/benchmark/truth.py": "np.loadtxt, of a text that read_text read",
+    "sources/ros2_database.py": "SQLite, of a path whose first bytes open_regular read",
+    "agreement/c3d_file.py": "ezc3d, of a path that require_regular asked about",
+    "live/recorder.py": "copies of files that require_regular asked about",
+    "research/benchmark/make.py": "a file of the package, and copies of images that were just written",
+    "body/asset.py": "a file of the package",
+    "cli/config_file.py": "a file of the package",
+    "viewer/page_files.py": "files of the package",
+    "versions.py": "the code itself",
+    "research/experiment/method.py": "a Python file of the user that was just run",
+    "research/experiment/plan.py": "results that the experiment stored",
+    "research/experiment/run.py": "movements that the experiment stored",
+    "research/experiment/pictures/album.py": "an account that the experiment stored",
+    "exports/c3d_frames.py": "the file that it is writing",
+    "simulate/write.py": "copies of images that were just written",
+    "batch/worker.py": "the answer of a process that it started",
+}
+"""Modules that open files for reading without ``regular_file``, and why no pipe or device can be among these."""
+
+
+def opens_a_file(call: ast.Call) -> bool:
+    """Whether a call opens a file for reading; a mode that only writes is no reading."""
+    name = ast.unparse(call.func)
+    if name == "open" or name.endswith(".open"):
+        modes = [each.value for each in (*call.args, *(key.value for key in call.keywords if key.arg == "mode"))
+                 if isinstance(each, ast.Constant)]  # fmt: skip
+        takes_path = name == "open" or not call.args or isinstance(call.args[0], ast.Constant)
+        return name in OPENING or (takes_path and not any(set(str(mode)) & set("wax") for mode in modes))
+    return name in OPENING or name.endswith((".read_text", ".read_bytes"))
+
+
 def modules_of(name: str) -> list[Path]:
     """The modules of a stage, or the one module of that name."""
     return sorted((PACKAGE / name).rglob("*.py")) or [PACKAGE / f"{name}.py"]
@@ -129,6 +174,25 @@ def test_what_reads_recorders_files_reaches_no_stage_but_the_recording() -> None
 
 def test_the_simulation_uses_the_body_and_the_format_but_no_stage_that_is_judged_by_it() -> None:
     assert forbidden_imports("simulate", {"simulate", "recording", "body", *VALUES}) == []
+
+
+def test_every_input_is_opened_as_a_regular_file() -> None:
+    found = {
+        module.relative_to(PACKAGE).as_posix(): ast.unparse(node)
+        for module in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(module.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and opens_a_file(node)
+    }
+    assert {name: call for name, call in found.items() if name not in OPENS_ITSELF} == {}
+    assert set(OPENS_ITSELF) - set(found) == {"agreement/c3d_file.py"}  # ezc3d: the same name makes a new file
+
+
+@pytest.mark.parametrize("call", ["open(x)", "x.open()", "x.open('rb')", "x.read_bytes()", "np.load(x)", "os.open(x)"])
+def test_the_search_for_opened_files_bites(call: str) -> None:
+    opened, written = (ast.parse(text, mode="eval").body for text in (call, "x.open('wb')"))
+    assert isinstance(opened, ast.Call)
+    assert isinstance(written, ast.Call)
+    assert (opens_a_file(opened), opens_a_file(written)) == (True, False)
 
 
 def test_every_folder_and_module_has_a_place_in_the_layout() -> None:

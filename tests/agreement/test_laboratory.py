@@ -18,7 +18,7 @@ from anchorpose.agreement.evaluating import ReferenceSettings, compare_with_refe
 from anchorpose.agreement.matching import Match, match_results
 from anchorpose.agreement.placement import moved
 from anchorpose.agreement.reading import read_captured
-from anchorpose.agreement.reference import read_reference
+from anchorpose.agreement.reference import exchanged, read_reference
 from anchorpose.agreement.rows import ALL, AS_MEASURED, OFFSET_REMOVED, agreement_rows
 from anchorpose.cli import main
 from anchorpose.errors import InputError
@@ -100,6 +100,24 @@ def test_left_and_right_exchanged_are_found_and_said(lab, tmp_path):
         match_results(lab.results, read_reference(path))
     settings = ReferenceSettings(exchange_sides=True)
     assert compare_with_reference([lab.results], [path], [], settings).matches[0].clock.correlation > 0.9
+
+
+def _mirrored(lines):
+    """The same markers in left-handed axes: every z, the last of three columns, with the other sign."""
+    rows = [line.split("\t") for line in lines]
+    for row in rows[5:]:
+        row[4::3] = [cell and str(-float(cell)) for cell in row[4::3]]
+    return ["\t".join(row) for row in rows]
+
+
+def test_mirrored_axes_are_found_and_stated(lab, tmp_path):
+    path = _edited(lab, tmp_path / "mirrored.trc", _mirrored)
+    with pytest.raises(
+        InputError, match=r"mirrored\.trc: is mirrored: .* instead of \d+ mm; .*the sign of one of its axes"
+    ):
+        match_results(lab.results, read_reference(path))
+    with pytest.raises(InputError, match=r"is mirrored, and left and right are exchanged"):
+        match_results(lab.results, exchanged(read_reference(path)))
 
 
 def test_another_unit_is_found_and_said(lab, tmp_path):

@@ -14,7 +14,12 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.results import frame_time
 from anchorpose.results.evaluate import evaluate
 from anchorpose.results.evaluate_confidence import LIMBS_JUDGED
-from anchorpose.results.evaluation_file import confidence_sentences, write_evaluation
+from anchorpose.results.evaluation_file import (
+    compared_sentence,
+    confidence_sentences,
+    longest_error_sentence,
+    write_evaluation,
+)
 from anchorpose.results.truth import read_truth
 
 
@@ -293,7 +298,7 @@ def test_seen_shares_are_read_in_the_order_of_the_joints(tmp_path):
 BAD_TRUTH = {
     "seen_share .* does not fit": {"seen_share": np.ones((2, 4, 1))},
     "are no shares": {"seen_share": np.full((2, JOINT_COUNT, 1), np.nan)},
-    "shares no time": {"time": np.array([90.0, 90.1])},
+    "only 0 of 2 frames": {"time": np.array([90.0, 90.1])},
     "no array 'time'": {"time": None},
     "do not fit together": {"time": np.array([0.0])},
     "do not increase": {"time": np.array([0.1, 0.0])},
@@ -326,8 +331,40 @@ def test_pickled_objects_in_a_truth_file_are_not_run(tmp_path):
     np.savez(
         tmp_path / "truth.npz", joints=np.array([{}], dtype=object), names=np.array(["Head"]), time=np.array([0.0])
     )
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="not a readable"):
         evaluate(results, tmp_path / "truth.npz")
+
+
+def test_a_truth_with_times_in_milliseconds_is_refused_with_the_likely_cause(tmp_path):
+    """One frame of sixteen, the first, has a partner all the same."""
+    results = write_results(tmp_path / "results", [make_frame(i, i / 15, standing_joints()) for i in range(16)])
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * 16), 1000 * np.arange(16) / 15)
+    with pytest.raises(InputError, match=r"only 1 of 16 frames.*in another unit.*in seconds"):
+        evaluate(results, truth)
+
+
+def test_a_truth_of_every_twentieth_frame_is_compared(tmp_path):
+    results = write_results(tmp_path / "results", [make_frame(i, i / 15, standing_joints()) for i in range(60)])
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * 3), 20 * np.arange(3) / 15)
+    assert compared_sentence(evaluate(results, truth)).startswith(
+        "Compared: 3 frames, of 3 in the truth (100 %) and 60 in the results (5 %); in them 63 of 63 joints (100 %)"
+    )
+
+
+def test_a_truth_without_any_position_is_refused(tmp_path):
+    results = write_results(tmp_path / "results", [make_frame(i, i / 15, standing_joints()) for i in range(4)])
+    truth = _write_truth(tmp_path / "truth.npz", np.full((4, JOINT_COUNT, 3), np.nan), np.arange(4) / 15)
+    with pytest.raises(InputError, match=r"truth.npz: has no position of any joint in the 4 frames"):
+        evaluate(results, truth)
+
+
+def test_where_every_joint_is_lost_no_joint_is_said_to_be_right(tmp_path):
+    frames = [make_frame(i, i / 15, standing_joints(), JOINT_NAMES) for i in range(4)]
+    results = write_results(tmp_path / "results", frames)
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * 4), np.arange(4) / 15)
+    found = evaluate(results, truth)
+    assert "no error is known" in longest_error_sentence(found)
+    assert "0 of 84 joints" in compared_sentence(found)
 
 
 def test_skipping_more_than_there_is_is_refused(tmp_path):

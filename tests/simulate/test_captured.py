@@ -200,7 +200,7 @@ def test_what_cannot_be_simulated_is_refused(movement_file, wrong, why):
 
 def test_a_file_without_movements_is_refused(tmp_path, movement_file):
     rng = np.random.default_rng(0)
-    with pytest.raises(InputError, match="is not there"):
+    with pytest.raises(InputError, match="there is no such file"):
         read_clips(tmp_path / "nothing.npz", "sit-to-stand", rng)
     np.savez(tmp_path / "other.npz", joints=np.zeros(3))
     with pytest.raises(InputError, match="not a file of captured movements"):

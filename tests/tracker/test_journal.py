@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import shutil
 from collections import deque
@@ -95,3 +96,10 @@ def test_a_full_disk_is_reported_with_the_place_and_leaves_what_was_there(tmp_pa
     with pytest.raises(InputError, match=r"No space left on device.*--resume"):
         journal.write("value", 2)
     assert journal.read("value") == 1
+
+
+def test_a_pipe_in_place_of_a_stored_value_is_refused(tmp_path):
+    journal = Journal(tmp_path)
+    os.mkfifo(tmp_path / "learnt")
+    with pytest.raises(InputError, match="learnt: is a named pipe"):
+        journal.read("learnt")

@@ -9,6 +9,7 @@ import numpy as np
 
 from anchorpose.agreement.captured import Captured, checked, metres_per_unit, repeated_label
 from anchorpose.errors import InputError, MissingPackage
+from anchorpose.recording.regular_file import LARGEST_TABLE, require_regular
 
 
 def read_c3d(path: Path, unit: str | None = None) -> Captured:
@@ -21,9 +22,8 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
         import ezc3d
     except ImportError:
         raise MissingPackage("evaluate --reference with a C3D", "ezc3d", "c3d") from None
-    if not path.is_file():
-        raise InputError(path, "there is no such file", "check the path of the reference")
     try:
+        require_regular(path, LARGEST_TABLE)
         file = ezc3d.c3d(str(path))
         group = file["parameters"]["POINT"]
         places = np.asarray(file["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)

@@ -11,8 +11,9 @@ import numpy as np
 
 from anchorpose.agreement.clock import Clock, NoCommonMovement, find_clock, refine_clock
 from anchorpose.agreement.placement import Placement, moved, place, residual, segment_axes
-from anchorpose.agreement.reference import Reference, exchanged
-from anchorpose.agreement.signals import at_times, common_signals, position_signals
+from anchorpose.agreement.reference import Reference
+from anchorpose.agreement.sides import require_sides
+from anchorpose.agreement.signals import common_signals, position_signals, resampled
 from anchorpose.errors import DegenerateGeometry, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.kinematics.joint_angles import joint_angles
@@ -20,9 +21,6 @@ from anchorpose.results.tables import JOINTS_FILE, AngleTable, JointTable, read_
 
 LARGEST_SCALE: Final = 1.3
 """Bodies are as large in both systems; definitions change distances between joints by less than this factor."""
-
-EXCHANGE_FACTOR: Final = 0.7
-"""With left and right exchanged, joints this much nearer mean that the file has them the wrong way round."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,23 +52,19 @@ class Match:
 def match_results(results: Path, reference: Reference, given: np.ndarray | None = None) -> Match:
     """Finds clock and frame. given: T_world_reference (4, 4) where it is known.
 
-    Raises InputError where lengths have another unit, left and right are exchanged, or no common movement is found.
+    Raises InputError where lengths have another unit, axes or labels are the wrong way round, or no common movement is
+    found.
     """
     joints = read_joints(results / JOINTS_FILE)
     ours = joint_angles(joints)
     _require_scale(joints, reference)
+    require_sides(joints, ours, reference)
     try:
-        match: Match | None = _match(results, joints, ours, reference, given)
-        problem = ""
+        return _match(results, joints, ours, reference, given)
     except NoCommonMovement as error:
-        match, problem = None, str(error)
-    if _sides_exchanged(results, joints, ours, reference, given, match):
-        what = "left and right are exchanged: with them the other way round it fits"
-        raise InputError(reference.path, what, "correct the labels in the other system, or give --exchange-sides")
-    if match is None:
+        problem = f"shares no movement with {results / JOINTS_FILE}: {error}"
         remedy = "give the reference of this recording, with at least ten seconds of the same movement"
-        raise InputError(reference.path, f"shares no movement with {results / JOINTS_FILE}: {problem}", remedy)
-    return match
+        raise InputError(reference.path, problem, remedy) from None
 
 
 def _match(
@@ -85,20 +79,20 @@ def _match(
         raise NoCommonMovement("no joint that both have moves against another by more than noise")
     clock, axes = find_clock(*signals), segment_axes(joints.position_m)
     at_s = clock.reference_time_s(joints.time_s)
-    theirs_m = _resampled(reference.time_s, reference.centres.position_m, at_s)
+    theirs_m = resampled(reference.time_s, reference.centres.position_m, at_s)
     if not reference.centres.joints:
-        given_deg = _resampled(reference.time_s, reference.degrees, at_s)
+        given_deg = resampled(reference.time_s, reference.degrees, at_s)
         return Match(results, reference, clock, None, joints, theirs_m, axes, ours, None, given_deg)
     try:
         placement = place(joints.position_m, joints.sigma_m, theirs_m, axes, given)
         clock = _clock_of_positions(joints, axes, reference, placement, clock)
         at_s = clock.reference_time_s(joints.time_s)
-        theirs_m = _resampled(reference.time_s, reference.centres.position_m, at_s)
+        theirs_m = resampled(reference.time_s, reference.centres.position_m, at_s)
         placement = place(joints.position_m, joints.sigma_m, theirs_m, axes, given)
     except DegenerateGeometry:
         raise NoCommonMovement("the joints that both have do not determine a frame") from None
     theirs_m = moved(placement.T_world_reference, theirs_m)
-    given_deg = _resampled(reference.time_s, reference.degrees, at_s)
+    given_deg = resampled(reference.time_s, reference.degrees, at_s)
     theirs = _angles_of(joints, theirs_m)
     return Match(results, reference, clock, placement, joints, theirs_m, axes, ours, theirs, given_deg)
 
@@ -111,14 +105,6 @@ def _clock_of_positions(
     ours = position_signals(joints.time_s, residual(joints.position_m, nothing, axes, placement.offset_m))
     theirs = position_signals(reference.time_s, moved(placement.T_world_reference, reference.centres.position_m))
     return refine_clock(ours, theirs, clock)
-
-
-def _resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    flat = values.reshape(len(time_s), -1)
-    found = np.full((len(at_s), flat.shape[1]), np.nan)
-    for column in np.flatnonzero(np.isfinite(flat).any(axis=0)):
-        found[:, column] = at_times(time_s, flat[:, column], at_s)
-    return found.reshape(len(at_s), *values.shape[1:])
 
 
 def _angles_of(joints: JointTable, position_m: np.ndarray) -> AngleTable:
@@ -149,24 +135,3 @@ def _median_distance(position_m: np.ndarray, a: int, b: int) -> float:
     distance = np.linalg.norm(position_m[:, a] - position_m[:, b], axis=1)
     known = distance[np.isfinite(distance)]
     return float(np.median(known)) if len(known) else float("nan")
-
-
-def _sides_exchanged(
-    results: Path,
-    joints: JointTable,
-    ours: AngleTable,
-    reference: Reference,
-    given: np.ndarray | None,
-    match: Match | None,
-) -> bool:
-    """Whether the reference fits with left and right exchanged and does not, or much worse, as it is."""
-    try:
-        other = _match(results, joints, ours, exchanged(reference), given)
-    except NoCommonMovement:
-        return False
-    if match is None:
-        return True
-    if match.placement is None or other.placement is None:
-        better = 1.0 - other.clock.correlation**2 < EXCHANGE_FACTOR * (1.0 - match.clock.correlation**2)
-        return better and match.placement is None
-    return other.placement.typical_m < EXCHANGE_FACTOR * match.placement.typical_m

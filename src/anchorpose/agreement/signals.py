@@ -108,3 +108,12 @@ def at_times(time_s: np.ndarray, values: np.ndarray, wanted_s: np.ndarray) -> np
     near = times[after] - times[after - 1] <= max(LONGEST_GAP_S, 1.5 * usual_s)
     inside = (wanted_s >= times[0]) & (wanted_s <= times[-1])
     return np.where(near & inside, np.interp(wanted_s, times, heights), np.nan)
+
+
+def resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
+    """Values (t, ...) at other times, (n, ...); NaN in gaps and where they are missing."""
+    flat = values.reshape(len(time_s), -1)
+    found = np.full((len(at_s), flat.shape[1]), np.nan)
+    for column in np.flatnonzero(np.isfinite(flat).any(axis=0)):
+        found[:, column] = at_times(time_s, flat[:, column], at_s)
+    return found.reshape(len(at_s), *values.shape[1:])

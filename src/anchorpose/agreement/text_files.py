@@ -10,6 +10,8 @@ import numpy as np
 
 from anchorpose.agreement.captured import METRES, Captured, checked, metres_per_unit, repeated_label
 from anchorpose.errors import InputError
+from anchorpose.recording.document import read_text
+from anchorpose.recording.regular_file import LARGEST_TABLE
 
 AXES: Final = ("x", "y", "z")
 
@@ -20,12 +22,7 @@ CSV_REMEDY: Final = (
 
 def read_lines(path: Path) -> list[str]:
     """The lines of a text file; raises InputError where it cannot be read as text."""
-    try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise InputError(path, "there is no such file", "check the path of the reference") from None
-    except (OSError, UnicodeDecodeError):
-        raise InputError(path, "is not a text file", "export it again from the other system") from None
+    return read_text(path, LARGEST_TABLE).splitlines()
 
 
 def read_trc(path: Path, unit: str | None = None) -> Captured:

@@ -16,6 +16,7 @@ from anchorpose.calibration.marker_corners import NoMarkers, SeenMarkers, detect
 from anchorpose.calibration.marker_layout import MarkerLayout
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
+from anchorpose.recording.image_file import read_image
 from anchorpose.recording.recording import Recording
 
 MARKER_IMAGES: Final = ("infrared.png", "color.png")  # in a camera's folder, of the depth images' geometry
@@ -79,7 +80,7 @@ def _marker_image(folder: Path) -> Path | None:
 
 def _read(path: Path, camera: Camera) -> np.ndarray:
     """(height, width) or (height, width, 3), 8 or 16 bit."""
-    image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    image = read_image(path)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise InputError(path, "is not a readable image of 8 or 16 bit", "export it again as PNG")
     if image.shape[:2] != (camera.height, camera.width):

@@ -179,6 +179,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
 
     from anchorpose.results.evaluation_file import (
         angle_rows,
+        compared_sentence,
         confidence_sentences,
         contact_rows,
         evaluation_rows,
@@ -199,13 +200,14 @@ def print_evaluation(evaluation: Evaluation) -> None:
     console = Console()
     console.print(table)
     console.print(angles)
-    for sentence in (longest_error_sentence(evaluation), *confidence_sentences(evaluation)):
-        console.print(sentence, highlight=False)
     drift = f"{evaluation.drift_ratio:.2f}" if evaluation.drift_ratio is not None else "unknown"
-    console.print(
-        f"{evaluation.matched_frames} of {evaluation.truth_frames} frames of the truth were compared; "
-        f"mean error of the second half over the first: {drift}."
-    )
+    for sentence in (
+        compared_sentence(evaluation),
+        longest_error_sentence(evaluation),
+        *confidence_sentences(evaluation),
+        f"Mean error of the second half over the first: {drift}.",
+    ):
+        console.print(sentence, highlight=False)
     if evaluation.contacts is not None:
         touched = Table("contacts", "frames touched", "rightly reported %", "found %")
         for row in contact_rows(evaluation.contacts):

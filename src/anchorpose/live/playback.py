@@ -11,8 +11,9 @@ import numpy as np
 
 from anchorpose.calibration.clocks import ClockConfig, settle_clocks
 from anchorpose.live.source import LiveCamera, LiveImage
-from anchorpose.recording.depth_image import decode_grey_png
+from anchorpose.recording.depth_image import decode_grey_png, largest_png
 from anchorpose.recording.recording import Recording
+from anchorpose.recording.regular_file import Unreadable, read_bounded
 
 LATE_S: Final = 0.25
 """An image that is late by more is left out, as a camera overwrites what nobody took."""
@@ -47,7 +48,7 @@ class Playback:
     def _read(self, camera: int, place: int) -> np.ndarray | None:
         stream, seen = self.about.streams[camera], self.about.cameras[camera]
         try:
-            data = stream.files[place].read_bytes()
-        except OSError:
+            data = read_bounded(stream.files[place], largest_png(seen.width, seen.height))
+        except Unreadable:
             return None
         return decode_grey_png(data, seen.width, seen.height)[0]

@@ -15,9 +15,10 @@ import numpy as np
 
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.live.source import LiveCamera, LiveImage
-from anchorpose.recording.document import read_json
+from anchorpose.recording.document import read_json, read_text
 from anchorpose.recording.equipment_file import equipment_files
 from anchorpose.recording.recording_file import CameraEntry
+from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
 from anchorpose.results.folder import naming_place, write_text_whole
 from anchorpose.sources.camera_writer import CameraWriter, encode_grey
 from anchorpose.sources.plan import CameraPlan
@@ -92,7 +93,7 @@ class Recorder:
     def _sync(self) -> None:
         paths, self._unsynced = self._unsynced, []
         for path in (*paths, *(writer.folder / "timestamps.csv" for writer in self._writers)):
-            with path.open("rb") as file:
+            with open_regular(path) as file:
                 os.fsync(file.fileno())
 
 
@@ -132,11 +133,13 @@ def _copy_about(about: Path, folder: Path) -> dict[str, Any]:
     found = read_json(about / RECORDING_FILE)
     if equipment := found.get("equipment"):
         for path in equipment_files(about / equipment):
+            require_regular(path)
             target = folder / path.relative_to(about)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)
     for room in about.glob(f"*/{EMPTY_ROOM_FILE}"):
         if (folder / room.parent.name).is_dir():
+            require_regular(room, LARGEST_IMAGE)
             shutil.copyfile(room, folder / room.parent.name / EMPTY_ROOM_FILE)
     return {key: found[key] for key in ("equipment", "subject") if found.get(key)}
 
@@ -152,7 +155,7 @@ def _camera_of(entry: dict[str, Any]) -> LiveCamera:
 
 def _remove_without_row(folder: Path) -> None:
     """The images that were cut off before their row was written."""
-    lines = (folder / "timestamps.csv").read_text(encoding="utf-8").split()[1:]
+    lines = read_text(folder / "timestamps.csv").split()[1:]
     known = {f"{int(line.partition(',')[0]):06d}.png" for line in lines}
     for file in (folder / "depth").iterdir():
         if file.name not in known:

@@ -1,6 +1,8 @@
-"""Reading files that may be anything: only regular ones are opened for reading, and none without a bound on its size.
+"""Opening every file that comes from a user or another program: regular files only, up to a bound on their size.
 
-A named pipe without a writer would stop the run for ever, and a device has no end.
+A named pipe without a writer would stop the run for ever, and a device has no end. ``read_whole`` and ``read_bounded``
+read a whole file; ``open_regular`` opens one that is read in pieces; ``require_regular`` comes before a library that
+opens a path itself. No module opens an input otherwise (tests/test_structure.py).
 """
 
 from __future__ import annotations
@@ -8,6 +10,7 @@ from __future__ import annotations
 import os
 import stat
 from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
 from typing import Final
 
@@ -16,6 +19,17 @@ import numpy as np
 from anchorpose.errors import InputError
 
 NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+
+LARGEST_TABLE: Final = 256 * 2**20
+"""Bytes of a table as text, or of a C3D. An hour of 21 points at 100 Hz has 190 MB; its values take ten times that."""
+
+LARGEST_IMAGE: Final = 256 * 2**20
+"""Bytes of an image file of any kind: 8192 x 8192 colour pixels that cannot be compressed."""
+
+LARGEST_ARRAYS: Final = 4 * 2**30
+"""Bytes of arrays in memory, or of a stored state of a run: an hour of true joints at 30 Hz has 54 MB."""
+
+PUT_FILE: Final = "put the file itself there, or remove it"
 
 
 class Unreadable(Exception):
@@ -41,18 +55,38 @@ def stamp_of(found: os.stat_result) -> FileStamp:
 
 
 def list_file(path: Path) -> FileStamp:
-    """The stamp of a regular file, which is not opened; raises InputError for anything else."""
+    """Return the stamp of a regular file, which is not opened; raises InputError for anything else."""
     try:
-        found = path.stat()
+        return stamp_of(require_regular(path))
     except FileNotFoundError:
         raise InputError(
             path, "is a link to a file that is not there", "copy the file itself, or remove the link"
         ) from None
     except (OSError, ValueError) as error:
         raise InputError(path, f"cannot be read ({reason(error)})", "check the file and its permissions") from None
+
+
+def require_regular(path: Path, most_bytes: int | None = None) -> os.stat_result:
+    """Return the status of a regular file, which is not opened: for libraries that open a path themselves.
+
+    Raises OSError where there is none, InputError where it is anything else or has more than ``most_bytes``.
+    """
+    found = path.stat()
     if problem := _not_a_file(found.st_mode):
-        raise InputError(path, problem, "put the file itself there, or remove it")
-    return stamp_of(found)
+        raise InputError(path, problem, PUT_FILE)
+    if most_bytes is not None and found.st_size > most_bytes:
+        raise InputError(path, _too_large(found.st_size, most_bytes), "give the right file")
+    return found
+
+
+def open_regular(path: Path) -> BufferedReader:
+    """Open a regular file to be read in pieces; raises OSError as ``open``, InputError where it is anything else."""
+    descriptor = os.open(path, os.O_RDONLY | NEVER_BLOCKS)
+    problem = _not_a_file(os.fstat(descriptor).st_mode)
+    if problem:
+        os.close(descriptor)
+        raise InputError(path, problem, PUT_FILE)
+    return open(descriptor, "rb")
 
 
 def is_there(path: Path) -> bool:
@@ -89,7 +123,7 @@ def _content(path: Path, descriptor: int, most_bytes: int, listed: FileStamp | N
     if listed is not None and stamp_of(found) != listed:
         raise InputError(path, "was changed or replaced while the recording was read", "start again")
     if found.st_size > most_bytes:
-        raise Unreadable(f"has {found.st_size:,} bytes, and such a file has {most_bytes:,} at most")
+        raise Unreadable(_too_large(found.st_size, most_bytes))
     with open(descriptor, "rb", closefd=False) as file:
         return file.read(most_bytes + 1)
 
@@ -100,6 +134,10 @@ def read_whole(path: Path, most_bytes: int, remedy: str) -> bytes:
         return read_bounded(path, most_bytes)
     except Unreadable as problem:
         raise InputError(path, str(problem), remedy) from None
+
+
+def _too_large(size: int, most_bytes: int) -> str:
+    return f"has {size:,} bytes, and such a file has {most_bytes:,} at most"
 
 
 def reason(error: OSError | ValueError) -> str:

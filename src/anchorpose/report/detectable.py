@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
+from io import StringIO
 from pathlib import Path
 from typing import Final
 
 from anchorpose.errors import InputError
+from anchorpose.recording.document import read_text
 
 Detectable = dict[tuple[str, str | None, str], float]
 """By measure, side and unit: the least change that errors and days alone exceed 5 times in 100."""
@@ -19,11 +21,8 @@ REMEDY: Final = "give the table that 'anchorpose reliability SESSIONS.csv -o FIL
 def read_detectable(path: Path) -> Detectable:
     """The measures that have a value; raises InputError for another table."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except FileNotFoundError:
-        raise InputError(path, "there is no such file", REMEDY) from None
-    except (OSError, UnicodeDecodeError, csv.Error):
+        rows = list(csv.DictReader(StringIO(read_text(path), newline="")))
+    except csv.Error:
         raise InputError(path, "is not a table", REMEDY) from None
     found: Detectable = {}
     for row in rows:

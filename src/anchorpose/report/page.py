@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from anchorpose.joints import LOST
+from anchorpose.recording.image_file import read_image
 from anchorpose.report.measure_section import measure_section
 from anchorpose.report.moment_section import moment_section
 from anchorpose.report.motion_section import angle_section, joint_charts, state_table
@@ -112,11 +113,8 @@ def _kept_frame(session: Session, frame: int, pictures: Sequence[dict[str, Any]]
 
 def _figure(folder: Path, picture: dict[str, Any]) -> Figure:
     """Decoded and encoded again, so that no other content of a file gets into the page."""
-    data, caption = (folder / picture["file"]).read_bytes(), f"Camera {picture['camera']}. {picture['caption']}"
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error:  # no bytes, or more pixels than it decodes
-        pixels = None
+    caption = f"Camera {picture['camera']}. {picture['caption']}"
+    pixels = read_image(folder / picture["file"], cv2.IMREAD_COLOR)
     if pixels is None:
         return Figure(caption=f"{caption} This picture is damaged.", size=(0, 0), data="")
     webp = cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])[1].tobytes()

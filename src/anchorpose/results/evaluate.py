@@ -31,6 +31,11 @@ OFF_M: Final = 0.15
 """Farther off than this, a joint says nothing about the patient."""
 
 
+LEAST_SHARE: Final = 0.1
+"""Share of the frames that must have a partner, of the results' or of the truth's. Fewer match by chance, as where
+times are in another unit; a truth of every thirtieth frame matches whole."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongestError:
     """The longest time without a break in which a joint was over ``OFF_M`` off; joint is None if there is none."""
@@ -112,6 +117,7 @@ class Evaluation:
 
     matched_frames: int
     truth_frames: int  # after the skipped start
+    results_frames: int  # likewise
     missing_frames: int  # truth frames for which the result has no frame
     overall: ErrorSummary
     per_joint: tuple[tuple[str, ErrorSummary], ...]
@@ -143,11 +149,11 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
         raise InputError(truth, f"ends before the {skip_s:g} s to be skipped", "skip less")
     known = known.frames(_as_slice(np.flatnonzero(kept)))
     match = nearest_within(known.time_s, joints.time_s, half_period_s(known.time_s))
-    if (match < 0).all():
-        raise InputError(truth, f"shares no time with {results / JOINTS_FILE}", "give the truth of that recording")
+    frames = int((joints.time_s >= joints.time_s[0] + skip_s).sum())
+    _require_compared(truth, known, match, frames)
     joints = joints.frames(_as_slice(match[match >= 0]))
     known = known.frames(_as_slice(np.flatnonzero(match >= 0)))
-    evaluation = compare(joints, known, truth_frames=len(match))
+    evaluation = compare(joints, known, truth_frames=len(match), results_frames=frames)
     touch = read_true_touch(truth)
     if touch is None or not (results / CONTACTS_FILE).exists():
         return evaluation
@@ -156,8 +162,22 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     return replace(evaluation, contacts=contacts)
 
 
-def compare(joints: JointTable, truth: Truth, truth_frames: int) -> Evaluation:
-    """The evaluation of frames (n) that are matched row by row, out of ``truth_frames``."""
+def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frames: int) -> None:
+    """Raises InputError where too few frames have a partner, or no joint of them has a position."""
+    found = match >= 0
+    if found.sum() < LEAST_SHARE * min(len(match), results_frames) or not found.any():
+        problem = (
+            f"shares the times of only {found.sum()} of {results_frames} frames of the results, as where its times are "
+            "in another unit or of another clock"
+        )
+        raise InputError(path, problem, "give the truth of that recording, with the times of its frames in seconds")
+    if not np.isfinite(truth.position_m[found]).all(axis=-1).any():
+        problem = f"has no position of any joint in the {found.sum()} frames that it shares with the results"
+        raise InputError(path, problem, "give a truth with the joints of that recording")
+
+
+def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames: int) -> Evaluation:
+    """The evaluation of frames (n) that are matched row by row, out of so many of the truth and of the results."""
     everything, errors = np.ones(joints.state_code.shape, dtype=bool), _errors(joints, truth.position_m)
     occluded = np.repeat(truth.occluded[:, None], JOINT_COUNT, axis=1)
     seen = seen_joints(truth)
@@ -169,6 +189,7 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int) -> Evaluation:
     return Evaluation(
         matched_frames=len(joints.frame),
         truth_frames=truth_frames,
+        results_frames=results_frames,
         missing_frames=truth_frames - len(joints.frame),
         overall=_summary(errors, everything),
         per_joint=tuple(

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from anchorpose.joints import JOINT_COUNT
 from anchorpose.results.evaluate import OFF_M, ErrorSummary, Evaluation
 from anchorpose.results.evaluate_confidence import CONFIDENT_SIGMAS, FAR_M, WRONG_M
 from anchorpose.results.evaluate_contacts import ContactEvaluation
@@ -20,6 +21,7 @@ def write_evaluation(path: Path, evaluation: Evaluation) -> None:
         "matched_frames": evaluation.matched_frames,
         "truth_frames": evaluation.truth_frames,
         "missing_frames": evaluation.missing_frames,
+        "results_frames": evaluation.results_frames,
         "drift_ratio": evaluation.drift_ratio,
         "per_joint": {name: as_json(summary) for name, summary in evaluation.per_joint},
         "per_state": {name: as_json(summary) for name, summary in evaluation.per_state},
@@ -83,12 +85,31 @@ def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 def longest_error_sentence(evaluation: Evaluation) -> str:
     """For how long a joint was far off, and which, if any."""
     off = evaluation.longest_off
+    if evaluation.overall.mean_mm is None:
+        return "Every joint with a true position was lost in the results: no error is known."
     if off.joint is None:
         return f"No joint was ever more than {1000 * OFF_M:.0f} mm off."
     return (
         f"The longest time in which a joint was more than {1000 * OFF_M:.0f} mm off was {off.seconds:.2f} s: "
         f"{off.joint}, from {off.start_s:.2f} s on."
     )
+
+
+def compared_sentence(evaluation: Evaluation) -> str:
+    """How much was compared: frames of the truth and of the results, and joints."""
+    both, summary = evaluation.matched_frames, evaluation.overall
+    joints = both * JOINT_COUNT
+    found = round(summary.joint_frames * (1.0 - (summary.lost_share or 0.0)))
+    return (
+        f"Compared: {both} frames, of {evaluation.truth_frames} in the truth "
+        f"({_percent(both, evaluation.truth_frames)}) and {evaluation.results_frames} in the results "
+        f"({_percent(both, evaluation.results_frames)}); in them {found} of {joints} joints "
+        f"({_percent(found, joints)}), the others being lost or without a true position."
+    )
+
+
+def _percent(part: int, whole: int) -> str:
+    return f"{100 * part / whole:.3g} %"
 
 
 def confidence_sentences(evaluation: Evaluation) -> list[str]:

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from anchorpose.errors import InputError
+from anchorpose.recording.regular_file import require_regular
 
 Row = TypeVar("Row")
 
@@ -114,6 +115,7 @@ def required(**types: pa.DataType) -> list[pa.Field]:
 def refuse_unreadable(path: Path) -> Iterator[None]:
     """Raises InputError where the file at ``path`` proves in the block to be missing or unreadable."""
     try:
+        require_regular(path)
         yield
     except FileNotFoundError:
         raise InputError(path, "there is no such file", "give a results folder made by 'anchorpose track'") from None

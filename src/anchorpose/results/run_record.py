@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from anchorpose.recording.recording import Clock
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.results.calibration_file import CalibrationUsed
 from anchorpose.results.corrections import JointCorrection, NamedPatient, UnusableInterval
 from anchorpose.results.explained import ExplainedSummary
@@ -213,7 +214,7 @@ def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ..
     """(path relative to ``folder``, SHA-256 in hex) of each file."""
     hashes = []
     for file in files:
-        with file.open("rb") as stream:
+        with open_regular(file) as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
         hashes.append((file.relative_to(folder).as_posix(), digest))
     return tuple(hashes)

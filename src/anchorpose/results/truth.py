@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 from anchorpose.body.regions import REGION_BONES
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
+from anchorpose.recording.array_file import read_arrays
 
 _READ = ("joints", "names", "time", "occluded", "seen_share")
 
@@ -41,13 +41,7 @@ def read_truth(path: Path) -> Truth:
     Joints may come in any order and some may be missing (NaN). Raises InputError where that is not what it holds.
     """
     remedy = "give a truth.npz with joints (t, 21, 3), names (21) and time (t)"
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in _READ if name in file.files}
-    except FileNotFoundError:
-        raise InputError(path, "there is no such file", "check the path of the truth") from None
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError, AttributeError) as error:
-        raise InputError(path, f"cannot be read ({str(error).splitlines()[0][:80]})", remedy) from None
+    arrays = read_arrays(path, _READ, remedy)
     missing = [name for name in ("joints", "names", "time") if name not in arrays]
     if missing:
         raise InputError(path, f"has no array '{missing[0]}'", remedy)
@@ -108,12 +102,12 @@ def read_true_touch(path: Path) -> TrueTouch | None:
 
     Raises InputError where the two do not fit each other, or none of the bones is one of the body's.
     """
-    with np.load(path, allow_pickle=False) as file:
-        if "touched" not in file.files or "part_names" not in file.files:
-            return None
-        touched, names = file["touched"], tuple(str(name) for name in file["part_names"])
-        times = len(file["time"])
+    remedy = "give touched (t, b) and part_names (b)"
+    arrays = read_arrays(path, ("touched", "part_names", "time"), remedy)
+    if "touched" not in arrays or "part_names" not in arrays:
+        return None
+    touched, names, times = arrays["touched"], tuple(map(str, arrays["part_names"])), len(arrays["time"])
     known = {bone for bones in REGION_BONES.values() for bone in bones}
     if touched.shape != (times, len(names)) or not known & set(names):
-        raise InputError(path, "its touched and part_names do not fit", "give touched (t, b) and part_names (b)")
+        raise InputError(path, "its touched and part_names do not fit", remedy)
     return TrueTouch(touched.astype(bool), names)

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.recording.array_file import read_arrays
 
 CLIP_HZ: Final = 30.0
 MOVEMENTS: Final = {
@@ -102,15 +103,10 @@ def _loses_a_limb(arrays: dict[str, np.ndarray], index: int) -> bool:
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     path = Path(path)
-    if not path.is_file():
-        raise InputError(path, "is not there", "give the file with the skeletons of UI-PRMD as .npz")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {key: file[key] for key in KEYS}
-    except (KeyError, ValueError, OSError) as error:
-        raise InputError(
-            path, "is not a file of captured movements", f"it needs the arrays {', '.join(KEYS)}"
-        ) from error
+    remedy = f"give the skeletons of UI-PRMD as .npz, with the arrays {', '.join(KEYS)}"
+    arrays = read_arrays(path, KEYS, remedy)
+    if len(arrays) < len(KEYS):
+        raise InputError(path, "is not a file of captured movements", remedy)
     missing = [name for name in NEEDED if name not in arrays["joint_names"]]
     if missing:
         raise InputError(path, f"lacks the joints {', '.join(missing)}", "give the file with all joints of UI-PRMD")

@@ -14,6 +14,7 @@ from anchorpose.body.asset import BodyAsset, stored_asset
 from anchorpose.body.kinematics import BodyMesh
 from anchorpose.body.skin_points import body_points
 from anchorpose.errors import InputError
+from anchorpose.recording.array_file import read_arrays
 from anchorpose.rotations import rotation_matrices
 
 KEYS: Final = ("vertices", "faces", "bone_names", "bone_heads", "bone_tails", "skin_bones", "skin_weights")
@@ -28,16 +29,13 @@ def read_rigged_body(path: Path) -> BodyMesh:
 
     Axes X forward, Y up, Z to the body's right, metres. Raises InputError where the file is not such a body.
     """
-    try:
-        with np.load(path) as stored:
-            missing = [key for key in KEYS if key not in stored.files]
-            arrays = {} if missing else {key: stored[key] for key in KEYS}
-    except (OSError, ValueError) as problem:
-        raise InputError(path, "cannot be read as .npz", "give a body as docs/simulate.md describes it") from problem
+    remedy = "give a body as docs/simulate.md describes it"
+    arrays = read_arrays(path, KEYS, remedy)
+    missing = [key for key in KEYS if key not in arrays]
     asset = stored_asset()
     if missing or sorted(arrays["bone_names"].tolist()) != sorted(asset.bone_names):
         what = f"lacks {', '.join(missing)}" if missing else "has other bones than the body asset"
-        raise InputError(path, what, "give a body as docs/simulate.md describes it")
+        raise InputError(path, what, remedy)
     order = np.array([arrays["bone_names"].tolist().index(name) for name in asset.bone_names])
     rig = replace(
         asset,

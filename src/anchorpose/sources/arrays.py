@@ -13,6 +13,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.recording.regular_file import LARGEST_ARRAYS, open_regular, read_whole
 from anchorpose.sources.bag_file import read_at_most
 from anchorpose.sources.metres import GREY_M, to_grey
 from anchorpose.sources.source import NO_READING, SourceCamera, SourceFrame
@@ -38,7 +39,7 @@ def matches(path: Path, head: bytes) -> bool:
 
 def open_source(path: Path) -> DepthArray:
     """Raises InputError where the array is not of depth images."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         head = file.read(len(_MAT))
     if head.startswith(_MAT_73):
         raise InputError(path, "is a MATLAB file of version 7.3", "save it again in MATLAB with '-v7'")
@@ -87,7 +88,7 @@ def _require_metres(path: Path, image: np.ndarray) -> None:
 
 
 def _open_npy(path: Path) -> DepthArray:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         try:
             shape, columns, kind = _npy_header(file)
         except Exception:  # NumPy raises whatever a damaged header leads Python's own parser to
@@ -99,7 +100,7 @@ def _open_npy(path: Path) -> DepthArray:
     pixels = shape[1] * shape[2]
 
     def read(position: int) -> np.ndarray:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             file.seek(start + position * pixels * kind.itemsize)
             data = read_at_most(file, pixels * kind.itemsize)
         if len(data) < pixels * kind.itemsize:
@@ -129,7 +130,7 @@ class _Matrix:
 def _open_mat(path: Path) -> DepthArray:
     """MATLAB's files cannot be read in part: the array is held whole."""
     try:
-        candidates = list(_depth_matrices(memoryview(path.read_bytes())))
+        candidates = list(_depth_matrices(memoryview(read_whole(path, LARGEST_ARRAYS, "save it again with '-v7'"))))
     except (ValueError, struct.error, zlib.error):
         raise InputError(path, "is damaged, or of a kind that cannot be read", "save it again with '-v7'") from None
     named = [matrix for matrix in candidates if "depth" in matrix.name.lower()] or candidates

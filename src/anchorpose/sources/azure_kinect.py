@@ -19,6 +19,7 @@ import numpy as np
 
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.sources.azure_calibration import DepthMode, depth_mode, lens_of
 from anchorpose.sources.source import NO_READING, SourceCamera, SourceFrame
 
@@ -140,7 +141,7 @@ def _opened(path: Path) -> Iterator[InputContainer]:
     limits = {"codec_whitelist": "rawvideo"}
     try:
         with (
-            path.open("rb") as file,
+            open_regular(path) as file,
             av.open(file, mode="r", format="matroska", metadata_errors="replace", options=limits) as container,
         ):
             yield container
@@ -194,7 +195,7 @@ def _start_us(container: InputContainer) -> tuple[int, str]:
 
 def _is_whole(path: Path) -> bool:
     """Whether the file is as long as its segment states; a recorder that was stopped by force states no length."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         head = file.read(4096)
     start = head.find(SEGMENT) + len(SEGMENT)
     if start < len(SEGMENT) or not head[start : start + 1].strip(b"\0"):

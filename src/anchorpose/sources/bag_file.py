@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO, Final, NoReturn
 
 from anchorpose.errors import MissingPackage
+from anchorpose.recording.regular_file import open_regular
 
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 _LARGEST_BYTES: Final = 1 << 30  # of what is unpacked at once: a hundred times a usual chunk; damage can ask for more
@@ -114,7 +115,7 @@ class ChunkedBag(BagFile):
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """See ``BagFile``."""
         wanted, self._unreadable = self._on(topics), 0
-        with self._path.open("rb") as file:
+        with open_regular(self._path) as file:
             for block in self._blocks:
                 if block.channels is not None and wanted.isdisjoint(block.channels):
                     continue

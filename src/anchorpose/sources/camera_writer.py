@@ -12,10 +12,12 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import decode_grey_png
+from anchorpose.recording.regular_file import LARGEST_IMAGE, LARGEST_TABLE, read_whole
 from anchorpose.recording.timestamps import MOST_REPEATED, read_timestamps
 from anchorpose.sources.plan import CameraPlan
 
 _HEADER: Final = "frame,time_s"
+BEGIN_AGAIN: Final = "remove the unfinished recording and begin again"
 
 
 class CameraWriter:
@@ -96,9 +98,8 @@ def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
     path = folder / "timestamps.csv"
     if not path.is_file():
         return []
-    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")[
-        1:-1
-    ]  # a last one without its end is cut off
+    text = read_whole(path, LARGEST_TABLE, BEGIN_AGAIN).decode("utf-8", errors="replace")
+    lines = text.split("\n")[1:-1]  # a last one without its end is cut off
     there = {file.name for file in (folder / "depth").iterdir()}
     rows = list[tuple[int, str]]()
     for line in lines:
@@ -118,4 +119,7 @@ def _is_time(text: str) -> bool:
 
 
 def _is_whole(path: Path, plan: CameraPlan) -> bool:
-    return decode_grey_png(path.read_bytes(), plan.camera.width, plan.camera.height)[0] is not None
+    return (
+        decode_grey_png(read_whole(path, LARGEST_IMAGE, BEGIN_AGAIN), plan.camera.width, plan.camera.height)[0]
+        is not None
+    )

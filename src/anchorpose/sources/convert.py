@@ -15,8 +15,10 @@ from filelock import FileLock, Timeout
 
 from anchorpose import __version__
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.json_text import LARGEST_BYTES, parse_json
+from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.results.folder import write_text_whole
+from anchorpose.results.run_record import hash_files
 from anchorpose.sources.camera_writer import CameraWriter
 from anchorpose.sources.fingerprint import fingerprint
 from anchorpose.sources.plan import CameraPlan, ConvertOptions, Plan, make_plan
@@ -82,8 +84,8 @@ def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict
 def read_conversion(folder: Path) -> dict[str, Any] | None:
     """The conversion.json of a folder; None where it has none that can be read."""
     try:
-        values = parse_json((folder / CONVERSION_FILE).read_bytes())
-    except (OSError, ValueError):
+        values = parse_json(read_bounded(folder / CONVERSION_FILE, LARGEST_BYTES))
+    except (Unreadable, ValueError):
         return None
     return values if isinstance(values, dict) and values.get("format") == "conversion" else None
 
@@ -109,8 +111,8 @@ def is_untouched(folder: Path) -> bool:
     document = folder / RECORDING_FILE
     if not document.exists():
         return True
-    found = read_conversion(folder)
-    return found is not None and found.get(RECORDING_FILE) == hashlib.sha256(document.read_bytes()).hexdigest()
+    found, digest = read_conversion(folder), dict(hash_files([document], folder))
+    return found is not None and found.get(RECORDING_FILE) == digest[RECORDING_FILE]
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:

@@ -17,6 +17,7 @@ from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.document import read_json
 from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.sources.grey_images import FrameFile, ImageFiles, Size, first_size, images_in, natural_order
 from anchorpose.sources.image_folder import frame_files
 from anchorpose.sources.numbers_in import finite, finite_list, read_matrix
@@ -106,13 +107,12 @@ def _camera_file(path: Path) -> Path | None:
     if _scannet_file(path).is_file():
         return _scannet_file(path)
     for file in sorted(path.glob("*.json")):
-        if file.is_file() and file.stat().st_size < LARGEST_JSON:
-            try:
-                values = parse_json(file.read_bytes(), LARGEST_JSON)
-            except ValueError:
-                continue
-            if isinstance(values, dict) and "intrinsic_matrix" in values:
-                return file
+        try:
+            values = parse_json(read_bounded(file, LARGEST_JSON), LARGEST_JSON)
+        except (Unreadable, ValueError):
+            continue
+        if isinstance(values, dict) and "intrinsic_matrix" in values:
+            return file
     return None
 
 

@@ -6,6 +6,8 @@ import hashlib
 from pathlib import Path
 from typing import Final
 
+from anchorpose.recording.regular_file import open_regular
+
 BLOCK: Final = 65536
 BLOCKS: Final = 16  # spread over a large file: another recording of the same size differs in its noise everywhere
 
@@ -40,7 +42,7 @@ def _sample(path: Path, digest: hashlib._Hash) -> None:
     starts = (
         range(0, size, BLOCK) if size <= BLOCK * BLOCKS else [k * (size - BLOCK) // (BLOCKS - 1) for k in range(BLOCKS)]
     )
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         for start in starts:
             file.seek(start)
             digest.update(file.read(BLOCK))

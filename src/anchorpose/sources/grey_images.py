@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.depth_image import decode_grey_png, grey_png_size
+from anchorpose.recording.depth_image import decode_grey_png, grey_png_size, largest_png
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.sources.source import NO_READING, SourceCamera, SourceFrame, damaged_notes
 
 ENDINGS: Final = {".png", ".pgm"}
@@ -70,7 +71,8 @@ def read_grey_image(path: Path, camera: SourceCamera) -> tuple[np.ndarray | None
 
     Raises OSError: a disk that was unplugged is no damaged image, and the conversion can be gone on with.
     """
-    data = path.read_bytes()
+    with open_regular(path) as file:
+        data = file.read(largest_png(camera.width, camera.height) + 1)
     if data[:2] == b"P5":
         return _decode_pgm(data, camera)
     return decode_grey_png(data, camera.width, camera.height)
@@ -79,7 +81,7 @@ def read_grey_image(path: Path, camera: SourceCamera) -> tuple[np.ndarray | None
 def grey_size(path: Path) -> Size | None:
     """The size of an image by its header; None where it is not 16-bit grey PNG or PGM."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             head = file.read(512)
     except OSError:
         return None

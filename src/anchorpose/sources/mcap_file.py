@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import BinaryIO, Final
 
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.sources.bag_file import (
     Block,
     Channel,
@@ -60,7 +61,7 @@ class McapFile(ChunkedBag):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._kinds: dict[int, str] = {}
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             try:
                 self._read_summary(file)
             except DamagedBag:

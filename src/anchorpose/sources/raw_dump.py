@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.json_text import LARGEST_BYTES, parse_json
+from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 from anchorpose.sources.grey_images import ImageFiles, natural_order
 from anchorpose.sources.image_folder import SIDECAR, SidecarDocument, camera_of, file_times, frame_files, times_of
 from anchorpose.sources.source import NO_READING, Source, SourceCamera, SourceFrame
@@ -18,11 +19,11 @@ from anchorpose.sources.source import NO_READING, Source, SourceCamera, SourceFr
 def matches(path: Path, head: bytes) -> bool:
     """Whether a sidecar that gives a size describes this file or folder."""
     sidecar = _sidecar(path)
-    if sidecar == path or not sidecar.is_file():
+    if sidecar == path:
         return False
     try:
-        values = parse_json(sidecar.read_bytes())
-    except ValueError:
+        values = parse_json(read_bounded(sidecar, LARGEST_BYTES))
+    except (Unreadable, ValueError):
         return False
     return isinstance(values, dict) and values.get("format") == "depth-sidecar" and (path.is_file() or _is_raw(path))
 
@@ -73,7 +74,7 @@ class RawFile:
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """The depth images in the order of the file."""
         camera = self.cameras[0]
-        with self.path.open("rb") as file:
+        with open_regular(self.path) as file:
             file.seek(skip[0] * self._bytes)
             for position in range(skip[0], self._count):
                 data = file.read(self._bytes)
@@ -88,7 +89,8 @@ def _read_raw(path: Path, camera: SourceCamera, order: str) -> tuple[np.ndarray 
     wanted, size = 2 * camera.width * camera.height, path.stat().st_size
     if size != wanted:
         return None, f"has {size} bytes, an image of this size has {wanted}"
-    data = path.read_bytes()
+    with open_regular(path) as file:
+        data = file.read(wanted)
     return np.frombuffer(data, order).reshape(camera.height, camera.width).astype(np.uint16), ""
 
 

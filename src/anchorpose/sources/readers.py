@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final, cast
 
 from anchorpose.errors import InputError
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.sources.source import Reader, Source
 
 READERS: Final = (
@@ -58,5 +59,5 @@ def _readers() -> Iterator[Reader]:
 
 
 def _head(path: Path) -> bytes:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return file.read(HEAD_BYTES)

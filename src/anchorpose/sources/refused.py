@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from anchorpose.errors import InputError
+from anchorpose.recording.regular_file import open_regular
 
 
 def matches(path: Path, head: bytes) -> bool:
@@ -15,7 +16,7 @@ def matches(path: Path, head: bytes) -> bool:
 
 def open_source(path: Path) -> NoReturn:
     """Raises InputError with the way round."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         found = _format(path, file.read(4096))
     what, remedy = found or ("is not readable", "export its depth images as 16-bit PNG")
     raise InputError(path, what, remedy)

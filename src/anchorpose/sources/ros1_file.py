@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final
 
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.sources.bag_file import Block, Channel, ChunkedBag, DamagedBag, Message, Wire, read_at_most, unpack
 
 MAGIC: Final = b"#ROSBAG V2.0\n"
@@ -41,7 +42,7 @@ class Ros1File(ChunkedBag):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             file.seek(len(MAGIC))
             head = _read_record(file)
             if head is None or head.op != _BAG:

@@ -8,6 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Final
 
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.sources.bag_file import BagFile, Channel, DamagedBag, Message, Wire, kind_of, unpack_message
 
 MAGIC: Final = b"SQLite format 3\0"
@@ -77,7 +78,7 @@ class Ros2Database(BagFile):
 
 def _is_cut_off(path: Path) -> bool:
     """Whether the file is shorter than its header says (sqlite.org/fileformat); SQLite would fill up with zeros."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         head = file.read(100)
         size = file.seek(0, 2)
     page = int.from_bytes(head[16:18], "big")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.sources import mcap_file, orbbec_bags, realsense_bags, ros1_file, ros2_database, ros_streams
 from anchorpose.sources.bag_file import ZSTD_MAGIC, BagFile, BagFolder, DamagedBag, Message, files_of
 from anchorpose.sources.depth_stream import RECORD_AGAIN, DepthStream, Streams
@@ -49,7 +50,7 @@ def _open_bag(path: Path) -> BagFile:
 
 
 def _open_file(path: Path) -> BagFile:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         head = file.read(16)
     if head.startswith(ros1_file.MAGIC):
         return ros1_file.Ros1File(path)

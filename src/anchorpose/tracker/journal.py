@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
 from anchorpose.errors import InputError
+from anchorpose.recording.regular_file import LARGEST_ARRAYS, is_there, read_whole
 
 Item = TypeVar("Item")
 
@@ -69,10 +70,9 @@ class Journal:
     def read(self, name: str) -> Any:
         """The value of this name; raises KeyError where none is stored, InputError where the file is damaged."""
         path = self.folder / name
-        try:
-            data = path.read_bytes()
-        except FileNotFoundError:
-            raise KeyError(name) from None
+        if not is_there(path):
+            raise KeyError(name)
+        data = read_whole(path, LARGEST_ARRAYS, "begin the run again, with --overwrite")
         if DIGEST(memoryview(data)[DIGEST_BYTES:]).digest() != data[:DIGEST_BYTES]:
             raise InputError(path, "is damaged", "begin the run again, with --overwrite")
         stored = io.BytesIO(data)

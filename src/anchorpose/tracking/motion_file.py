@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
+from anchorpose.recording.array_file import read_arrays
 from anchorpose.tracking.motion import MotionConfig, joint_database
 from anchorpose.tracking.motion_database import MotionDatabase
 
@@ -126,18 +126,6 @@ def load_motions(path: Path, at_hz: float, config: MotionConfig) -> MotionDataba
         return joint_database(clips.joints_m, clips.rate_hz, at_hz, config)
     except ValueError as error:
         raise InputError(path, f"cannot be used at {at_hz:.3g} frames per second ({error})", _MOTION_REMEDY) from None
-
-
-def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]:
-    """Those of the named arrays that an .npz file has; raises InputError where it is not one."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in names if name in file.files}
-    except FileNotFoundError:
-        raise InputError(path, "there is no such file", "check the path") from None
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError, AttributeError) as error:
-        first = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
-        raise InputError(path, f"is not a readable .npz file ({first})", remedy) from None
 
 
 def read_skeletons(path: Path, rate_hz: float | None) -> ReferenceClips:

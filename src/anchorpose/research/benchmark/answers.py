@@ -13,7 +13,8 @@ import pyarrow.csv
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.document import read_json
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.research.benchmark.make import Benchmark
 from anchorpose.research.benchmark.plan import ALL_GROUPS, FPS, GAPS, SECONDS, VERSION, Pair
 from anchorpose.research.benchmark.truth import read_nodes
@@ -69,10 +70,8 @@ def read_answers(folder: Path, benchmark: Benchmark) -> Answers:
 def _read_about(path: Path) -> tuple[str, str]:
     """Name and source of the method."""
     try:
-        document = parse_json(path.read_bytes())
+        document = read_json(path)
         form, version, method = (document[key] for key in ("format", "version", "method"))
-    except OSError:
-        raise InputError(path, "there is no such file", ABOUT_REMEDY) from None
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(path, f"cannot be used ({error})", ABOUT_REMEDY) from None
     if form != FORMAT or version != VERSION or not (isinstance(method, str) and method.strip()):
@@ -113,7 +112,8 @@ def read_table(path: Path, columns: Mapping[str, pa.DataType]) -> dict[str, np.n
 
 def _csv(path: Path, columns: Mapping[str, pa.DataType]) -> Any:
     convert = pyarrow.csv.ConvertOptions(column_types=dict(columns), strings_can_be_null=True)
-    return pyarrow.csv.read_csv(path, convert_options=convert)
+    with open_regular(path) as file:
+        return pyarrow.csv.read_csv(file, convert_options=convert)
 
 
 def _as_numpy(name: str, column: Any) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +10,7 @@ import numpy as np
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
@@ -49,7 +49,7 @@ def read_label_set(folder: Path, name: str, labeller: str) -> dict[str, Frames]:
 
 
 def _document(folder: Path, name: str, labeller: str) -> dict[str, Any]:
-    document: dict[str, Any] = json.loads((folder / f"{name}.{labeller}.json").read_text(encoding="utf-8"))
+    document: dict[str, Any] = read_json(folder / f"{name}.{labeller}.json")
     return document
 
 

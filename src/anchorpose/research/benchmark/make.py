@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Final
 from zlib import crc32
 
-import cv2
 import numpy as np
 
 from anchorpose.batch.cluster import Place
@@ -21,9 +20,11 @@ from anchorpose.batch.engine import Job, run_jobs
 from anchorpose.camera import transform_points
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.depth_image import read_depth_image
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.image_file import read_image
+from anchorpose.recording.json_text import LARGEST_BYTES, parse_json
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
+from anchorpose.recording.regular_file import is_there, read_whole
 from anchorpose.research.benchmark.plan import ALL_GROUPS, GAPS, NODES, TRACKING, VERSION, Group
 from anchorpose.research.benchmark.truth import truth_of
 from anchorpose.research.experiment.clips import cut_holes, draw_hole_frames
@@ -155,7 +156,7 @@ def patient_pixels(recording: Recording, labels: Path, frame: int) -> tuple[np.n
     """Row and column (n, 2) of the pixels that truly show the patient and have a reading; places (n, 3), world."""
     camera = recording.cameras[0]
     depth_m = read_depth_image(recording.streams[0].files[frame], camera).depth_m
-    label = cv2.imread(str(labels / f"{frame:06d}.png"), cv2.IMREAD_UNCHANGED)
+    label = read_image(labels / f"{frame:06d}.png")
     if depth_m is None or label is None:
         raise InputError(recording.folder, f"frame {frame} cannot be read", "make it again")
     pixel = np.argwhere((label == PATIENT) & (depth_m > 0))
@@ -192,7 +193,10 @@ def fingerprint(recording: Path) -> Fingerprint:
     """Of a recording folder whose truth is beside it."""
     digest, readings, total = hashlib.sha256(), 0, 0
     for path in sorted(recording.glob("*/depth/*.png")):
-        depth = np.ascontiguousarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), dtype="<u2")
+        image = read_image(path)
+        if image is None:
+            raise InputError(path, "cannot be read", "make the benchmark again")
+        depth = np.ascontiguousarray(image, dtype="<u2")
         digest.update(f"{path.relative_to(recording).as_posix()} {depth.shape}".encode() + depth.tobytes())
         readings, total = readings + int((depth > 0).sum()), total + int(depth.sum(dtype=np.int64))
     mean_mm = round(total / max(readings, 1), 3)
@@ -218,14 +222,14 @@ def _write_document(out: Path, found: dict[str, Fingerprint]) -> None:
 def _read_document(folder: Path) -> dict[str, Fingerprint]:
     path = folder / DOCUMENT
     remedy = "give a folder made by 'anchorpose benchmark make', or to make one, an empty one"
-    if not path.is_file():
+    if not is_there(path):
         raise InputError(path, "there is no such file", remedy)
     try:
-        document = parse_json(path.read_bytes())
+        document = parse_json(read_whole(path, LARGEST_BYTES, remedy))
         if document["format"] != FORMAT:
             raise ValueError("its format is another")
         if document["version"] != VERSION:
             raise InputError(path, f"is of version {document['version']}", f"make version {VERSION} in a new folder")
         return {str(name): Fingerprint(**mark) for name, mark in document["recordings"].items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(path, f"is not a benchmark's ({error})", remedy) from None

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from anchorpose.errors import InputError
+from anchorpose.recording.document import read_text
 from anchorpose.research.benchmark.plan import NODES, Pair
 from anchorpose.research.experiment.correspondence import Skin, TruePlaces
 
@@ -18,10 +20,10 @@ MOVED_M = 0.03  # a node whose place changed by more counts as moved
 def read_nodes(path: Path) -> np.ndarray:
     """(n, 3) places of a frame's nodes, metres, world. Raises InputError where the file is not as it was made."""
     try:
-        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+        table = np.loadtxt(StringIO(read_text(path)), delimiter=",", skiprows=1, ndmin=2)
         if table.shape[1] != 6 or not np.array_equal(table[:, 0], np.arange(len(table))):
             raise ValueError("its columns are others")
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise InputError(path, f"is not a file of nodes ({error})", "make the benchmark again") from None
     places: np.ndarray = table[:, 3:]
     return places

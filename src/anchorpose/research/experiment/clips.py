@@ -16,7 +16,9 @@ import numpy as np
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
+from anchorpose.recording.array_file import read_arrays
 from anchorpose.recording.depth_image import read_depth_image
+from anchorpose.recording.image_file import read_image
 from anchorpose.recording.recording import Recording
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.simulate import config as presets
@@ -80,8 +82,7 @@ SURE = 1.0  # confidence of a reference joint that counts
 
 def simulated_joints(truth: Path) -> np.ndarray:
     """(t, 21, 3) metres, world, of a truth.npz."""
-    with np.load(truth) as file:
-        joints: np.ndarray = file["joints"]
+    joints: np.ndarray = read_arrays(truth, ("joints",), "simulate the recording again")["joints"]
     return joints
 
 
@@ -91,15 +92,14 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
     ``xyz``: camera x right, y up, z away, metres, and confidence; a joint at the origin is missing.
     Raises InputError where the file is not such a skeleton.
     """
+    remedy = "give names and xyz (t, joints, 4)"
+    arrays = read_arrays(skeleton, ("names", "xyz"), remedy)
     try:
-        with np.load(skeleton, allow_pickle=False) as file:
-            names, stored = [str(name) for name in file["names"]], np.asarray(file["xyz"], dtype=np.float64)
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(
-            skeleton, f"is not a reference skeleton ({error})", "give names and xyz (t, joints, 4)"
-        ) from None
+        names, stored = [str(name) for name in arrays["names"]], np.asarray(arrays["xyz"], dtype=np.float64)
+    except (ValueError, KeyError) as error:
+        raise InputError(skeleton, f"is not a reference skeleton ({error})", remedy) from None
     if stored.ndim != 3 or stored.shape[1:] != (len(names), 4) or not set(names) <= set(JOINT_INDEX):
-        raise InputError(skeleton, "its names and xyz do not fit the 21 joints", "give names and xyz (t, joints, 4)")
+        raise InputError(skeleton, "its names and xyz do not fit the 21 joints", remedy)
     unknown = (stored[..., :3] == 0.0).all(axis=-1) | (stored[..., 3] < SURE)
     camera_m = np.where(unknown[..., None], np.nan, stored[..., :3] * [1.0, -1.0, 1.0])
     joints = np.full((len(stored), JOINT_COUNT, 3), np.nan)
@@ -134,7 +134,7 @@ def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.
     folder, cut = out / camera.name / "depth", np.zeros(len(stream.files), bool)
     folder.mkdir()
     for position, file in enumerate(stream.files):
-        stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if chosen[position] else None
+        stored = read_image(file) if chosen[position] else None
         hole = None if stored is None else within_hole(file, camera, centre_m[position], radius_m)
         if stored is None or hole is None or not hole.any():
             (folder / file.name).symlink_to(file.resolve())

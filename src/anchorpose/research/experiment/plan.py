@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.research.experiment.clips import Clip
 from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene
 from anchorpose.research.experiment.method import Family, Method, load_methods
@@ -236,5 +237,6 @@ def _content(folder: Path) -> str:
     for path in sorted(folder.rglob("*")):
         if path.is_file():
             digest.update(path.relative_to(folder).as_posix().encode() + b"\0")
-            digest.update(hashlib.sha256(path.read_bytes()).digest())
+            with open_regular(path) as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()

@@ -6,7 +6,6 @@ All text from outside is escaped here.
 from __future__ import annotations
 
 import base64
-import json
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,6 +16,9 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.recording.document import read_text
+from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.regular_file import LARGEST_IMAGE, read_whole
 from anchorpose.research.experiment.page.drawing import GROUND, INK, LINE, DrawnFigure
 from anchorpose.research.experiment.page.tables import Table, Unit, format_estimate, format_number
 from anchorpose.research.experiment.page.verdict import Answer, Claim, Verdict
@@ -63,7 +65,7 @@ def read_pictures(folder: Path) -> list[PagePicture]:
     named = {name for name, _, _ in captions}
     rest = [(name, Path(name).stem.replace("_", " "), "other") for name in found if name not in named]
     return [
-        PagePicture(section, caption, found[name].read_bytes())
+        PagePicture(section, caption, read_whole(found[name], LARGEST_IMAGE, REMEDY))
         for name, caption, section in [*captions, *rest]
         if section != FILES_ONLY
     ]
@@ -73,7 +75,7 @@ def _captions(path: Path) -> list[tuple[str, str, str]]:
     if not path.is_file():
         return []
     try:
-        entries: Any = json.loads(path.read_text(encoding="utf-8"))
+        entries: Any = parse_json(read_text(path))
         return [(str(entry["file"]), str(entry["caption"]), str(entry["section"])) for entry in entries]
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(path, f"contains no captions ({type(error).__name__})", REMEDY) from None
