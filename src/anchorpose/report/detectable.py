@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 from typing import Final
 
 from anchorpose.errors import InputError
+from anchorpose.recording.csv_text import read_rows, require_distinct
 
 Detectable = dict[tuple[str, str | None, str], float]
 """By measure, side and unit: the least change that errors and days alone exceed 5 times in 100."""
@@ -18,15 +18,11 @@ REMEDY: Final = "give the table that 'anchorpose reliability SESSIONS.csv -o FIL
 
 def read_detectable(path: Path) -> Detectable:
     """The measures that have a value; raises InputError for another table."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except FileNotFoundError:
-        raise InputError(path, "there is no such file", REMEDY) from None
-    except (OSError, UnicodeDecodeError, csv.Error):
-        raise InputError(path, "is not a table", REMEDY) from None
+    lines = [line for _, line in read_rows(path)]
+    head = lines[0] if lines else []
+    require_distinct(path, head)
     found: Detectable = {}
-    for row in rows:
+    for row in (dict(zip(head, line, strict=False)) for line in lines[1:]):
         if any(row.get(name) is None for name in COLUMNS):
             raise InputError(path, f"does not have the columns {', '.join(COLUMNS)} in all rows", REMEDY)
         if row["mdc95"]:
