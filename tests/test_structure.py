@@ -160,6 +160,19 @@ def test_nothing_of_the_product_imports_research_but_the_verbs_that_run_it() -> 
     assert names == {"cli/benchmark.py", "cli/experiment.py"}
 
 
+def test_only_the_console_prints() -> None:
+    """It escapes what would act on a terminal. A camera's process prints to its parent, not to a terminal."""
+    own = {PACKAGE / "cli" / "console.py", PACKAGE / "live" / "orbbec_process.py"}
+    printing = [
+        f"{path.relative_to(PACKAGE)}:{node.lineno}"
+        for path in sorted(set(PACKAGE.rglob("*.py")) - own)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if (isinstance(node, ast.Name) and node.id == "print")
+        or (isinstance(node, ast.ImportFrom) and node.module == "rich.console")
+    ]
+    assert printing == []
+
+
 def test_exports_read_results_and_reach_neither_tracker_nor_simulation() -> None:
     assert forbidden_imports("exports", {*FLOW, *VALUES, "exports", PACKAGE_ITSELF}) == []
 

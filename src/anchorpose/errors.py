@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+_PASSWORD: Final = re.compile(r"(\b[\w+.-]+:/{1,2}[^\s/@:]*):(?!\d{1,5}(?:/|\s|$))\S*@")  # not a port
+_SECRET: Final = re.compile(r"([?&][^=\s&]*(?:token|key|secret|sig|password|credential)[^=\s&]*=)[^&\s]+", re.I)
+
+
+def without_password(text: str) -> str:
+    """Return the text with three stars for passwords and keys in the addresses in it."""
+    return _SECRET.sub(r"\1***", _PASSWORD.sub(r"\1:***@", text))
 
 
 class AnchorposeError(Exception):
@@ -24,8 +33,9 @@ class InputError(AnchorposeError):
     """A file that cannot be used: which one, what is wrong with it, and what to do."""
 
     def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
-        self.path, self.problem, self.remedy = Path(path), problem, remedy
-        super().__init__(f"{path}: {' '.join(problem.split())}; {remedy}.")  # a name may hold a line break
+        self.path, self.problem, self.remedy = Path(without_password(str(path))), without_password(problem), remedy
+        place = without_password(str(path))
+        super().__init__(f"{place}: {' '.join(self.problem.split())}; {remedy}.")  # a name may hold a line break
 
 
 class MissingPackage(AnchorposeError):

@@ -5,15 +5,16 @@ Tracking reads every image more than once and writes tables as it goes on, so a 
 
 from __future__ import annotations
 
-import posixpath
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any, Final
+from urllib.parse import unquote
 
-from anchorpose.errors import InputError, MissingPackage
+from anchorpose.errors import InputError, MissingPackage, without_password
 
 EXTRAS: Final = {
     "sftp": ("sshfs", "sftp"),
@@ -34,7 +35,13 @@ def is_address(text: object) -> bool:
 
 def name_of(address: str) -> str:
     """The last part of an address."""
-    return posixpath.basename(address.partition("://")[2].rstrip("/"))
+    return parts_of(address)[-1]
+
+
+def parts_of(address: str) -> tuple[str, ...]:
+    """Host and folders of an address, without user and password."""
+    place = without_password(address).partition("://")[2].partition("?")[0].strip("/")
+    return tuple(part for part in re.sub(r"^[^/]*@", "", place).split("/") if part) or ("recording",)
 
 
 @contextmanager
@@ -132,6 +139,14 @@ def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
         package, extra = EXTRAS.get(kind, (f"that serves {kind}://", "sftp,s3,gs"))
         raise MissingPackage(f"An address that begins with {kind}://", package, extra) from None
     except Exception as error:  # each file system has errors of its own
-        why = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
+        why = _without_own_password(str(error), address).splitlines()[0][:200] if str(error) else type(error).__name__
         remedy = "check the address, your access to it, and the connection"
         raise InputError(address, f"cannot be {use} ({why})", remedy) from error
+
+
+def _without_own_password(text: str, address: str) -> str:
+    """The text of an error that may hold the password of the address, with or without its escapes."""
+    given = re.search(r"://[^:/@]*:(.*)@", address)
+    for password in () if given is None else sorted({given[1], unquote(given[1])}, key=len, reverse=True):
+        text = text.replace(password, "***") if password else text
+    return text

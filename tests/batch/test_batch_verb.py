@@ -11,6 +11,7 @@ from recording_builder import write_recording
 from report_builder import squats, write_session
 
 from anchorpose.batch.table import MEASURES, SESSIONS
+from anchorpose.batch.worker import Outcome
 from anchorpose.cli import main
 
 
@@ -99,3 +100,45 @@ def test_a_folder_of_something_else_and_one_inside_a_recording_are_not_touched(t
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
     assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "a" / "out")]) == 2
     assert "lies inside the recording" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("spoilt", "why"), [("logs/two.json", "is damaged"), ("sessions/one/measures.parquet", "")])
+def test_a_damaged_file_of_one_session_fails_that_session_only(three: Path, capsys, spoilt, why) -> None:
+    (three / "out" / spoilt).write_bytes(b"")
+    assert main(["batch", str(three / "in"), "-o", str(three / "out"), "--summary"]) == 1
+    assert why in capsys.readouterr().out
+    states = {row.session: row.state for row in SESSIONS.read(three / "out" / SESSIONS.file)}
+    assert set(states) == {"one", "two", "three"}
+    assert states[Path(spoilt).parts[1].removesuffix(".json")] == "failed"
+
+
+def test_texts_of_users_are_no_formulas_in_csv_and_whole_in_parquet(three: Path) -> None:
+    (three / "in" / "t.csv").write_text('recording,subject\none,"=HYPERLINK(""http://x"")"\ntwo,-5\nthree,@sum\n')
+    main(["batch", str(three / "in" / "t.csv"), "-o", str(three / "out"), "--summary"])
+    subjects = [row["subject"] for row in rows(three / "out" / "sessions.csv")]
+    assert subjects == ['\'=HYPERLINK("http://x")', "-5", "'@sum"]
+    assert next(row.subject for row in SESSIONS.read(three / "out" / SESSIONS.file)) == '=HYPERLINK("http://x")'
+    assert {row["subject"][:2] for row in rows(three / "out" / "measures.csv")} == {"'="}
+
+
+def test_a_password_in_an_address_is_nowhere_in_a_batch(tmp_path: Path, capsys) -> None:
+    command = ["batch", "sftp://user:se%40cret@127.0.0.1:1/x", "-o", str(tmp_path / "out"), "--workers", "1"]
+    assert main(command) == 1
+    printed = "".join(capsys.readouterr())
+    assert "sftp://user:***@127.0.0.1:1/x" in printed
+    files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    assert {"sessions.csv", "batch.json", "x.log", "index.html"} <= {path.name for path in files}
+    for text in (printed.encode(), *(path.read_bytes() for path in files)):
+        assert b"cret" not in text
+
+
+def test_an_outcome_that_cannot_be_noted_ends_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(out: Path, outcome: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("anchorpose.batch.run.note_outcome", full)
+    monkeypatch.setattr("anchorpose.batch.run.run_jobs", lambda jobs, place: [Outcome(jobs[0].name, "a is broken.")])
+    write_recording(tmp_path / "a", frames=2)
+    assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "out")]) == 1
+    (row,) = SESSIONS.read(tmp_path / "out" / SESSIONS.file)
+    assert (row.state, row.why) == ("failed", "a is broken.")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
-from anchorpose.batch.sessions import find_sessions
+from anchorpose.batch.names import LONGEST_NAME, open_folder
+from anchorpose.batch.sessions import Session, find_sessions
 from anchorpose.cli.track import TrackOptions
 from anchorpose.errors import InputError
 
@@ -24,8 +26,14 @@ def clinic(tmp_path: Path) -> Path:
     return tmp_path / "clinic"
 
 
-def names(*given: object) -> list[str]:
-    return [session.name for session in find_sessions([str(each) for each in given], TrackOptions())]
+def sessions(*given: object) -> tuple[Session, ...]:
+    return find_sessions([str(each) for each in given], TrackOptions())
+
+
+def names(*given: object, out: Path | None = None) -> list[str]:
+    """As they are called in the folder of a batch, by default a new one."""
+    with TemporaryDirectory() as folder:
+        return [session.name for session in open_folder(out or Path(folder) / "out", sessions(*given))]
 
 
 def test_a_recording_a_folder_and_a_pattern_lead_to_recordings(clinic: Path) -> None:
@@ -52,7 +60,7 @@ def test_a_table_has_a_row_per_session_with_its_own_options(clinic: Path) -> Non
     first, second = find_sessions([str(table)], TrackOptions(start=3))
     assert (first.name, first.subject) == ("a1", "Anna")
     assert first.options == TrackOptions(height=1.62, smooth=True, config=clinic / "anna.toml", start=3)
-    assert (second.name, second.subject, second.options) == ("ben-monday-recording", "B. 2", TrackOptions(start=3))
+    assert (second.name, second.subject, second.options) == ("", "B. 2", TrackOptions(start=3))
     assert second.recording == clinic / "ben/monday/recording"
 
 
@@ -66,15 +74,86 @@ def test_a_table_has_a_row_per_session_with_its_own_options(clinic: Path) -> Non
         ("recording,height\n,1.7\n", "line 2 names no recording"),
         ("recording\na,b\n", "line 2 has more cells"),
         ("recording,session\na,x\nb,x\n", "are both called x"),
+        ("recording,session\na,Anna\nb,anna\n", "are both called Anna"),
+        ("recording,height\na,1.7\na,1.8\n", "are both called a"),
+        ("recording,recording\na,b\n", "two columns 'recording'"),
+        ("recording,start\na,1.7\n", "line 2 has the start '1.7'; write a whole number"),
+        (f"recording,subject\na,{'x' * 200_000}\n", "is not CSV in line 2"),
+        ("recording\na\0b\n", "null characters"),
+        (f"recording,session\na,{'x' * 252}\n", "has a name of 252 bytes"),
     ],
 )
 def test_tables_with_mistakes_are_refused_by_line(tmp_path: Path, text: str, sentence: str) -> None:
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(InputError, match=sentence):
-        find_sessions([str(tmp_path / "t.csv")], TrackOptions())
+        names(tmp_path / "t.csv")
 
 
 @pytest.mark.parametrize(("given", "sentence"), [("nowhere", "is not there"), ("no*where", "matches no recording")])
 def test_what_leads_nowhere_is_refused(tmp_path: Path, given: str, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         names(tmp_path / given)
+
+
+def photographed(folder: Path, first: bytes) -> Path:
+    """A recording with one depth image."""
+    (recording(folder) / "front" / "depth").mkdir(parents=True)
+    (folder / "front" / "depth" / "000000.png").write_bytes(first)
+    return folder
+
+
+def test_a_name_belongs_to_one_recording_over_all_calls_into_one_folder(tmp_path: Path) -> None:
+    out, anna, ben = tmp_path / "out", tmp_path / "anna" / "monday", tmp_path / "ben" / "monday"
+    photographed(anna, b"a")
+    photographed(ben, b"b")
+    assert names(anna, out=out) == ["monday"]
+    assert names(ben, out=out) == ["ben-monday"]
+    assert names(ben, anna, out=out) == ["ben-monday", "monday"]
+
+
+def test_a_moved_recording_keeps_its_name_and_another_one_at_its_place_gets_its_own(tmp_path: Path) -> None:
+    out, anna = tmp_path / "out", photographed(tmp_path / "anna" / "monday", b"a")
+    assert names(anna, out=out) == ["monday"]
+    moved = anna.rename(tmp_path / "moved")
+    photographed(anna, b"c")
+    assert names(anna, out=out) == ["anna-monday"]
+    assert names(anna, out=out) == ["anna-monday"]
+    assert names(photographed(tmp_path / "b" / "latest", b"e"), out=out) == ["latest"]
+    assert names((tmp_path / "b" / "latest").rename(tmp_path / "c"), out=out) == ["latest"]
+    assert names(moved, out=out) == ["moved"]  # the place that it came from is another recording's now
+
+
+def test_the_name_of_another_recording_cannot_be_given_and_nothing_is_forgotten(tmp_path: Path) -> None:
+    out, table = tmp_path / "out", tmp_path / "t.csv"
+    anna, ben = photographed(tmp_path / "anna", b"a"), photographed(tmp_path / "ben", b"b")
+    assert names(anna, out=out) == ["anna"]
+    before = (out / "batch.json").read_text()
+    table.write_text(f"recording,session\n{ben},Anna\n")
+    with pytest.raises(InputError, match=r"ben: is called Anna, which is the name of another recording, .*anna"):
+        names(table, out=out)
+    assert (out / "batch.json").read_text() == before
+
+
+def test_names_are_short_enough_for_all_that_is_added_and_no_device_of_windows(tmp_path: Path) -> None:
+    long = [tmp_path / f"{'ä' * 120}{end}" for end in "12"]
+    found = names(*(recording(each) for each in long))
+    assert len(set(found)) == 2
+    assert all(len(name.encode()) <= LONGEST_NAME for name in found)
+    assert names(recording(tmp_path / "aux")) == ["_aux"]
+    assert names(recording(tmp_path / "x\x1b[31m\u202ey\nz")) == ["x_31m_y_z"]
+
+
+def test_a_damaged_file_of_names_is_one_sentence_with_another_folder_as_the_remedy(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    for text in ("", "[]", "{", '{"format": "anchorpose-batch", "sessions": [3]}'):
+        (tmp_path / "out" / "batch.json").write_text(text)
+        with pytest.raises(InputError, match=r"batch\.json: is damaged.*choose another folder for the batch"):
+            names(recording(tmp_path / f"a{len(text)}"), out=tmp_path / "out")
+
+
+def test_passwords_of_addresses_are_in_no_name_and_no_file(tmp_path: Path) -> None:
+    given = ("sftp://u:se%40cret@host/a/x", "sftp://u:secret@other/b/x")
+    assert names(*given, out=tmp_path / "out") == ["a-x", "b-x"]
+    text = (tmp_path / "out" / "batch.json").read_text()
+    assert "sftp://u:***@host/a/x" in text
+    assert "cret" not in text

@@ -6,31 +6,49 @@ import asyncio
 import socket
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from anchorpose.cli import main
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.remote import is_address, local_copy, local_results, name_of
 
 
 @pytest.fixture
 def sftp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, Path]]:
-    """An address served by a real SFTP server, and the folder that it serves."""
+    """An address served by a real SFTP server that lets everybody in, and the folder that it serves."""
+    with serving(tmp_path, monkeypatch, None, {"username": "test"}) as served:
+        yield served
+
+
+@contextmanager
+def serving(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, password: str | None, given: dict[str, Any]
+) -> Iterator[tuple[str, Path]]:
+    """A real SFTP server; password: that it asks for, None for none; given: what the client is given beside the
+    address."""
     asyncssh = pytest.importorskip("asyncssh", reason="sftp needs the package sshfs")
     pytest.importorskip("sshfs")
     served, loop, ready = tmp_path / "served", asyncio.new_event_loop(), threading.Event()
     served.mkdir()
     found: dict[str, Any] = {}
 
-    class Open(asyncssh.SSHServer):
+    class Door(asyncssh.SSHServer):
         def begin_auth(self, username: str) -> bool:
-            return False
+            return password is not None
+
+        def password_auth_supported(self) -> bool:
+            return True
+
+        def validate_password(self, username: str, given: str) -> bool:
+            return given == password
 
     async def serve() -> None:
         found["server"] = await asyncssh.listen(
-            "127.0.0.1", 0, server_factory=Open, server_host_keys=[asyncssh.generate_private_key("ssh-ed25519")],
+            "127.0.0.1", 0, server_factory=Door, server_host_keys=[asyncssh.generate_private_key("ssh-ed25519")],
             sftp_factory=lambda channel: asyncssh.SFTPServer(channel, chroot=str(served)),
         )  # fmt: skip
         ready.set()
@@ -45,7 +63,7 @@ def sftp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str,
     original = sshfs.SSHFileSystem._get_kwargs_from_urls  # the server has a new key each time
     monkeypatch.setattr(
         sshfs.SSHFileSystem, "_get_kwargs_from_urls",
-        staticmethod(lambda path: original(path) | {"known_hosts": None, "username": "test"}),
+        staticmethod(lambda path: original(path) | {"known_hosts": None} | given),
     )  # fmt: skip
     yield f"sftp://127.0.0.1:{found['server'].get_port()}", served
 
@@ -140,6 +158,38 @@ def test_a_server_keeps_no_temporary_names(sftp: tuple[str, Path], tmp_path: Pat
     for text in ("1", "2"):
         upload(write_tree(tmp_path / text, text), f"{address}/one", overwrite=True)
     assert [path.name for path in served.iterdir()] == ["one"]
+
+
+@pytest.mark.parametrize("user", ["ben:wr%40ng", "ben:wr@ng", "ben"])
+def test_a_wrong_password_or_key_is_one_sentence_without_the_password(user, tmp_path, monkeypatch, capfd) -> None:
+    asyncssh = pytest.importorskip("asyncssh", reason="sftp needs the package sshfs")
+    key = {"client_keys": [asyncssh.generate_private_key("ssh-ed25519")]} if user == "ben" else {}
+    with serving(tmp_path, monkeypatch, "right", key | {"agent_path": None}) as (address, _):
+        place = f"{address.replace('://', f'://{user}@')}/one"
+        with pytest.raises(InputError, match=r"cannot be (read|written) \(.*check the address") as refused:
+            upload(write_tree(tmp_path / "one"), place)
+        assert main(["track", place, "-o", str(tmp_path / "out")]) == 2
+    printed = "".join(capfd.readouterr())
+    assert "cannot be read" in printed
+    for text in (str(refused.value), printed):
+        assert "ng@" not in text
+        assert "wr%40ng" not in text
+        assert "Traceback" not in text
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_right_password_in_the_address_is_used(tmp_path, monkeypatch) -> None:
+    with serving(tmp_path, monkeypatch, "r@ght", {"agent_path": None}) as (address, served):
+        write_tree(served / "one")
+        with local_copy(f"{address.replace('://', '://ben:r@ght@')}/one") as copy:
+            assert tree(copy) == tree(served / "one")
+
+
+def test_names_of_addresses_have_no_password() -> None:
+    assert name_of("sftp://user:secret@host") == "host"
+    assert name_of("sftp://user:se/cret@host/x") == "x"
+    assert name_of("https://host/x?token=secret") == "x"
+    assert name_of("s3://bucket") == "bucket"
 
 
 def test_a_server_that_does_not_answer_is_one_sentence() -> None:

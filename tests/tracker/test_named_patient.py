@@ -39,7 +39,7 @@ PASSED = SimulationConfig(
 
 
 def named(frame: int, place_m: np.ndarray) -> NamedPatient:
-    return NamedPatient(frame=frame, time_s=frame / 5, position_m=tuple(map(float, place_m)), **SIGNED)
+    return NamedPatient(frame=frame, time_s=frame / 15, position_m=tuple(map(float, place_m)), **SIGNED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ def test_a_frame_that_there_is_not_or_that_is_unusable_is_refused(reviewed: Revi
     write_corrections(reviewed.file, held.added(named(99, np.zeros(3))))
     with pytest.raises(InputError, match="names the patient in frame 99, which the recording does not have"):
         reviewed.read()
-    gap = UnusableInterval(first_frame=5, last_frame=7, start_s=0.3, end_s=0.5, **SIGNED)
+    gap = UnusableInterval(first_frame=5, last_frame=7, start_s=5 / 15, end_s=7 / 15, **SIGNED)
     write_corrections(reviewed.file, held.added(gap))
     with pytest.raises(InputError, match="in frame 7, which it marks as unusable; name the patient in another"):
         reviewed.read()

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from anchorpose.agreement.text_files import read_lines
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, LOST, JointState
+from anchorpose.recording.csv_text import read_rows
 from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Clock, Recording
@@ -138,13 +137,13 @@ def _summary(name: str, rows: list[_Distance]) -> ImageErrors:
 
 
 def _read_labels(path: Path) -> list[_Label]:
-    rows = [row for row in csv.reader(read_lines(path)) if any(row)]
-    if not rows or [cell.strip().lower() for cell in rows[0]] != HEAD:
+    rows = read_rows(path)
+    if not rows or [cell.lower() for cell in rows[0][1]] != HEAD:
         raise InputError(path, f"does not begin with the line {','.join(HEAD)}", REMEDY)
     found = []
-    for number, row in enumerate(rows[1:], 2):
+    for number, row in rows[1:]:
         try:
-            camera, frame, joint, u, v = (cell.strip() for cell in row)
+            camera, frame, joint, u, v = row
             label = _Label(camera, int(frame), joint, (float(u), float(v)))
         except ValueError:
             raise InputError(path, f"line {number} is not camera,frame,joint,u,v", REMEDY) from None

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from anchorpose.agreement.text_files import read_lines
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.recording.csv_text import read_rows
 
 SIDES: Final = {"L": "Left", "R": "Right"}
 
@@ -93,13 +92,13 @@ def given_marking(path: Path, labels: tuple[str, ...]) -> Marking:
     InputError for an unknown joint or label.
     """
     remedy = "give rows joint,label with our joint's name and a label of the reference"
-    rows = [row for row in csv.reader(read_lines(path)) if any(row)]
-    if not rows or [cell.strip().lower() for cell in rows[0]] != ["joint", "label"]:
+    rows = [row for _, row in read_rows(path)]
+    if not rows or [cell.lower() for cell in rows[0]] != ["joint", "label"]:
         raise InputError(path, "does not begin with the line joint,label", remedy)
     found = dict[str, list[str]]()
     bones = [f"{bone}{side}" for bone in ("ASIS", "PSIS", "Thigh") for side in SIDES.values()]
     for row in rows[1:]:
-        joint, label = (cell.strip() for cell in [*row, "", ""][:2])
+        joint, label = [*row, "", ""][:2]
         if joint not in JOINT_NAMES and joint not in bones:
             raise InputError(path, f"names the unknown joint '{joint}'", f"use {', '.join((*JOINT_NAMES, *bones))}")
         if label not in labels:

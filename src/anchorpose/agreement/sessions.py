@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 
 from anchorpose.agreement.reliability import COLUMNS, Reliability, reliability_of
-from anchorpose.agreement.text_files import read_lines
 from anchorpose.errors import InputError
+from anchorpose.recording.csv_text import cell_text, read_rows, require_distinct
 from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
 
 REPEATED: Final = ("session", "rater", "device")
@@ -48,22 +48,25 @@ def reliability_text(rows: Sequence[Reliability]) -> str:
     writer.writerow(COLUMNS)
     for row in rows:
         cells = [getattr(row, name) for name in COLUMNS]
-        writer.writerow(["" if cell is None else repr(cell) if isinstance(cell, float) else cell for cell in cells])
+        writer.writerow(
+            ["" if cell is None else repr(cell) if isinstance(cell, float) else cell_text(str(cell)) for cell in cells]
+        )
     return text.getvalue()
 
 
 def _read(path: Path) -> list[dict[str, str]]:
-    lines = [line for line in csv.reader(read_lines(path)) if any(line)]
-    head = [cell.strip().lower() for cell in lines[0]] if lines else []
+    lines = read_rows(path)
+    head = [cell.lower() for cell in lines[0][1]] if lines else []
     whole = {"results"} <= set(head) or {"measure", "value"} <= set(head)
     if "subject" not in head or not any(name in head for name in REPEATED) or not whole:
         raise InputError(path, "does not have the columns of a table of sessions", REMEDY)
-    for number, line in enumerate(lines[1:], 2):
+    require_distinct(path, head)
+    for number, line in lines[1:]:
         if len(line) != len(head):
             raise InputError(path, f"line {number} has {len(line)} cells, not {len(head)}", REMEDY)
     if len(lines) < 2:
         raise InputError(path, "holds no sessions", REMEDY)
-    return [dict(zip(head, (cell.strip() for cell in line), strict=True)) for line in lines[1:]]
+    return [dict(zip(head, line, strict=True)) for _, line in lines[1:]]
 
 
 def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[tuple[str, str], dict[Key, float]]:

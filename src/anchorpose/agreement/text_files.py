@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Final
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from anchorpose.agreement.captured import METRES, Captured, checked, metres_per_unit, repeated_label
 from anchorpose.errors import InputError
+from anchorpose.recording.csv_text import read_rows
 from anchorpose.recording.document import read_text
 from anchorpose.recording.regular_file import LARGEST_TABLE
 
@@ -62,15 +62,15 @@ def read_mot(path: Path) -> Captured:
 
 def read_csv(path: Path, unit: str | None = None) -> Captured:
     """Columns as ``CSV_REMEDY`` says; lengths whose columns have no unit need ``unit``; empty cells are missing."""
-    rows = list(csv.reader(read_lines(path)))
+    rows = [row for _, row in read_rows(path)]
     if len(rows) < 2:
         raise InputError(path, "has no rows", CSV_REMEDY)
-    head = [cell.strip() for cell in rows[0]]
+    head = rows[0]
     repeated_label(path, tuple(head))
     clock = next((name for name in ("time_s", "time", "Time") if name in head), None)
     if clock is None:
         raise InputError(path, "has no column time_s", CSV_REMEDY)
-    table = _numbers(path, [_padded(row, len(head)) for row in rows[1:] if any(row)], CSV_REMEDY)
+    table = _numbers(path, [_padded(row, len(head)) for row in rows[1:]], CSV_REMEDY)
     points, angles = dict[str, list[np.ndarray]](), dict[str, np.ndarray]()
     for column, name in enumerate(head):
         stem, _, ending = name.rpartition("_")

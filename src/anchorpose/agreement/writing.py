@@ -18,6 +18,7 @@ from anchorpose.agreement.page import page_text
 from anchorpose.agreement.rows import COLUMNS, LEAST_SUBJECTS
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.recording.csv_text import cell_text
 from anchorpose.results.folder import whole_or_nothing
 
 AGREEMENT_FILE: Final = "agreement.csv"
@@ -77,7 +78,7 @@ def _csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
     for row in rows:
-        writer.writerow(["" if cell is None else f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row])
+        writer.writerow([cell_text(f"{cell:.6g}" if isinstance(cell, float) else cell) for cell in row])
     return text.getvalue()
 
 

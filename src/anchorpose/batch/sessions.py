@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from glob import glob, has_magic
-from io import StringIO
 from pathlib import Path
 from typing import Any, Final
 
 from anchorpose.cli.track import TrackOptions
-from anchorpose.errors import InputError
-from anchorpose.recording.document import read_text
-from anchorpose.remote import is_address
+from anchorpose.errors import InputError, without_password
+from anchorpose.recording.csv_text import read_rows, require_distinct
+from anchorpose.remote import is_address, parts_of
 
 RECORDING_FILE: Final = "recording.json"
 TABLE_ENDING: Final = ".csv"
@@ -42,6 +38,19 @@ class Session:
         """The whole path of the recording; None where it is at an address."""
         return None if isinstance(self.recording, str) else self.recording.resolve()
 
+    @property
+    def shown(self) -> str:
+        """The whole path of the recording, or its address without its password."""
+        return without_password(self.recording) if isinstance(self.recording, str) else str(self.place)
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The names of the recording and of the folders above it, the recording's last."""
+        if isinstance(self.recording, str):
+            return parts_of(self.recording)
+        path = self.recording.resolve()
+        return tuple(part for part in path.parts if part != path.anchor)
+
     def absolute(self) -> Session:
         """The same with paths that hold in any folder, for a worker that runs elsewhere."""
         paths = {name: getattr(self.options, name) for name in FILES}
@@ -51,21 +60,14 @@ class Session:
 
 
 def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
-    """The sessions that a user names, each with a name of its own, in the order given.
+    """Return the sessions that a user names, in the order given; only a table gives them names (``names``).
 
     given: recordings (folders, or files of a recorder), folders that contain recordings, addresses, patterns such as
     ``clinic/*/recording``, and tables (``.csv``). options: for all of them; a row of a table overrides them. Raises
-    InputError where one leads to no recording, a table cannot be used, or two sessions have the same name.
+    InputError where one leads to no recording, or a table cannot be used.
     """
     found = [session for text in given for session in _sessions_of(text, options)]
-    unique = list({(session.name, session.recording, repr(session)): session for session in found}.values())
-    named = tuple(_named(unique))
-    for name, count in Counter(session.name for session in named).items():
-        if count > 1:
-            recordings = [session.recording for session in named if session.name == name]
-            problem = f"and {recordings[1]} are both called {name}"
-            raise InputError(recordings[0], problem, "name them in a table with a column 'session'")
-    return named
+    return tuple({(session.name, session.recording, repr(session)): session for session in found}.values())
 
 
 def _sessions_of(text: str, options: TrackOptions) -> Iterator[Session]:
@@ -94,8 +96,9 @@ def _recordings_in(path: Path) -> list[Path]:
 
 
 def _read_table(path: Path, options: TrackOptions) -> Iterator[Session]:
-    rows = csv.DictReader(StringIO(read_text(path)))
-    names = [name.strip() for name in rows.fieldnames or ()]
+    lines = read_rows(path)
+    names = lines[0][1] if lines else []
+    require_distinct(path, names)
     if "recording" not in names:
         raise InputError(path, "has no column 'recording'", "begin with a line of column names, recording among them")
     for name in names:
@@ -103,16 +106,14 @@ def _read_table(path: Path, options: TrackOptions) -> Iterator[Session]:
             near = get_close_matches(name, COLUMNS, 1)
             remedy = f"is '{near[0]}' meant?" if near else f"the columns may be {', '.join(COLUMNS)}"
             raise InputError(path, f"has a column '{name}', which is unknown", remedy)
-    for number, cells in enumerate(rows, 2):
-        row = {str(key).strip(): (value or "").strip() for key, value in cells.items() if key is not None}
-        if None in cells:
+    for number, cells in lines[1:]:
+        if len(cells) > len(names):
             raise InputError(path, f"line {number} has more cells than columns", "put quotes around cells with commas")
-        if any(row.values()):
-            yield _session_of(row, path, number, options)
+        yield _session_of(dict(zip(names, cells, strict=False)), path, number, options)
 
 
 def _session_of(row: dict[str, str], path: Path, number: int, options: TrackOptions) -> Session:
-    if not row["recording"]:
+    if not row.get("recording"):
         raise InputError(path, f"line {number} names no recording", "fill in the column 'recording'")
     given: dict[str, Any] = {name: _value(name, row[name], path, number) for name in SETTINGS if row.get(name)}
     named = row["recording"]
@@ -127,20 +128,10 @@ def _value(name: str, text: str, path: Path, number: int) -> object:
         try:
             return NUMBERS[name](text)
         except ValueError:
-            raise InputError(path, f"line {number} has the {name} '{text}'", "write a number") from None
+            kind = "a whole number" if NUMBERS[name] is int else "a number"
+            raise InputError(path, f"line {number} has the {name} '{text[:40]}'", f"write {kind}") from None
     if name == "smooth":
         if text.lower() not in YES_OR_NO:
             raise InputError(path, f"line {number} has '{text}' under smooth", "write yes or no")
         return YES_OR_NO[text.lower()]
     return text
-
-
-def _named(sessions: Sequence[Session]) -> Iterator[Session]:
-    """The name of the recording's folder, with as many of the folders above it as it takes to have one each."""
-    own = [session.place or Path(str(session.recording).partition("://")[2]) for session in sessions]
-    for session, path in zip(sessions, own, strict=True):
-        parts = [part for part in path.parts if part != path.anchor]
-        ends = ["-".join(parts[-count:]) for count in range(1, len(parts) + 1)]
-        counts = (sum(other.parts[-k:] == path.parts[-k:] for other in own) for k in range(1, len(parts) + 1))
-        short = next((end for end, count in zip(ends, counts, strict=True) if count == 1), ends[0])
-        yield replace(session, name=re.sub(r"[^\w.+-]+", "_", session.name or short).strip(".") or "session")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import pyarrow as pa
@@ -17,6 +18,7 @@ from anchorpose.batch.sessions import Session
 from anchorpose.batch.worker import Outcome
 from anchorpose.errors import InputError
 from anchorpose.joints import JointState
+from anchorpose.recording.csv_text import cell_text
 from anchorpose.recording.document import read_json
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.parquet import RecordTable, refuse_unreadable
@@ -104,19 +106,37 @@ def _outcome_file(out: Path, name: str) -> Path:
     return out / LOGS_FOLDER / f"{name}.json"
 
 
-def row_of(out: Path, session: Session) -> SessionRow:
-    """What the folder of a batch holds on a session; one that failed in its last run is failed, whatever is there."""
-    results, noted = out / RESULTS_FOLDER / session.name, _outcome_file(out, session.name)
-    why = read_json(noted).get("why") if noted.is_file() else None
-    who: dict[str, Any] = {"session": session.name, "recording": str(session.recording), "subject": session.subject}
-    if why is not None:
-        return SessionRow(**who, state=FAILED, why=str(why))
-    if not (results / RUN_FILE).is_file():
-        return SessionRow(**who, state=OPEN)
+def row_of(
+    out: Path, session: Session, outcomes: Mapping[str, str | None] = MappingProxyType({})
+) -> tuple[SessionRow, tuple[Measure, ...]]:
+    """Return what the folder of a batch holds on a session, and its measures, where it is done.
+
+    One that failed in its last run is failed, whatever is there. outcomes: why sessions failed that have just run,
+    None where they did not, by name.
+    """
+    results = out / RESULTS_FOLDER / session.name
+    who: dict[str, Any] = {"session": session.name, "recording": session.shown, "subject": session.subject}
     try:
-        return SessionRow(**who, state=DONE, **_figures(results))
+        why = outcomes[session.name] if session.name in outcomes else _noted(out, session.name)
+        if why is not None:
+            return SessionRow(**who, state=FAILED, why=why), ()
+        if not (results / RUN_FILE).is_file():
+            return SessionRow(**who, state=OPEN), ()
+        return SessionRow(**who, state=DONE, **_figures(results)), _measures(results)
+    except (InputError, OSError) as error:
+        return SessionRow(**who, state=FAILED, why=str(error)), ()
+
+
+def _noted(out: Path, name: str) -> str | None:
+    """Why a session failed in its last run; None where it did not, or has not run."""
+    path = _outcome_file(out, name)
+    if not path.is_file():
+        return None
+    try:
+        why = read_json(path).get("why")
     except InputError as error:
-        return SessionRow(**who, state=FAILED, why=str(error))
+        raise InputError(path, f"is damaged: it {error.problem}", "run the batch again, without --summary") from None
+    return None if why is None else str(why)
 
 
 def _figures(results: Path) -> dict[str, Any]:
@@ -144,12 +164,10 @@ def _figures(results: Path) -> dict[str, Any]:
     }
 
 
-def measures_of(out: Path, row: SessionRow) -> tuple[Measure, ...]:
-    """The measures of a session that are not about a single person; none where it is not done or not measured."""
-    path = out / RESULTS_FOLDER / row.session / MEASURES_FILE
-    if row.state != DONE or not path.is_file():
-        return ()
-    return tuple(measure for measure in read_measures(path) if measure.person is None)
+def _measures(results: Path) -> tuple[Measure, ...]:
+    """The measures of a session that are not about a single person; none where it is not measured."""
+    path = results / MEASURES_FILE
+    return tuple(measure for measure in read_measures(path) if measure.person is None) if path.is_file() else ()
 
 
 def write_tables(out: Path, rows: Sequence[SessionRow], measures: Iterable[tuple[SessionRow, Measure]]) -> None:
@@ -167,6 +185,15 @@ def _write(out: Path, table: RecordTable[Any], rows: Sequence[Any]) -> None:
     partial = path.with_name(f".{path.name}.partial")
     table.write(partial, rows)
     in_csv = partial.with_suffix(".csv")
-    pyarrow.csv.write_csv(pq.read_table(partial), in_csv)
+    pyarrow.csv.write_csv(_for_spreadsheets(pq.read_table(partial)), in_csv)
     partial.replace(path)
     in_csv.replace(path.with_suffix(".csv"))
+
+
+def _for_spreadsheets(table: pa.Table) -> pa.Table:
+    """The table with texts that no spreadsheet runs as a formula."""
+    for index, column in enumerate(table.schema):
+        if column.type == _TEXT:
+            cells = [cell and cell_text(cell) for cell in table[column.name].to_pylist()]
+            table = table.set_column(index, column, pa.array(cells, _TEXT))
+    return table

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import Final, NoReturn
@@ -15,6 +14,7 @@ from anchorpose.cli.batch import batch
 from anchorpose.cli.benchmark import benchmark
 from anchorpose.cli.calibrate import calibrate
 from anchorpose.cli.check import check
+from anchorpose.cli.console import say
 from anchorpose.cli.convert import convert
 from anchorpose.cli.demo import demo
 from anchorpose.cli.equipment import equipment
@@ -66,7 +66,7 @@ for _verb in (
 
 def main(tokens: Sequence[str] | None = None) -> int:
     """Runs a command line (that of the process by default) and returns its exit code; 0 is success."""
-    return exit_code_of(lambda: app(tokens, exit_on_error=False, result_action="return_value"))
+    return exit_code_of(lambda: app(tokens, exit_on_error=False, print_error=False, result_action="return_value"))
 
 
 def exit_code_of(work: Callable[[], object]) -> int:
@@ -75,8 +75,8 @@ def exit_code_of(work: Callable[[], object]) -> int:
         signal.signal(number, _stop)
     try:
         answer = work()
-    except CycloptsError:  # already printed, with the nearest known option
-        return EXIT_CANNOT
+    except CycloptsError as error:  # names the nearest known option
+        return _refuse(" ".join(str(error).split()), error)
     except AnchorposeError as error:
         return _refuse(str(error), error)
     except OSError as error:
@@ -86,13 +86,13 @@ def exit_code_of(work: Callable[[], object]) -> int:
         number = _signal_of(error)
         if number is None:
             raise
-        print(" ".join(("Stopped.", *(_notes(error) or ("Nothing was written.",)))), file=sys.stderr)
+        say(" ".join(("Stopped.", *(_notes(error) or ("Nothing was written.",)))), error=True)
         return EXIT_SIGNAL + number
     return answer if isinstance(answer, int) else 0
 
 
 def _refuse(sentence: str, error: Exception) -> int:
-    print(" ".join((sentence, *_notes(error))), file=sys.stderr)
+    say(" ".join((sentence, *_notes(error))), error=True)
     return EXIT_CANNOT
 
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from anchorpose.cli.limits import MOST_FRAMES, MOST_PROCESSES, between
+from anchorpose.cli.console import say
+from anchorpose.cli.limits import MOST_FRAMES, MOST_PROCESSES, whole
 from anchorpose.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,10 +22,10 @@ EXIT_FAILED = 1
 def batch(
     *recordings: str,
     out: Annotated[Path, Parameter(name=["--output", "-o"])],
-    workers: Annotated[int | None, between(1, MOST_PROCESSES)] = None,
+    workers: Annotated[int | None, whole(1, MOST_PROCESSES)] = None,
     scheduler: str | None = None,
     slurm: Path | None = None,
-    index: Annotated[int | None, between(0, MOST_FRAMES)] = None,
+    index: Annotated[int | None, whole(0, MOST_FRAMES)] = None,
     summary: bool = False,
     config: Path | None = None,
     smooth: bool = False,
@@ -78,7 +79,7 @@ def batch(
         return _print_rows(summarise(sessions, out), out)
     if index is not None:
         row = run_one(sessions, out, index)
-        print(f"{row.session}: {row.state}. {row.why or ''}".strip())
+        say(f"{row.session}: {row.state}. {row.why or ''}".strip())
         return EXIT_FAILED if row.why else 0
     try:
         with progress_bar("Sessions") as progress:
@@ -101,8 +102,8 @@ def _read_toml(path: Path) -> dict[str, Any]:
 def _print_rows(rows: tuple[SessionRow, ...], out: Path) -> int:
     for row in rows:
         if row.why:
-            print(f"{row.session}: {row.why}")
+            say(f"{row.session}: {row.why}")
     counts = Counter(row.state for row in rows)
     states = ", ".join(f"{count} {state}" for state, count in counts.items())
-    print(f"{states}. Open {out / 'index.html'} in a browser.")
+    say(f"{states}. Open {out / 'index.html'} in a browser.")
     return EXIT_FAILED if counts["failed"] else 0

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
-from anchorpose.cli.limits import MOST_FRAMES, MOST_PROCESSES, between
+from anchorpose.cli.console import say, show
+from anchorpose.cli.limits import MOST_FRAMES, MOST_PROCESSES, whole
 from anchorpose.errors import InputError
 
 benchmark = App(name="benchmark", help="A public benchmark of association and tracking, for methods of any kind.")
@@ -19,8 +20,8 @@ def make(
     /,
     *,
     part: Literal["development", "test", "all"] = "all",
-    recordings: Annotated[int | None, between(1, MOST_FRAMES)] = None,
-    processes: Annotated[int | None, between(1, MOST_PROCESSES)] = None,
+    recordings: Annotated[int | None, whole(1, MOST_FRAMES)] = None,
+    processes: Annotated[int | None, whole(1, MOST_PROCESSES)] = None,
 ) -> int:
     """Simulate the benchmark's recordings, and compare them with the reference by hashes of their content.
 
@@ -46,9 +47,9 @@ def make(
     with progress_bar("Simulating", at_once=False) as progress:
         made = make_benchmark(out, groups, processes, progress)
     for sentence in made.other_bytes:
-        print(f"{sentence}.")
+        say(f"{sentence}.")
     count = sum(len(group.recordings) for group in made.groups)
-    print(f"{out}: {count} recordings, of which {count - len(made.other_bytes)} have the bytes of the reference.")
+    say(f"{out}: {count} recordings, of which {count - len(made.other_bytes)} have the bytes of the reference.")
     return int(bool(made.other_bytes))
 
 
@@ -95,7 +96,7 @@ def score(
         document = _simulated(answers, folder, part, against)
     target = json or answers / ("score.json" if real is None else "real.json")
     write_text_whole(target, text.dumps(document, indent=1, allow_nan=False) + "\n")
-    print(f"All figures are in {target}.")
+    say(f"All figures are in {target}.")
 
 
 def _simulated(answers: Path, folder: Path, part: str, against: Path | None) -> dict[str, Any]:
@@ -115,10 +116,10 @@ def _simulated(answers: Path, folder: Path, part: str, against: Path | None) -> 
         document["against"] = {"method": other.answers.method, "differences": compare(one, other)}
         _print_figures(f"minus {other.answers.method}, 95 %", document["against"]["differences"])
     if one.answers.elsewhere:
-        print(f"{one.answers.elsewhere} rows are about recordings that are not in {folder}; they were not scored.")
+        say(f"{one.answers.elsewhere} rows are about recordings that are not in {folder}; they were not scored.")
     for sentence in one.other_bytes:
-        print(f"{sentence}: its figures are not those of the reference.")
-    print(document["row"])
+        say(f"{sentence}: its figures are not those of the reference.")
+    say(document["row"])
     return document
 
 
@@ -135,7 +136,6 @@ def _real(answers: Path, real: Path, labels: Path | None) -> dict[str, Any]:
 
 def _print_figures(title: str, rows: dict[str, dict[str, Any]]) -> None:
     """One column per recording or task: a row for every figure, shares in per cent."""
-    from rich.console import Console
     from rich.table import Column, Table
 
     table = Table(Column(no_wrap=True, min_width=24), *rows, title=title)
@@ -146,4 +146,4 @@ def _print_figures(title: str, rows: dict[str, dict[str, Any]]) -> None:
         cells = ["–" if v is None else f"{v:.1f}" if isinstance(v, float) else str(v) for v in scaled]
         if any(value is not None for value in values):
             table.add_row(f"{name}, %" if share else name, *cells)
-    Console().print(table)
+    show(table)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from anchorpose.cli.console import say, show
+
 if TYPE_CHECKING:
     from anchorpose.calibration.calibration import Calibration
 
@@ -57,11 +59,10 @@ def calibrate(
     with new_results_folder(target, recording, overwrite, CALIBRATION) as folder:
         found = calibrate_recording(recording, folder, settings, ignore_given, markers)
     _print_poses(found)
-    print(f"The calibration is in {target}; look at its pictures before you use it.")
+    say(f"The calibration is in {target}; look at its pictures before you use it.")
 
 
 def _print_poses(found: Calibration) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from anchorpose.results.calibration_file import calibration_rows
@@ -69,6 +70,6 @@ def _print_poses(found: Calibration) -> None:
     table = Table("camera", "pose", "± mm", "± degrees", "surface rms mm", "outline rms px")
     for row in calibration_rows(found):
         table.add_row(*row)
-    Console().print(table)
+    show(table)
     for note in found.notes:
-        print(f"- {note}")
+        say(f"- {note}")

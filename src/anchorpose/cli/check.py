@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from anchorpose.cli.console import say, show
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -36,14 +38,13 @@ def check(recording: Path, /) -> int:
 
 
 def _print_findings(findings: Sequence[Finding]) -> None:
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     table = Table("", "check", "measured", "what to do")
     for finding in sorted(findings, key=lambda one: -one.level):
         word = Text(finding.level.word, style=COLOURS[finding.level])
-        table.add_row(word, Text(finding.check), Text(finding.measured), Text(finding.remedy))
-    Console().print(table)
+        table.add_row(word, finding.check, finding.measured, finding.remedy)
+    show(table)
     counts = [sum(finding.level == level for finding in findings) for level in range(len(COLOURS))]
-    print(", ".join(f"{count} {word}" for count, word in zip(counts, COLOURS, strict=True)) + ".")
+    say(", ".join(f"{count} {word}" for count, word in zip(counts, COLOURS, strict=True)) + ".")

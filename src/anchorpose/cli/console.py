@@ -1,12 +1,62 @@
-"""What verbs print: progress, and a summary of a results folder."""
+"""Everything that verbs print. Names come from files, so no character of them may act on the terminal.
+
+Nothing else in the program calls ``print`` or makes a console (``tests/test_structure.py``).
+"""
 
 from __future__ import annotations
 
 import sys
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
+
+from anchorpose.errors import without_password
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+ACTING: Final = frozenset(("Cc", "Zl", "Zp", "Cs"))  # control characters, line breaks, undecodable bytes of file names
+BIDIRECTIONAL: Final = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+
+
+def printable(text: str) -> str:
+    """Return the text with every character that would act on a terminal written as its escape, such as ``\\x1b``,
+    and passwords of addresses as stars."""
+    return "".join(_escaped(each) if _acts(each) else each for each in without_password(text))
+
+
+def _acts(character: str) -> bool:
+    return character in BIDIRECTIONAL or unicodedata.category(character) in ACTING
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape").decode("ascii")
+
+
+def say(sentence: str, error: bool = False) -> None:
+    """Print one line at once; error: on the error stream."""
+    print(printable(sentence), file=sys.stderr if error else sys.stdout, flush=True)
+
+
+def show(*tables: RenderableType) -> None:
+    """Print tables; their cells are texts without markup."""
+    console = plain_console()
+    for table in tables:
+        console.print(table)
+
+
+def plain_console(error: bool = False) -> Console:
+    """Return a console of rich that takes every text as it stands: no markup, no emoji, nothing that acts on it."""
+    from rich.console import Console
+    from rich.text import Text
+
+    class PlainConsole(Console):
+        def render_str(self, text: str, **options: Any) -> Text:
+            return super().render_str(printable(text), **options)
+
+    return PlainConsole(stderr=error, markup=False, emoji=False, highlight=False)
 
 
 @contextmanager
@@ -15,7 +65,6 @@ def progress_bar(description: str, at_once: bool = True) -> Iterator[Callable[[i
 
     at_once: shown before the first call, which may take long, or not: then work that is refused shows no bar.
     """
-    from rich.console import Console
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -26,15 +75,15 @@ def progress_bar(description: str, at_once: bool = True) -> Iterator[Callable[[i
     )
 
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TextColumn("left:"),
         TimeRemainingColumn(),
     )
-    progress = Progress(*columns, console=Console(stderr=True))
-    task = progress.add_task(description, total=None)
+    progress = Progress(*columns, console=plain_console(error=True))
+    task = progress.add_task(printable(description), total=None)
 
     def advance(done: int, total: int | None) -> None:
         progress.start()
@@ -52,10 +101,8 @@ def progress_bar(description: str, at_once: bool = True) -> Iterator[Callable[[i
 @contextmanager
 def counter(what: str) -> Iterator[Callable[[], None]]:
     """A line on the error stream that counts calls, for work whose length is unknown."""
-    from rich.console import Console
-
     count = 0
-    with Console(stderr=True).status("Working") as status:
+    with plain_console(error=True).status("Working") as status:
 
         def tick() -> None:
             nonlocal count
@@ -72,7 +119,7 @@ def log_event(results: Path, what: str, files: Iterable[str], by: str, about: di
     try:
         add_event(results, what, files, by, about)
     except OSError as error:
-        print(f"{results / LOG_FILE}: cannot be written ({error.strerror}): this is not logged.", file=sys.stderr)
+        say(f"{results / LOG_FILE}: cannot be written ({error.strerror}): this is not logged.", error=True)
 
 
 def print_outcome(results: Path) -> None:
@@ -87,12 +134,12 @@ def print_outcome(results: Path) -> None:
 
     joints = read_joints(results / JOINTS_FILE)
     seen, lost = np.mean(joints.state_code == 0), np.mean(joints.state_code == LOST)
-    print(
+    say(
         f"{len(joints.frame)} frames: {100 * seen:.1f} % of the joints seen, {100 * (1 - seen - lost):.1f} % inferred, "
         f"{100 * lost:.1f} % lost."
     )
     dropped = read_run(results / RUN_FILE).get("dropped", [])
     if dropped:
         count, first = len({drop["frame"] for drop in dropped}), dropped[0]
-        print(f"Frames with problems: {count}; the first is frame {first['frame']}: {first['why']}.")
-    print(f"Results are in {results}; open {results / REPORT_FILE} in a browser.")
+        say(f"Frames with problems: {count}; the first is frame {first['frame']}: {first['why']}.")
+    say(f"Results are in {results}; open {results / REPORT_FILE} in a browser.")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from anchorpose.cli.console import say
 from anchorpose.cli.limits import FASTEST_HZ, positive
 from anchorpose.errors import AnchorposeError
 
@@ -74,9 +75,9 @@ def convert(*paths: Path, options: ConvertFlags | None = None) -> None:
     with _noting_how_to_go_on(out), progress_bar("Converting", at_once=False) as progress:
         done = convert_files(inputs, out, settings, progress)
     for note in done.notes:
-        print(f"- {note}")
+        say(f"- {note}")
     counts = ", ".join(f"{name} with {count} depth images" for name, count in done.cameras)
-    print(f"The recording is in {out}: {counts}.")
+    say(f"The recording is in {out}: {counts}.")
 
 
 def as_recording(path: Path) -> Path:
@@ -90,7 +91,7 @@ def as_recording(path: Path) -> Path:
     with _noting_how_to_go_on(direct.recording), progress_bar(f"Converting {path.name}", at_once=False) as progress:
         notes = make_recording(direct, progress)
     for note in notes:
-        print(f"- {note}")
+        say(f"- {note}")
     return direct.recording
 
 

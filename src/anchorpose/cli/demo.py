@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from anchorpose.cli.console import say
 from anchorpose.errors import InputError
 
 DEMO_SECONDS, QUICK_SECONDS = 3.0, 1.0
@@ -40,16 +41,16 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
     start_warm_up()  # on another core, while this process simulates
     with whole_or_nothing(out) as folder:
         simulated, results = folder / "simulated", folder / "results"
-        print(f"1. Simulating {scene.frames} frames of a patient in a standing frame, one camera, one therapist.")
+        say(f"1. Simulating {scene.frames} frames of a patient in a standing frame, one camera, one therapist.")
         with progress_bar("Simulating") as progress:
             simulate_recording(simulated, scene, progress)
-        print("2. Tracking 21 joints; the first run takes longer, because it compiles.")
+        say("2. Tracking 21 joints; the first run takes longer, because it compiles.")
         results.mkdir()
         with progress_bar("Tracking") as progress:
             track_recording(simulated / "recording", results, TrackConfig(), progress)
-        print("3. Comparing with the true joints, which a real recording does not have.")
+        say("3. Comparing with the true joints, which a real recording does not have.")
         evaluation = evaluate(results, simulated / "truth" / "truth.npz")
         write_evaluation(folder / "evaluation.json", evaluation)
     print_evaluation(evaluation)
     print_outcome(out / "results")
-    print(f"The recording is {out / 'simulated' / 'recording'}, the figures above are {out / 'evaluation.json'}.")
+    say(f"The recording is {out / 'simulated' / 'recording'}, the figures above are {out / 'evaluation.json'}.")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from anchorpose.cli.console import say, show
 from anchorpose.cli.limits import positive
 from anchorpose.errors import AnchorposeError, InputError
 
@@ -65,7 +66,7 @@ def fit(
         for view, room in zip(fitted.cameras, fitted.rooms_m, strict=True):
             out.with_name(f"{out.stem}_{view.name}.png").write_bytes(as_png(draw_model(view, room, model)))
     _print_parts(fitted)
-    print(f"{out} is a proposal: compare it with {out.stem}_<camera>.png beside it before you use it.")
+    say(f"{out} is a proposal: compare it with {out.stem}_<camera>.png beside it before you use it.")
 
 
 def _region(around: str, radius: float) -> Region:
@@ -79,7 +80,6 @@ def _region(around: str, radius: float) -> Region:
 
 
 def _print_parts(fitted: FittedRoom) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from anchorpose.recording.equipment import Box
@@ -93,13 +93,12 @@ def _print_parts(fitted: FittedRoom) -> None:
         shape, size = ("box", size) if box else ("tube", f"ø {size}")
         off, guessed = f"{1000 * proposed.residual_m:.1f}", ", ".join(proposed.guessed)
         table.add_row(part.name, shape, size, off, str(proposed.readings), guessed)
-    console = Console()
-    console.print(table)
+    show(table)
     for note in fitted.notes:
-        print(f"{note[0].upper()}{note[1:]}.")
+        say(f"{note[0].upper()}{note[1:]}.")
     share = 100 * fitted.proposal.explained_share
-    print(f"{share:.1f} % of what stands free there lies within 15 mm of a part.")
+    say(f"{share:.1f} % of what stands free there lies within 15 mm of a part.")
     if any(proposed.guessed for proposed in fitted.proposal.parts):
-        print(
+        say(
             "Guessed: no camera sees the other side, so the bar is taken to be square, or to end where it is last seen."
         )

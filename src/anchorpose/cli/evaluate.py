@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from anchorpose.cli.console import say, show
 from anchorpose.cli.limits import DAY_S, between
 from anchorpose.errors import InputError
 
@@ -117,7 +118,7 @@ def _with_reference(results: tuple[Path, ...], options: ReferenceOptions) -> Non
         write_comparison(options.output, comparison, options.overwrite)
     print_comparison(comparison)
     if options.output is not None:
-        print(f"Open {options.output / 'agreement.html'} in a browser; the tables and methods.txt are beside it.")
+        say(f"Open {options.output / 'agreement.html'} in a browser; the tables and methods.txt are beside it.")
 
 
 def _with_labels(results: Path, labels: Path, recording: Path | None) -> None:
@@ -130,27 +131,24 @@ def _with_labels(results: Path, labels: Path, recording: Path | None) -> None:
 
 def print_comparison(comparison: Comparison) -> None:
     """How the recordings lie, and the main figures as a table."""
-    from rich.console import Console
     from rich.table import Table
 
     from anchorpose.agreement.page import DIFFERENCE_HEAD, DISTANCE_HEAD, angle_rows, distance_rows
     from anchorpose.agreement.writing import alignment_sentences
 
-    console = Console()
     for match in comparison.matches:
         for sentence in alignment_sentences(match):
-            console.print(sentence, highlight=False)
+            say(sentence)
     for head, rows in ((DISTANCE_HEAD, distance_rows(comparison)), (DIFFERENCE_HEAD, angle_rows(comparison))):
         table = Table(*head)
         for title, cells in rows:
             table.add_row(title, *cells)
         if rows:
-            console.print(table)
+            show(table)
 
 
 def print_image_errors(errors: tuple[ImageErrors, ...]) -> None:
     """A table, a row per joint and for all."""
-    from rich.console import Console
     from rich.table import Table
 
     table = Table("", "labels", "lost", "median px", "median mm", "95 % mm", "within 50 mm %", "within 100 mm %")
@@ -159,7 +157,7 @@ def print_image_errors(errors: tuple[ImageErrors, ...]) -> None:
         shares = [None if share is None else 100 * share for share in (row.within_50, row.within_100)]
         cells = ["–" if number is None else f"{number:.1f}" for number in (*lengths, *shares)]
         table.add_row(row.name, str(row.labelled), str(row.lost), *cells)
-    Console().print(table)
+    show(table)
 
 
 def _with_truth(results: Path, truth: Path, json: Path | None, skip: float) -> None:
@@ -174,7 +172,6 @@ def _with_truth(results: Path, truth: Path, json: Path | None, skip: float) -> N
 
 def print_evaluation(evaluation: Evaluation) -> None:
     """The figures as a table on the output."""
-    from rich.console import Console
     from rich.table import Table
 
     from anchorpose.results.evaluation_file import (
@@ -197,9 +194,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
         column.justify = "right"
     for row in angle_rows(evaluation):
         angles.add_row(*row)
-    console = Console()
-    console.print(table)
-    console.print(angles)
+    show(table, angles)
     drift = f"{evaluation.drift_ratio:.2f}" if evaluation.drift_ratio is not None else "unknown"
     for sentence in (
         compared_sentence(evaluation),
@@ -207,9 +202,9 @@ def print_evaluation(evaluation: Evaluation) -> None:
         *confidence_sentences(evaluation),
         f"Mean error of the second half over the first: {drift}.",
     ):
-        console.print(sentence, highlight=False)
+        say(sentence)
     if evaluation.contacts is not None:
         touched = Table("contacts", "frames touched", "rightly reported %", "found %")
         for row in contact_rows(evaluation.contacts):
             touched.add_row(*row)
-        console.print(touched)
+        show(touched)

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from anchorpose.batch.worker import KERNELS
-from anchorpose.cli.limits import MOST_PROCESSES, between
+from anchorpose.cli.console import say
+from anchorpose.cli.limits import MOST_PROCESSES, whole
 from anchorpose.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ def experiment(
     quick: bool = False,
     real: Path | None = None,
     config: Path | None = None,
-    processes: Annotated[int | None, between(1, MOST_PROCESSES)] = None,
+    processes: Annotated[int | None, whole(1, MOST_PROCESSES)] = None,
 ) -> None:
     """Repeat the paper's comparison: every method in one tracking framework, with tables, figures and a page.
 
@@ -49,7 +50,7 @@ def experiment(
     except KeyboardInterrupt as stopped:
         stopped.add_note("The same command goes on from here.")
         raise
-    print(f"Open {out / 'index.html'}; the tables are in {out / 'tables'}.")
+    say(f"Open {out / 'index.html'}; the tables are in {out / 'tables'}.")
 
 
 def _settings(quick: bool, config: Path | None) -> ExperimentConfig:
@@ -75,5 +76,5 @@ def _run(out: Path, settings: ExperimentConfig, real: Path | None, processes: in
             real,
             processes,
             lambda done_s, all_s: progress(round(done_s), round(all_s)),
-            lambda sentence: print(sentence, flush=True),
+            say,
         )

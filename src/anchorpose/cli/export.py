@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from anchorpose.cli.console import say
 from anchorpose.errors import AnchorposeError
 
 if TYPE_CHECKING:
@@ -84,6 +85,6 @@ def export(
     inside = [f"{EXPORTS_FOLDER}/{folder.name}/{RECORD_FILE}" for folder, _ in exported] if output is None else []
     log_event(results, "export", inside, by, {"to": ",".join(folder.name for folder, _ in exported)})
     for folder, product in exported:
-        print(f"{folder}: {product.units}; time {product.time}.")
+        say(f"{folder}: {product.units}; time {product.time}.")
         for note in product.notes:
-            print(f"- {note}")
+            say(f"- {note}")

@@ -8,7 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from anchorpose.cli.limits import MOST_FRAMES, between
+from anchorpose.cli.console import say
+from anchorpose.cli.limits import MOST_FRAMES, whole
 
 
 @Parameter(name="*")
@@ -35,7 +36,7 @@ def inspect(
     recording: Path,
     /,
     *,
-    frame: Annotated[int, between(0, MOST_FRAMES)],
+    frame: Annotated[int, whole(0, MOST_FRAMES)],
     out: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     options: InspectOptions | None = None,
 ) -> None:
@@ -73,5 +74,5 @@ def inspect(
     with new_results_folder(target, recording, given.overwrite, INSPECTION) as folder, counter("frames read") as tick:
         inspection = inspect_recording(recording, folder, frame, settings, given.as_tracked, tick)
     for sentence in inspection.account:
-        print(sentence)
-    print(f"Open {target / PAGE_FILE} in a browser; the pictures are in {target}, one folder per camera.")
+        say(sentence)
+    say(f"Open {target / PAGE_FILE} in a browser; the pictures are in {target}, one folder per camera.")

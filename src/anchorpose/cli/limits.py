@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Sequence
+from typing import Any, Final
 
-from cyclopts import Parameter
+from cyclopts import Parameter, Token
 from cyclopts.validators import Number
 
 DAY_S: Final = 86_400.0
@@ -24,3 +25,15 @@ def positive(most: float) -> Parameter:
 def between(least: float, most: float) -> Parameter:
     """From ``least`` to ``most``, both allowed."""
     return Parameter(validator=Number(gte=least, lte=most))
+
+
+def whole(least: int, most: int) -> Parameter:
+    """A whole number from ``least`` to ``most``; the parser alone would round 1.7 to 2."""
+    return Parameter(validator=Number(gte=least, lte=most), converter=_as_whole)
+
+
+def _as_whole(kind: Any, tokens: Sequence[Token]) -> int:
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise ValueError(f'"{tokens[0].value[:40]}" is not a whole number') from None

@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from anchorpose.cli.limits import DAY_S, LARGEST_PORT, TALLEST_M, between, positive
+from anchorpose.cli.console import say
+from anchorpose.cli.limits import DAY_S, LARGEST_PORT, TALLEST_M, positive, whole
 
 
 @Parameter(name="*")
@@ -59,7 +60,7 @@ class LiveGiven:
     """The network address that the page listens on. Any other than the default lets other computers see the patient:
     they need the whole printed address, which holds a secret."""
 
-    port: Annotated[int, between(0, LARGEST_PORT)] = 8470
+    port: Annotated[int, whole(0, LARGEST_PORT)] = 8470
     """The port of the page, always the same, so that the browser remembers the chosen angles; 0 takes a free one."""
 
     no_browser: bool = False
@@ -110,5 +111,5 @@ def live(
     ):
         outputs = [*make_outputs(given.lsl, given.osc), *page]
         summary = track_live(opened, folder, chosen, outputs, User(teller(page), stop, asked_on(page)))
-    print(f"{summary.sentence}. The results are in {results}.")
+    say(f"{summary.sentence}. The results are in {results}.")
     return 0

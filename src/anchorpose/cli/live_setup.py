@@ -10,6 +10,7 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
+from anchorpose.cli.console import say
 from anchorpose.errors import AnchorposeError
 from anchorpose.live.output import Output
 from anchorpose.live.playback import Playback
@@ -74,9 +75,9 @@ def page_output(given: LiveGiven) -> Iterator[list[PageOutput]]:
 
     page = PageOutput(given.host, given.port)
     try:
-        print(f"The page is at {page.address}", flush=True)
+        say(f"The page is at {page.address}")
         if not is_loopback(given.host):
-            print("Anyone with this address can see the patient; it is not encrypted.", flush=True)
+            say("Anyone with this address can see the patient; it is not encrypted.")
         with nullcontext() if given.no_browser else opened_page(page.address):
             yield [page]
     finally:
@@ -86,12 +87,12 @@ def page_output(given: LiveGiven) -> Iterator[list[PageOutput]]:
 def teller(pages: Sequence[PageOutput]) -> Callable[[str], None]:
     """What gives the user a sentence: printed, and shown on the pages."""
 
-    def say(sentence: str) -> None:
-        print(sentence, flush=True)
+    def to_all(sentence: str) -> None:
+        say(sentence)
         for page in pages:
             page.say(sentence)
 
-    return say
+    return to_all
 
 
 def asked_on(pages: Sequence[PageOutput]) -> Callable[[], int | None]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from anchorpose.cli.console import say, show
 from anchorpose.cli.limits import DAY_S, FASTEST_HZ, between, positive
 from anchorpose.errors import AnchorposeError
 
@@ -65,7 +66,6 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
     by
         Who does this, for the log of the results that 'anchorpose verify' reads: your initials or pseudonym.
     """
-    from rich.console import Console
     from rich.table import Table
 
     from anchorpose.cli.console import log_event
@@ -80,8 +80,8 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
     table = Table("", "value ± 95 %", "inferred", "why not")
     for row in measure_rows(measured.measures):
         table.add_row(*row)
-    Console().print(table)
-    print(f"Everything is in {results / 'measures.parquet'}; docs/measures.md explains each number.")
+    show(table)
+    say(f"Everything is in {results / 'measures.parquet'}; docs/measures.md explains each number.")
     if measured.policy is not None:
-        print(f"Processed angles are in {results / 'angles_processed.parquet'}.")
-        print(processing_sentence(measured.policy))
+        say(f"Processed angles are in {results / 'angles_processed.parquet'}.")
+        say(processing_sentence(measured.policy))

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from anchorpose.cli.console import say
 from anchorpose.cli.limits import FASTEST_HZ, positive
 from anchorpose.errors import AnchorposeError
 
@@ -47,5 +48,5 @@ def build(
     with naming_place(out):
         clips = build_motions(out, sources, rate_hz, overwrite)
     for note in clips.notes:
-        print(f"{note}.")
-    print(f"{out}: {len(clips.names)} clips, {clips.frame_count} frames. Use it with: anchorpose track --motions {out}")
+        say(f"{note}.")
+    say(f"{out}: {len(clips.names)} clips, {clips.frame_count} frames. Use it with: anchorpose track --motions {out}")

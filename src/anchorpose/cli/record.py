@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from anchorpose.cli.console import say
 from anchorpose.cli.limits import DAY_S, between, positive
 
 
@@ -44,8 +45,8 @@ def record(
     from anchorpose.live.recorder import finish_recording
 
     if finish:
-        print(f"The recording is in {finish_recording(recording)}.")
+        say(f"The recording is in {finish_recording(recording)}.")
         return
     opened = open_sources(sources, like)
     with stop_on_signals() as stop:
-        print(f"The recording is in {record_live(opened, recording, seconds, empty_room, print, stop)}.")
+        say(f"The recording is in {record_live(opened, recording, seconds, empty_room, say, stop)}.")

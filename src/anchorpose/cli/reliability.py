@@ -7,6 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from anchorpose.cli.console import show
+
 
 def reliability(sessions: Path, /, *, out: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None) -> None:
     """How well measures repeat from session to session, and how large a change must be to mean something.
@@ -22,7 +24,6 @@ def reliability(sessions: Path, /, *, out: Annotated[Path | None, Parameter(name
     out
         Write all figures to this CSV file as well; 'anchorpose report --reliability' reads it.
     """
-    from rich.console import Console
     from rich.table import Table
 
     from anchorpose.agreement.sessions import reliability_text, session_reliability
@@ -43,4 +44,4 @@ def reliability(sessions: Path, /, *, out: Annotated[Path | None, Parameter(name
         ]
         errors = ["–" if value is None else f"{value:.3g}" for value in (row.sem, row.mdc95)]
         table.add_row(name, f"{row.subjects} × {row.repeats}", *cells, *errors, row.unit, row.why or "")
-    Console().print(table)
+    show(table)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from anchorpose.cli.console import say
 from anchorpose.errors import InputError
 
 
@@ -47,7 +48,7 @@ def report(
         if out is None:
             remedy = "give the page to write their comparison to, with -o FILE.html"
             raise InputError(results, "is one of several sessions", remedy)
-        print(f"Open {write_comparison((results, *others), out, label or (), reliability)} in a browser.")
+        say(f"Open {write_comparison((results, *others), out, label or (), reliability)} in a browser.")
     elif out is not None or label or reliability is not None:
         raise InputError(
             results,
@@ -57,4 +58,4 @@ def report(
     else:
         page = write_report(results)
         log_event(results, "report", (page.name,), by)
-        print(f"Open {page} in a browser.")
+        say(f"Open {page} in a browser.")

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from anchorpose.cli.limits import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, between, positive
+from anchorpose.cli.console import say
+from anchorpose.cli.limits import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, positive, whole
 from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ class SimulateOptions:
     therapists, and a patient who does a captured movement; it needs --movements. room: one camera at an unknown place
     in a cluttered room, with other people, a mirror or moved furniture, whatever its seed draws."""
 
-    seed: Annotated[int, between(0, LARGEST_SEED)] = 1
+    seed: Annotated[int, whole(0, LARGEST_SEED)] = 1
     """Another number makes another patient and other movements; the same number makes the same files."""
 
     seconds: Annotated[float, positive(DAY_S)] = 10.0
@@ -39,7 +40,7 @@ class SimulateOptions:
     hole_radius: Annotated[float, positive(1.0)] = 0.12
     """Radius of the hole of the preset 'holes', in metres."""
 
-    cameras: Annotated[int | None, between(1, 100)] = None
+    cameras: Annotated[int | None, whole(1, 100)] = None
     """How many cameras, 1 to 4, instead of the preset's."""
 
     sensor: Annotated[
@@ -60,7 +61,7 @@ class SimulateOptions:
     """Which lens the cameras have, instead of the sensor's: a pinhole, or one of OpenCV's models with coefficients as
     real cameras have them."""
 
-    therapists: Annotated[int | None, between(0, 100)] = None
+    therapists: Annotated[int | None, whole(0, 100)] = None
     """How many therapists come and go, 0 to 3, instead of the preset's."""
 
     motions: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None
@@ -195,4 +196,4 @@ def simulate(out: Path, /, *, options: SimulateOptions | None = None) -> None:
     settings = (options or SimulateOptions()).settings()
     with naming_place(out), progress_bar("Simulating") as progress:
         simulate_recording(out, settings, progress)
-    print(f"The recording is {out / 'recording'}, its true joints are {out / 'truth' / 'truth.npz'}.")
+    say(f"The recording is {out / 'recording'}, its true joints are {out / 'truth' / 'truth.npz'}.")

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from anchorpose.cli.limits import MOST_FRAMES, TALLEST_M, between, positive
+from anchorpose.cli.console import say
+from anchorpose.cli.limits import MOST_FRAMES, TALLEST_M, positive, whole
 from anchorpose.errors import AnchorposeError
 
 if TYPE_CHECKING:
@@ -55,10 +56,10 @@ class TrackOptions:
     """Go on with a run into the same folder that was stopped or killed; it ends with the same tables. Where there is
     none, tracking begins."""
 
-    start: Annotated[int | None, between(0, MOST_FRAMES)] = None
+    start: Annotated[int | None, whole(0, MOST_FRAMES)] = None
     """First frame to track, counted from 0; the default is the beginning."""
 
-    stop: Annotated[int | None, between(0, MOST_FRAMES)] = None
+    stop: Annotated[int | None, whole(0, MOST_FRAMES)] = None
     """Frame to stop before; the default is the end."""
 
     def settings(self) -> TrackConfig:
@@ -110,7 +111,7 @@ def track(
     with local_results(results, given.overwrite) as folder, local_copy(recording) as source:
         track_locally(source, folder, given)
         if is_address(results):
-            print(f"They go to {results}.")
+            say(f"They go to {results}.")
 
 
 def track_locally(recording: Path, results: Path, given: TrackOptions) -> None:

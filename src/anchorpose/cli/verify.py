@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from anchorpose.cli.console import say
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -32,17 +34,17 @@ def verify(results: Path, recording: Path | None = None, /) -> int:
     if found.recording is not None:
         _print_files("recording", found.recording)
     if found.log is None:
-        print("There is no log.jsonl: what was done with the results is not known.")
+        say("There is no log.jsonl: what was done with the results is not known.")
     done = (event.sentence for event in found.log or ())
     for sentence in (*found.broken, *found.program, *found.corrected, *done):
-        print(f"{sentence}.")
-    print("Every file is as it was." if found.is_right else "Not every file is as it was.")
+        say(f"{sentence}.")
+    say("Every file is as it was." if found.is_right else "Not every file is as it was.")
     return int(not found.is_right)
 
 
 def _print_files(what: str, files: Mapping[str, Fits]) -> None:
     right = sum(fits.value == "as it was written" for fits in files.values())
-    print(f"{what}: {right} of {len(files)} files are as they were.")
+    say(f"{what}: {right} of {len(files)} files are as they were.")
     for name, fits in files.items():
         if fits.value != "as it was written":
-            print(f"  {name}: {fits.value}")
+            say(f"  {name}: {fits.value}")

@@ -8,7 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from anchorpose.cli.limits import LARGEST_PORT, between
+from anchorpose.cli.console import say
+from anchorpose.cli.limits import LARGEST_PORT, whole
 
 
 @Parameter(name="*")
@@ -27,7 +28,7 @@ class ViewOptions:
     """The network address to listen on. Any other address than the default lets other computers see the patient: they
     need the whole printed address, which holds a secret."""
 
-    port: Annotated[int, between(0, LARGEST_PORT)] = 0
+    port: Annotated[int, whole(0, LARGEST_PORT)] = 0
     """The port to listen on; the default is a free one."""
 
     no_browser: bool = False
@@ -60,11 +61,11 @@ def view(results: Path, recording: Path | None = None, /, *, options: ViewOption
     recording = None if recording is None else as_recording(recording)
     with open_viewer(results, recording, given.corrections, given.who, given.host, given.port) as server:
         try:
-            print(f"The viewer is at {server.address}", flush=True)
+            say(f"The viewer is at {server.address}")
             if not is_loopback(given.host):
-                print("Anyone with this address can see the patient and change the corrections; it is not encrypted.")
-            print(f"Corrections go to {server.api.corrections.path}. Stop with Ctrl+C.", flush=True)
+                say("Anyone with this address can see the patient and change the corrections; it is not encrypted.")
+            say(f"Corrections go to {server.api.corrections.path}. Stop with Ctrl+C.")
             with nullcontext() if given.no_browser else opened_page(server.address):
                 server.serve_forever()
         except KeyboardInterrupt:
-            print("\nStopped; every correction was saved when it was made.")
+            say("Stopped; every correction was saved when it was made.")

@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from anchorpose.exports.formats import STATES, ExportConfig, Product, Source, number_text
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.recording.csv_text import cell_text
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.parquet import opened_parquet, pieces
 
@@ -212,4 +213,4 @@ def _write(path: Path, names: Sequence[str], rows: Iterable[Sequence[str]]) -> N
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\r\n")  # RFC 4180
         writer.writerow(names)
-        writer.writerows(rows)
+        writer.writerows([cell_text(cell) for cell in row] for row in rows)

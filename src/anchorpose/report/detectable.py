@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from io import StringIO
 from pathlib import Path
 from typing import Final
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import read_text
+from anchorpose.recording.csv_text import read_rows, require_distinct
 
 Detectable = dict[tuple[str, str | None, str], float]
 """By measure, side and unit: the least change that errors and days alone exceed 5 times in 100."""
@@ -20,12 +18,11 @@ REMEDY: Final = "give the table that 'anchorpose reliability SESSIONS.csv -o FIL
 
 def read_detectable(path: Path) -> Detectable:
     """The measures that have a value; raises InputError for another table."""
-    try:
-        rows = list(csv.DictReader(StringIO(read_text(path), newline="")))
-    except csv.Error:
-        raise InputError(path, "is not a table", REMEDY) from None
+    lines = [line for _, line in read_rows(path)]
+    head = lines[0] if lines else []
+    require_distinct(path, head)
     found: Detectable = {}
-    for row in rows:
+    for row in (dict(zip(head, line, strict=False)) for line in lines[1:]):
         if any(row.get(name) is None for name in COLUMNS):
             raise InputError(path, f"does not have the columns {', '.join(COLUMNS)} in all rows", REMEDY)
         if row["mdc95"]:

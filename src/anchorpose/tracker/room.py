@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -18,6 +18,7 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
+from anchorpose.recording.pairing import half_period_s
 from anchorpose.recording.recording import Clock, Recording
 from anchorpose.results.corrections import Corrections, JointCorrection
 
@@ -119,19 +120,34 @@ def review_of(corrections: Corrections) -> Review:
 
 
 def require_frames(path: Path, corrections: Corrections, recording: Recording) -> None:
-    """Raises InputError where joints are corrected, or the patient is named, in a frame that the recording does not
-    have, or where the patient is named in one that may not be used."""
-    patient, known = corrections.patient, set(recording.streams[0].frame.tolist())
-    unknown = sorted({joint.frame for joint in corrections.joints} - known)
-    if unknown:
-        problem = f"corrects joints of frame {unknown[0]}, which the recording does not have"
-        raise InputError(path, problem, "take that correction out")
-    if patient is not None and patient.frame not in known:
-        problem = f"names the patient in frame {patient.frame}, which the recording does not have"
-        raise InputError(path, problem, "take that correction out")
+    """Raises InputError where an entry is about a frame that the recording does not have, or has at another time, or
+    the patient is named in a frame that may not be used."""
+    clock = corrections.recording.clocks.get(recording.cameras[0].name, Clock())
+    time_s = clock.reference_s(recording.streams[0].time_s)
+    times_s = dict(zip(recording.streams[0].frame.tolist(), time_s.tolist(), strict=True))
+    for frame, stated_s, what in _moments(corrections):
+        if frame not in times_s:
+            raise InputError(path, f"{what} frame {frame}, which the recording does not have", "take that entry out")
+        if abs(stated_s - times_s[frame]) > half_period_s(time_s):
+            problem = (
+                f"{what} frame {frame} at {stated_s:g} s, and the recording has that frame at {times_s[frame]:g} s"
+            )
+            raise InputError(path, problem, "correct the frame or the time, or take that entry out")
+    patient = corrections.patient
     if patient is not None and review_of(corrections).why_unusable(patient.frame) is not None:
         problem = f"names the patient in frame {patient.frame}, which it marks as unusable"
         raise InputError(path, problem, "name the patient in another frame, or withdraw the interval")
+
+
+def _moments(corrections: Corrections) -> Iterator[tuple[int, float, str]]:
+    """Return every frame that an entry names, the time that it states, and what it does there."""
+    for joint in corrections.joints:
+        yield joint.frame, joint.time_s, "corrects joints of"
+    if corrections.patient is not None:
+        yield corrections.patient.frame, corrections.patient.time_s, "names the patient in"
+    for gone in corrections.unusable:
+        yield gone.first_frame, gone.start_s, "marks as unusable, as the first,"
+        yield gone.last_frame, gone.end_s, "marks as unusable, as the last,"
 
 
 def _corrected_joints(entries: list[JointCorrection]) -> CorrectedJoints:

@@ -14,6 +14,7 @@ from enum import StrEnum
 import numpy as np
 from scipy.stats import t as student
 
+from anchorpose.recording.csv_text import cell_text
 from anchorpose.research.experiment.method import Method
 
 NORMAL_TAIL = 1.959964
@@ -204,7 +205,7 @@ def csv_text(table: Table) -> str:
         value = row.value
         numbers = [_number(each) for each in (value.mean, value.low, value.high)]
         lines.writerow(
-            [row.method.key, row.method.title, row.method.family, row.column.key, row.column.unit, *numbers,
+            [row.method.key, cell_text(row.method.title), row.method.family, row.column.key, row.column.unit, *numbers,
              value.count]
         )  # fmt: skip
     return out.getvalue()
