@@ -18,6 +18,7 @@ from anchorpose.threads import one_thread
 from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.journal import Journal
+from anchorpose.tracker.learning import LearntPatient
 from anchorpose.tracker.passes import learn_on, plan_route, track_on
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.prior_shape import is_human
@@ -67,10 +68,12 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     with stopwatch.stage("calibration and background"):
         room = prepare_room(recording, config, inputs.review)
     run, route = Run(room, config, motions, stopwatch), plan_route(room, config, _counter(progress, work))
-    journal = Journal(begun, {"run": run, "room": room, "points": body_points(), "asset": body_points().asset})
+    points = body_points()
+    shared = {"run": run, "room": room, "config": config, "points": points, "asset": points.asset}
+    journal = Journal(begun, shared)
 
     # body: the patient's own shape, from a first pass over the first seconds
-    learnt = journal.once("learnt", lambda: learn_on(route, run))
+    learnt = journal.once("learnt", LearntPatient | None, lambda: learn_on(route, run))
     if learnt is not None and not (recording.subject.height_m or is_human(learnt.shape)):
         learnt, run = None, run.without_patient(NoStart.NOT_HUMAN)
         journal = replace(journal, shared={**journal.shared, "run": run, "room": run.room})

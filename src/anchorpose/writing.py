@@ -31,8 +31,8 @@ from anchorpose.results.tables import ANCHORS_FILE, JOINTS_FILE, read_joints, wr
 from anchorpose.run_account import Written, account_of, outcome_of
 from anchorpose.track_inputs import TrackInputs
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.learning import LearntPatient
-from anchorpose.tracker.passes import TrackedFrame
 from anchorpose.tracker.run import Run
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 
 import batch_stub
@@ -34,12 +35,12 @@ def test_jobs_run_on_workers_that_slurm_started(tmp_path: Path, monkeypatch: pyt
         scheduler=SLURM,
         slurm={"queue": "clinic", "walltime": "00:10:00", "interface": "lo", "local_directory": str(tmp_path)},
     )
-    (outcome,) = run_jobs([Job("a", batch_stub.threads)], place)
-    assert (outcome.why, outcome.value) == (None, ("1", "1"))
+    (outcome,) = run_jobs([Job("a", partial(batch_stub.threads, tmp_path / "threads"))], place)
+    assert (outcome.why, (tmp_path / "threads").read_text()) == (None, "1 1")
     assert len((tmp_path / "started").read_text().split()) == 1
 
 
 def test_settings_that_slurm_does_not_know_are_one_sentence() -> None:
     pytest.importorskip("dask_jobqueue", reason="slurm needs the package dask-jobqueue")
     with pytest.raises(AnchorposeError, match="settings for SLURM cannot be used"):
-        list(run_jobs([Job("a", batch_stub.threads)], Place(scheduler=SLURM, slurm={"quue": "clinic"})))
+        list(run_jobs([Job("a", print)], Place(scheduler=SLURM, slurm={"quue": "clinic"})))

@@ -12,11 +12,10 @@ from anchorpose.batch.tracking import track_session
 from anchorpose.errors import InputError
 
 
-def note(folder: Path, name: str) -> int:
-    """Appends one line to the file of this name, so that a test can count how often it was done; returns its lines."""
+def note(folder: Path, name: str) -> None:
+    """Appends one line to the file of this name, so that a test can count how often it was done."""
     with (folder / name).open("a") as stream:
         stream.write(f"{os.getpid()}\n")
-    return (folder / name).read_text().count("\n")
 
 
 def refuse(folder: Path, name: str) -> None:
@@ -31,16 +30,15 @@ def be_killed(folder: Path, name: str) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def wait_for(folder: Path, name: str, until: Path) -> int:
-    """Waits until a file is there, noting when it is stopped; returns how often it has been done."""
-    count = note(folder, name)
+def wait_for(folder: Path, name: str, until: Path) -> None:
+    """Waits until a file is there, noting when it is stopped."""
+    note(folder, name)
     try:
         while not until.exists():
             time.sleep(0.05)
     except KeyboardInterrupt:
         (folder / f"{name}.stopped").touch()
         raise
-    return count
 
 
 def track_counted(folder: Path, session: Session, results: Path) -> bool:
@@ -49,6 +47,6 @@ def track_counted(folder: Path, session: Session, results: Path) -> bool:
     return track_session(session, results)
 
 
-def threads() -> tuple[str | None, str | None]:
-    """What the environment allows libraries."""
-    return os.environ.get("NUMBA_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS")
+def threads(path: Path) -> None:
+    """Writes what the environment allows libraries."""
+    path.write_text(f"{os.environ.get('NUMBA_NUM_THREADS')} {os.environ.get('OMP_NUM_THREADS')}")

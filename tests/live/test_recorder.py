@@ -76,3 +76,24 @@ def test_a_disk_that_is_nearly_full_is_said_before_it_is_full(tmp_path, monkeypa
     with pytest.raises(AnchorposeError, match="nearly full"):
         recorder.put(image(1))
     assert len(open_recording(recorder.finish()).streams[0].files) == 2
+
+
+def test_finishing_removes_images_of_the_recorder_only_and_follows_no_link(tmp_path):
+    cut_off(tmp_path / "out")
+    depth = tmp_path / "out" / "left" / "depth"
+    (depth / "notes.txt").write_text("mine")
+    finish_recording(tmp_path / "out")
+    assert sorted(path.name for path in depth.iterdir()) == ["000000.png", "000001.png", "000002.png", "notes.txt"]
+    cut_off(tmp_path / "two")
+    (tmp_path / "two" / "left").rename(tmp_path / "mine")
+    (tmp_path / "two" / "left").symlink_to(tmp_path / "mine")
+    with pytest.raises(InputError, match="left: is a link"):
+        finish_recording(tmp_path / "two")
+    assert (tmp_path / "mine" / "depth" / "000009.png").exists()
+
+
+@pytest.mark.parametrize("text", ['{"cameras": [{"name": "../mine"}]}', '{"format": "other"}', "[]"])
+def test_what_describes_no_recording_is_refused_by_one_sentence(tmp_path, text):
+    (tmp_path / UNFINISHED_FILE).write_text(text)
+    with pytest.raises(InputError, match=UNFINISHED_FILE):
+        finish_recording(tmp_path)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from anchorpose.errors import InputError
-from anchorpose.results.folder import RESULTS, new_results_folder, write_text_whole
+from anchorpose.results.folder import RESULTS, new_results_folder, whole_or_nothing, write_text_whole
 
 
 @pytest.fixture
@@ -162,3 +162,30 @@ def test_what_a_killed_run_left_behind_blocks_no_later_one(tmp_path, recording):
     with new_results_folder(tmp_path / "out", recording) as folder:
         _fill(folder, "new")
     assert (tmp_path / "out" / "run.json").read_text() == "new"
+
+
+@pytest.mark.parametrize("made", ["folder of the user", "link to results"])
+def test_only_results_that_were_moved_away_are_moved_back(tmp_path, recording, made):
+    replaced = tmp_path / ".out.replaced"
+    if made == "link to results":
+        (tmp_path / "elsewhere").mkdir()
+        _fill(tmp_path / "elsewhere", "of another run")
+        replaced.symlink_to(tmp_path / "elsewhere")
+    else:
+        replaced.mkdir()
+        (replaced / "notes.txt").write_text("mine")
+    before = _names(tmp_path)
+    with new_results_folder(tmp_path / "out", recording, overwrite=True) as folder:
+        _fill(folder, "new")
+    assert _names(tmp_path) == before | {"out"}
+    assert _names(tmp_path / "out") == set(RESULTS.marks)
+
+
+def test_nothing_is_made_or_replaced_through_a_link(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "a.csv").write_text("mine")
+    (tmp_path / "tables").symlink_to(tmp_path / "mine")
+    with pytest.raises(InputError, match="is a link"), whole_or_nothing(tmp_path / "tables", ("*.csv",)):
+        pass
+    assert (tmp_path / "mine" / "a.csv").read_text() == "mine"
+    assert _names(tmp_path) == {"mine", "tables"}

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from anchorpose.errors import InputError
 from anchorpose.results.folder import RESULTS
-from anchorpose.results.unfinished import JOURNAL, begin_journal, end_journal, unfinished_results
+from anchorpose.results.unfinished import (
+    BEGUN_FILE,
+    JOURNAL,
+    LOCK_FILE,
+    MARK,
+    MARK_FILE,
+    begin_journal,
+    begun_identity,
+    end_journal,
+    unfinished_results,
+    wait_until_free,
+)
 
 INPUTS = {"recording.json": "0", "front/depth/000000.png": "1"}
 
@@ -23,7 +35,7 @@ class _Stopped(Exception):
     """Whatever ends a run."""
 
 
-def _run(path: Path, recording: Path, stored: int, error: type[BaseException] | None = None, **options: bool) -> int:
+def _run(path: Path, recording: Path, stored: int, error: type[BaseException] | None = None, **options: Any) -> int:
     """A run that stores as many values, and then fails or ends; returns how many it found."""
     with unfinished_results(path, recording, **options) as folder:
         journal = begin_journal(folder, "identity", INPUTS)
@@ -62,6 +74,7 @@ def test_a_run_that_stored_nothing_leaves_nothing(tmp_path, recording):
 
 def test_what_a_run_left_that_was_killed_before_it_stored_anything_is_in_nobodys_way(tmp_path, recording):
     (tmp_path / ".out.unfinished" / JOURNAL).mkdir(parents=True)
+    (tmp_path / ".out.unfinished" / MARK_FILE).write_text(MARK)
     (tmp_path / ".out.unfinished" / JOURNAL / "begun.json").write_text("half")
     (tmp_path / ".out.unfinished" / "joints.parquet").write_text("half")
     assert _run(tmp_path / "out", recording, 1) == 0
@@ -74,6 +87,62 @@ def test_an_unfinished_run_is_neither_continued_nor_deleted_unasked(tmp_path, re
         _run(tmp_path / "out", recording, 1)
     assert len(list((tmp_path / ".out.unfinished").rglob("*.frames"))) == 3
     assert _run(tmp_path / "out", recording, 1, overwrite=True) == 0
+
+
+@pytest.mark.parametrize("resume", [False, True])
+@pytest.mark.parametrize(
+    "made", ["notes", "link to notes", "file", "dangling link", "journal of another", "edited mark"]
+)
+def test_what_was_not_made_by_this_program_is_not_touched(tmp_path, recording, made, resume):
+    work, mine = tmp_path / ".out.unfinished", tmp_path / "mine"
+    (mine / JOURNAL).mkdir(parents=True)
+    for name in ("notes.txt", f"{JOURNAL}/{BEGUN_FILE}", f"{JOURNAL}/learnt"):
+        (mine / name).write_text("years of work")
+    if made == "edited mark":
+        (mine / MARK_FILE).write_text(MARK + "mine")
+    if made == "link to notes":
+        (mine / MARK_FILE).write_text(MARK)
+        work.symlink_to(mine)
+    elif made == "dangling link":
+        work.symlink_to(tmp_path / "nothing")
+    elif made == "file":
+        work.write_text("years of work")
+    else:
+        mine.rename(work)
+    before = _content(tmp_path)
+    with pytest.raises(InputError, match=r"\.out\.unfinished: is in the way, .*; rename it"):
+        _run(tmp_path / "out", recording, 1, overwrite=not resume, resume=resume)
+    wait_until_free(tmp_path / "out", 0.1)
+    assert begun_identity(tmp_path / "out") is None
+    assert _content(tmp_path) == before
+
+
+def test_an_unfinished_run_with_a_link_in_it_is_not_touched(tmp_path, recording):
+    with pytest.raises(_Stopped):
+        _run(tmp_path / "out", recording, 1, _Stopped)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("years of work")
+    (tmp_path / ".out.unfinished" / JOURNAL / "forward").symlink_to(tmp_path / "mine")
+    before = _content(tmp_path)
+    with pytest.raises(InputError, match="is in the way"):
+        _run(tmp_path / "out", recording, 1, overwrite=True)
+    assert _content(tmp_path) == before
+
+
+def _content(folder: Path) -> dict[str, bytes | None]:
+    """Of every file; None for a folder or a link."""
+    found = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*"))}
+    return {
+        name: path.read_bytes() if path.is_file() and not path.is_symlink() else None for name, path in found.items()
+    }
+
+
+def test_a_folder_that_is_left_carries_its_mark_and_a_finished_one_does_not(tmp_path, recording):
+    with pytest.raises(_Stopped):
+        _run(tmp_path / "out", recording, 1, _Stopped)
+    assert _names(tmp_path / ".out.unfinished") == {LOCK_FILE, MARK_FILE, JOURNAL}
+    _run(tmp_path / "out", recording, 1, resume=True)
+    assert _names(tmp_path / "out") == set(RESULTS.marks)
 
 
 def test_two_runs_into_one_folder_are_refused(tmp_path, recording):
@@ -93,7 +162,40 @@ def _begin(folder: Path, identity: str, inputs: dict[str, str]) -> None:
 def test_a_run_goes_on_only_with_the_same_inputs_and_settings(tmp_path):
     _begin(tmp_path / "out", "one", INPUTS)
     _begin(tmp_path / "out", "one", INPUTS)
-    with pytest.raises(InputError, match="other settings"):
+    with pytest.raises(InputError, match=r"other settings.*; to begin again, give --overwrite instead of --resume"):
         _begin(tmp_path / "out", "two", INPUTS)
     with pytest.raises(InputError, match=r"before front/depth/000000\.png changed"):
         _begin(tmp_path / "out", "two", INPUTS | {"front/depth/000000.png": "2"})
+
+
+def test_each_refusal_has_one_remedy_which_works(tmp_path, recording):
+    """A refusal says what to do, and no note behind it says something else; what was stored is still there."""
+    with pytest.raises(_Stopped) as stopped:
+        _run(tmp_path / "out", recording, 3, _Stopped)
+    assert stopped.value.__notes__ == ["What was done is kept: the same command with --resume goes on."]
+    begun = tmp_path / ".out.unfinished" / JOURNAL / BEGUN_FILE
+    whole, remedy = begun.read_text(), "to begin again, give --overwrite instead of --resume"
+    for text, problem in ((whole.replace("identity", "other"), "other settings"), (whole[:-9], "is damaged")):
+        begun.write_text(text)
+        with pytest.raises(InputError, match=f"{problem}.*; {remedy}") as no:
+            _run(tmp_path / "out", recording, 1, resume=True)
+        assert not hasattr(no.value, "__notes__")
+        assert len(list(begun.parent.glob("*.frames"))) == 3
+    assert _run(tmp_path / "out", recording, 1, overwrite=True) == 0
+
+
+def test_a_verb_that_cannot_go_on_neither_offers_it_nor_keeps_anything(tmp_path, recording):
+    with pytest.raises(_Stopped):
+        _run(tmp_path / "out", recording, 3, _Stopped)
+    with pytest.raises(InputError, match=r"has an unfinished run.*; give --overwrite to begin again"):
+        _run(tmp_path / "out", recording, 1, go_on=None)
+    with pytest.raises(_Stopped) as stopped:
+        _run(tmp_path / "out", recording, 1, _Stopped, overwrite=True, go_on=None)
+    assert not hasattr(stopped.value, "__notes__")
+    assert _names(tmp_path) == {"recording"}
+
+
+def test_the_note_names_what_the_user_does_to_go_on(tmp_path, recording):
+    with pytest.raises(_Stopped) as stopped:
+        _run(tmp_path / "out", recording, 3, _Stopped, go_on="the same command")
+    assert stopped.value.__notes__ == ["What was done is kept: the same command goes on."]

@@ -130,6 +130,9 @@ def test_a_folder_that_is_not_empty_is_refused_and_left_alone(tmp_path):
     (tmp_path / "out/notes.txt").write_text("mine")
     with pytest.raises(InputError, match="not empty"):
         simulate_recording(tmp_path / "out", SHORT)
+    (tmp_path / "link").symlink_to(tmp_path / "nothing")
+    with pytest.raises(InputError, match="not empty"):
+        simulate_recording(tmp_path / "link", SHORT)
     assert contents(tmp_path) == {"out/notes.txt": b"mine"}
 
 

@@ -268,6 +268,18 @@ def test_times_that_repeat_are_left_out_and_a_clock_set_back_is_refused(monkeypa
     assert not (tmp_path / "out").exists()
 
 
+def test_files_that_were_added_meanwhile_survive_a_conversion_that_is_refused(monkeypatch, tmp_path):
+    class Visited(MadeSource):
+        def frames(self, skip):
+            (tmp_path / "out" / "notes.txt").write_text("mine")
+            yield from super().frames(skip)
+
+    with pytest.raises(InputError, match="record or export it again"):
+        convert_made(monkeypatch, tmp_path, Visited(tmp_path / "f", [0.0, 33.333, 66.667]))
+    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
+    assert not (tmp_path / "out" / "recording.json").exists()
+
+
 @pytest.mark.parametrize("times", [[0.0, 33.333, 66.667], [0.0, 1e12], [1e15, 1e15 + 1 / 30], [0.0, 5e-5, 1e-4]])
 def test_times_that_no_recording_may_have_are_refused_by_the_name_of_the_source(monkeypatch, tmp_path, times):
     """They were written, and the recording was refused when it was tracked."""
@@ -393,6 +405,19 @@ def test_a_verb_converts_once_and_again_where_the_file_changed(tmp_path):
         look_at(tmp_path / "walk")
     document.write_text(text)
     assert not look_at(tmp_path / "walk").ready
+
+
+def test_a_link_in_the_place_of_the_made_recording_is_refused(tmp_path):
+    """It leads to a conversion of another content, which would be made again."""
+    build.open3d(tmp_path / "walk", noise())
+    make_recording(look_at(tmp_path / "walk"), nothing)
+    (tmp_path / "walk.anchorpose").rename(tmp_path / "mine")
+    (tmp_path / "walk.anchorpose").symlink_to(tmp_path / "mine")
+    build.open3d(tmp_path / "walk", noise(seed=5, frames=3))
+    before = content(tmp_path / "mine")
+    with pytest.raises(InputError, match="is a link; rename it"):
+        look_at(tmp_path / "walk")
+    assert content(tmp_path / "mine") == before
 
 
 def test_a_file_in_a_folder_that_cannot_be_written(tmp_path, monkeypatch):

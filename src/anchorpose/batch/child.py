@@ -1,8 +1,10 @@
-"""One piece of work in a process of its own; ``python -m anchorpose.batch.child ANSWER`` does what it reads.
+"""One piece of work in a process of its own; ``python -m anchorpose.batch.child`` does what it reads.
 
-The work, a pickled call, comes on the standard input, which stays open as long as the process that asked for it lives.
-When that one is killed, the input ends, and so does the work: it is stopped as by a signal, so that what it stored is
-kept and can be gone on with elsewhere.
+The work, a pickled call, comes on the standard input from the worker, which has it from the scheduler: whoever may hand
+dask a job may run anything on its workers, with or without this. Nothing is unpickled from a disk, and results are the
+files that the work writes. The input stays open as long as the process that asked for the work lives. When that one is
+killed, the input ends, and so does the work: it is stopped as by a signal, so that what it stored is kept and can be
+gone on with elsewhere.
 """
 
 from __future__ import annotations
@@ -13,8 +15,7 @@ import signal
 import sys
 import threading
 import time
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from anchorpose.cli import exit_code_of
 
@@ -22,17 +23,15 @@ STOP_S: Final = 10.0  # to remove half-written files, and for a kernel to return
 ABANDONED: Final = 143  # as of SIGTERM
 
 
-def main(answer: Path) -> int:
-    """Does the work and writes its pickled return value to ``answer``; returns the exit code."""
+def main() -> int:
+    """Does the work and returns the exit code."""
     call = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_stop_when_abandoned, daemon=True).start()
-    return exit_code_of(lambda: _write_whole(answer, call()))
 
+    def work() -> None:
+        call()  # what it returns is no exit code
 
-def _write_whole(answer: Path, value: Any) -> None:
-    partial = answer.with_name(f"{answer.name}.partial")
-    partial.write_bytes(pickle.dumps(value))
-    partial.replace(answer)
+    return exit_code_of(work)
 
 
 def _stop_when_abandoned() -> None:
@@ -44,4 +43,4 @@ def _stop_when_abandoned() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))
+    sys.exit(main())

@@ -25,8 +25,8 @@ KILLED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A call that a child process makes. call: picklable by the name of its function, and so is its return value,
-    which is small: results are files. log: the file for what it prints."""
+    """A call that a child process makes. call: picklable by the name of its function; what it returns is dropped, its
+    results are files. log: the file for what it prints."""
 
     name: str
     call: Callable[[], Any]

@@ -35,7 +35,7 @@ def track_session(session: Session, results: Path) -> bool:
             if done_identity(results) == identity:
                 return False
             resume = begun == identity
-        track_locally(recording, results, replace(session.options, overwrite=True, resume=resume))
+        track_locally(recording, results, replace(session.options, overwrite=True, resume=resume), "the same command")
     return True
 
 

@@ -1,20 +1,19 @@
 """What a worker of the scheduler does with a job: it starts a child process and waits for it.
 
 Nothing of the work happens in the worker: a crash, a leak or a killed child leaves it as it was, and a worker that is
-killed takes its child with it. It returns a few bytes, so that no result is lost with it.
+killed takes its child with it. It returns a sentence, so that no result is lost with it.
 """
 
 from __future__ import annotations
 
 import os
-import pickle
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -29,11 +28,10 @@ TAIL_BYTES: Final = 4096
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a job ended: why not, None where it was done; its small return value; how long it took."""
+    """How a job ended: why not, None where it was done; how long it took."""
 
     name: str
     why: str | None = None
-    value: Any = None
     seconds: float = 0.0
 
 
@@ -48,27 +46,26 @@ def run_apart(name: str, work: bytes, log: str | None, group: str) -> Outcome:
     """
     begin = time.monotonic()
     with TemporaryDirectory(prefix="anchorpose-") as folder:
-        answer, output = Path(folder) / "answer", Path(log or Path(folder) / "output")
+        output = Path(log or Path(folder) / "output")
         output.parent.mkdir(parents=True, exist_ok=True)
-        with output.open("ab") as stream, _child(answer, stream, group) as process:
+        with output.open("ab") as stream, _child(stream, group) as process:
             if process is None:
                 return Outcome(name, "was stopped before it began.")
             with suppress(BrokenPipeError):
                 process.stdin.write(work)  # type: ignore[union-attr]
                 process.stdin.flush()  # type: ignore[union-attr]
             code = process.wait()
-        value = pickle.loads(answer.read_bytes()) if code == 0 and answer.is_file() else None
         why = None if code == 0 else _why(code, output)
-    return replace(Outcome(name, why, value), seconds=time.monotonic() - begin)
+    return Outcome(name, why, time.monotonic() - begin)
 
 
 @contextmanager
-def _child(answer: Path, output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
+def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
     """The started process, in a session of its own: Ctrl+C in a terminal reaches the first process only."""
     if group in _stopped:
         yield None
         return
-    command = [sys.executable, "-m", "anchorpose.batch.child", str(answer)]
+    command = [sys.executable, "-m", "anchorpose.batch.child"]
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=output, stderr=output, env={**os.environ, **ONE_THREAD},
         start_new_session=True,

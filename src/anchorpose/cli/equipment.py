@@ -60,11 +60,15 @@ def fit(
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
     fitted = fit_equipment(open_recording(recording), camera, _region(around, radius))
     out.parent.mkdir(parents=True, exist_ok=True)
+    pictures = [out.with_name(f"{out.stem}_{view.name}.png") for view in fitted.cameras]
+    for picture in pictures:
+        if picture.exists() and not overwrite:
+            raise InputError(picture, "exists already", "choose another name, or give --overwrite to replace it")
     with naming_place(out):
         write_equipment(out, fitted.proposal.model)
         model = read_equipment(out)
-        for view, room in zip(fitted.cameras, fitted.rooms_m, strict=True):
-            out.with_name(f"{out.stem}_{view.name}.png").write_bytes(as_png(draw_model(view, room, model)))
+        for picture, view, room in zip(pictures, fitted.cameras, fitted.rooms_m, strict=True):
+            picture.write_bytes(as_png(draw_model(view, room, model)))
     _print_parts(fitted)
     say(f"{out} is a proposal: compare it with {out.stem}_<camera>.png beside it before you use it.")
 

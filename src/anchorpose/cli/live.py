@@ -106,7 +106,7 @@ def live(
     opened = open_sources(sources, given.like)
     with (
         stop_on_signals() as stop,
-        unfinished_results(results, Path("."), given.overwrite) as folder,
+        unfinished_results(results, Path("."), given.overwrite, go_on=None) as folder,
         page_output(given) as page,
     ):
         outputs = [*make_outputs(given.lsl, given.osc), *page]

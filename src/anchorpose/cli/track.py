@@ -114,18 +114,21 @@ def track(
             say(f"They go to {results}.")
 
 
-def track_locally(recording: Path, results: Path, given: TrackOptions) -> None:
-    """Tracks a recording on this machine into a results folder on it, with progress, and prints what came out."""
+def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: str | None = None) -> None:
+    """Tracks a recording on this machine into a results folder on it, with progress, and prints what came out.
+
+    go_on: what the user does to go on where it is stopped, None for the same command with --resume.
+    """
     from anchorpose.cli.console import print_outcome, progress_bar
     from anchorpose.cli.convert import as_recording
     from anchorpose.pipeline import track_recording
     from anchorpose.results.folder import check_results_path
-    from anchorpose.results.unfinished import unfinished_results
+    from anchorpose.results.unfinished import RESUME, unfinished_results
 
     settings = given.settings()
     check_results_path(results, recording, given.overwrite)
     recording = as_recording(recording)
-    work = unfinished_results(results, recording, given.overwrite, given.resume)
+    work = unfinished_results(results, recording, given.overwrite, given.resume, go_on or RESUME)
     with work as folder, progress_bar("Tracking") as progress:
         track_recording(recording, folder, settings, progress, given.calibration, given.corrections)
     print_outcome(results)

@@ -20,9 +20,8 @@ from anchorpose.recording.recording import Clock, FrameSet
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
-from anchorpose.tracker.frame_record import FrameRecord, label_pictures, record_of
+from anchorpose.tracker.frame_record import FrameRecord, TrackedFrame, label_pictures, record_of
 from anchorpose.tracker.journal import Blocks
-from anchorpose.tracker.passes import TrackedFrame
 from anchorpose.tracker.run import Run
 
 BLOCK: Final = 48  # frames that are stored at once

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -15,9 +16,9 @@ import numpy as np
 
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.live.source import LiveCamera, LiveImage
-from anchorpose.recording.document import read_json, read_text
+from anchorpose.recording.document import read_document, read_json, read_text
 from anchorpose.recording.equipment_file import equipment_files
-from anchorpose.recording.recording_file import CameraEntry
+from anchorpose.recording.recording_file import RecordingDocument
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
 from anchorpose.results.folder import naming_place, write_text_whole
 from anchorpose.sources.camera_writer import CameraWriter, encode_grey
@@ -28,6 +29,7 @@ UNFINISHED_FILE: Final = "recording.unfinished.json"
 """What recording.json will be; while it has this name, the folder cannot be taken for a whole recording."""
 
 EMPTY_ROOM_FILE: Final = "background.png"
+IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
 SYNC_S: Final = 1.0  # what a power cut may cost
 ROOM_EVERY: Final = 100  # images between two looks at the free space
 LEAST_FREE_BYTES: Final = 500_000_000  # the system and the results need some room, too
@@ -106,12 +108,14 @@ def finish_recording(folder: Path) -> Path:
     if not path.is_file():
         problem = "is a finished recording" if (folder / RECORDING_FILE).is_file() else "holds no unfinished recording"
         raise InputError(folder, problem, "give a folder that 'anchorpose record' was writing when it was cut off")
-    document = read_json(path)
-    for entry in document["cameras"]:
-        with _writer(folder, entry["name"], _camera_of(entry)) as writer:
+    for camera in read_document(path, RecordingDocument).cameras:
+        part = folder / camera.name
+        if link := next((one for one in (part, part / "depth", part / "timestamps.csv") if one.is_symlink()), None):
+            raise InputError(link, "is a link", "put there what it leads to")
+        with _writer(folder, camera.name, LiveCamera(camera=camera.camera())) as writer:
             if writer.written == 0:
-                raise InputError(folder / entry["name"], "holds no depth image", "record again with this camera")
-        _remove_without_row(folder / entry["name"])
+                raise InputError(part, "holds no depth image", "record again with this camera")
+        _remove_without_row(part)
     path.replace(folder / RECORDING_FILE)
     return folder
 
@@ -149,14 +153,10 @@ def _writer(folder: Path, name: str, camera: LiveCamera) -> CameraWriter:
     return CameraWriter(folder / name, plan)
 
 
-def _camera_of(entry: dict[str, Any]) -> LiveCamera:
-    return LiveCamera(camera=CameraEntry.model_validate(entry).camera())
-
-
 def _remove_without_row(folder: Path) -> None:
-    """The images that were cut off before their row was written."""
+    """Removes the images that were cut off before their row was written; files with other names are the user's."""
     lines = read_text(folder / "timestamps.csv").split()[1:]
     known = {f"{int(line.partition(',')[0]):06d}.png" for line in lines}
     for file in (folder / "depth").iterdir():
-        if file.name not in known:
+        if file.name not in known and IMAGE_NAME.fullmatch(file.name):
             file.unlink()

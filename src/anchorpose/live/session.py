@@ -34,8 +34,8 @@ from anchorpose.recording.recording import Recording
 from anchorpose.results.unfinished import begin_journal, end_journal
 from anchorpose.threads import one_thread, worker_threads
 from anchorpose.tracker.following import Follower
+from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.journal import Blocks, Journal
-from anchorpose.tracker.passes import TrackedFrame
 from anchorpose.tracker.room import InitialFrame
 from anchorpose.writing import write_results
 
@@ -116,7 +116,7 @@ class _Session:
         body = build_body(body_points(), learnt.shape)
         config = replace(prepared.run.config, follow=self.options.live_config.follow)
         run = replace(prepared.run, config=config)
-        blocks: Blocks[TrackedFrame] = Blocks(self.journal.inside(f"frames-{patient}"))
+        blocks: Blocks[TrackedFrame] = Blocks(self.journal.inside(f"frames-{patient}"), TrackedFrame)
         labels, found = self.options.record is not None, Follower(run, initial.choice, learnt.shape)
         follower = LiveFollower(run, body, found, self.outputs, blocks, labels, self.latency, patient)
         _take_recorded(follower, room.recording, initial.frame)

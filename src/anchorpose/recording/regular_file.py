@@ -20,8 +20,8 @@ from anchorpose.errors import InputError
 
 NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
-LARGEST_TABLE: Final = 256 * 2**20
-"""Bytes of a table as text, or of a C3D. An hour of 21 points at 100 Hz has 190 MB; its values take ten times that."""
+LARGEST_TABLE: Final = 512 * 2**20
+"""Bytes of a table as text, or of a C3D. An hour of 40 points at 100 Hz has 350 MB; its values take ten times that."""
 
 LARGEST_IMAGE: Final = 256 * 2**20
 """Bytes of an image file of any kind: 8192 x 8192 colour pixels that cannot be compressed."""

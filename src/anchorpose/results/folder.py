@@ -27,6 +27,14 @@ class FolderKind:
     marks: tuple[str, ...]
     own: tuple[str, ...]
 
+    def is_at(self, folder: Path) -> bool:
+        """Whether ``folder`` is one of this kind."""
+        return all((folder / mark).is_file() for mark in self.marks)
+
+    def owns(self, file: str) -> bool:
+        """Whether a file, by its path in the folder, is the verb's own."""
+        return is_own(file, self.own)
+
 
 DISK_ERRORS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 
@@ -55,8 +63,10 @@ def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
     """A folder beside ``path`` that takes its place when the block ends without an error, and vanishes otherwise.
 
     own: patterns of the files that may be replaced; see ``publish``. Raises InputError where nothing can be written
-    there.
+    there, or ``path`` is a link.
     """
+    if path.is_symlink():
+        raise InputError(path, "is a link", "choose another name; nothing was touched")
     target = path.resolve()
     made = [folder for folder in target.parents if not folder.exists()]
     partial = target.parent / f".{target.name}.partial-{secrets.token_hex(4)}"
@@ -118,22 +128,28 @@ def _replaced(target: Path) -> Path:
     return target.with_name(f".{target.name}.replaced")
 
 
-def _restore_replaced(target: Path) -> None:
+def _restore_replaced(target: Path, kind: FolderKind) -> None:
     """Undoes a replacement that was killed half-way: the old folder was moved away, the new one is not there yet."""
-    if not target.exists() and _replaced(target).is_dir():
-        _replaced(target).rename(target)
+    old = _replaced(target)
+    if not os.path.lexists(target) and not old.is_symlink() and kind.is_at(old):
+        old.rename(target)
 
 
 def free_name(path: Path) -> Path:
     """``path``, or ``path`` with the first number behind it that is not taken."""
     names = (path if number == 1 else path.with_name(f"{path.name}-{number}") for number in range(1, 10**6))
-    return next(name for name in names if not name.exists())
+    return next(name for name in names if not os.path.lexists(name))
+
+
+def is_own(file: str, own: Sequence[str]) -> bool:
+    """Whether the path of a file in its folder matches one of the patterns."""
+    return any(fnmatch(file, pattern) for pattern in own)
 
 
 def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
     """Deletes the own files of ``old`` and moves the folder to ``kept`` if others are left."""
     for file in [file for file in old.rglob("*") if not file.is_dir() or file.is_symlink()]:
-        if any(fnmatch(file.relative_to(old).as_posix(), pattern) for pattern in own):
+        if is_own(file.relative_to(old).as_posix(), own):
             file.unlink()
     for folder in sorted((folder for folder in old.rglob("*") if folder.is_dir()), reverse=True):
         with suppress(OSError):  # not empty
@@ -159,7 +175,8 @@ def write_text_whole(path: Path, text: str) -> None:
 def check_results_path(path: Path, recording: Path, overwrite: bool, kind: FolderKind = RESULTS) -> None:
     """Raises InputError unless results of ``recording`` may be written to ``path``."""
     target, source = path.resolve(), recording.resolve()
-    _restore_replaced(target)
+    if not path.is_symlink():
+        _restore_replaced(target, kind)
     if target.is_relative_to(source):
         raise InputError(path, "lies inside the recording", "choose a results folder outside of it")
     if source.is_relative_to(target):
@@ -170,7 +187,7 @@ def check_results_path(path: Path, recording: Path, overwrite: bool, kind: Folde
         raise InputError(path, "is where a disk is mounted", "choose a folder in it")
     if not path.exists() or not any(path.iterdir()):
         return
-    if not all((path / mark).is_file() for mark in kind.marks):
+    if not kind.is_at(path):
         raise InputError(path, "exists and is not a results folder", "choose another name; nothing in it was touched")
     if not overwrite:
         raise InputError(path, "exists already", "choose another name, or give --overwrite to replace it")

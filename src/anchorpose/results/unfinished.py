@@ -1,8 +1,12 @@
-"""A results folder that is being made: a run that was stopped or killed goes on in it."""
+"""A results folder that is being made: a run that was stopped or killed goes on in it.
+
+It is recognised by a file in it, not by its name: a folder without that file, or with a link in it, is never touched.
+"""
 
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -11,7 +15,7 @@ from typing import Final
 
 from filelock import FileLock, Timeout
 
-from anchorpose.errors import InputError
+from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.document import LARGEST_WITH_HASHES, read_json
 from anchorpose.results.folder import RESULTS, check_results_path, make_folder, naming_place, publish, write_text_whole
 
@@ -20,41 +24,49 @@ JOURNAL: Final = "journal"
 
 BEGUN_FILE: Final = "begun.json"
 LOCK_FILE: Final = ".lock"
+MARK_FILE: Final = ".anchorpose"
+MARK: Final = json.dumps({"format": "anchorpose-unfinished", "version": 1})
+
+RESUME: Final = "the same command with --resume"
 
 
 @contextmanager
-def unfinished_results(path: Path, recording: Path, overwrite: bool = False, resume: bool = False) -> Iterator[Path]:
+def unfinished_results(
+    path: Path, recording: Path, overwrite: bool = False, resume: bool = False, go_on: str | None = RESUME
+) -> Iterator[Path]:
     """The folder ``.NAME.unfinished`` beside ``path``, which becomes ``path`` when the block ends without an error.
 
     Otherwise it stays, if the run has stored anything in it, and ``resume`` goes on with it. It is locked: a second
-    run into ``path`` at the same time is refused. Raises InputError before anything is written where results may not go
-    to ``path`` or an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
+    run into ``path`` at the same time is refused. go_on: what the user does to go on with a run that was stopped, None
+    where that is not possible. Raises InputError before anything is written where results may not go to ``path``,
+    another folder has that name, or an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)
-    if not work.is_dir():
-        make_folder(work, path)
+    _claim(work, path)
     with _locked(work, path):
         stored = _has_stored(work)
         if stored and not resume and not overwrite:
-            remedy = "give --resume to go on with it, or --overwrite to begin again"
+            remedy = f"give {'' if go_on is None else '--resume to go on with it, or '}--overwrite to begin again"
             raise InputError(path, f"has an unfinished run, in {work}", remedy)
-        _clear(work, keep=(LOCK_FILE, JOURNAL) if stored and resume else (LOCK_FILE,))
+        _clear(work, keep=(LOCK_FILE, MARK_FILE, JOURNAL) if stored and resume else (LOCK_FILE, MARK_FILE))
         try:
             with naming_place(path):
                 yield work
-                (work / LOCK_FILE).unlink()
+                for name in (LOCK_FILE, MARK_FILE):
+                    (work / name).unlink()
                 publish(work, path, RESULTS.own if overwrite else ())
         except BaseException as error:
-            _leave(work, error)
+            _leave(work, error, go_on)
             raise
 
 
 def begun_identity(path: Path) -> str | None:
     """The identity of the unfinished run into ``path``; None where there is none, or it cannot be read."""
-    begun = _work_of(path) / JOURNAL / BEGUN_FILE
+    work = _work_of(path)
+    begun = work / JOURNAL / BEGUN_FILE
     try:
-        identity = read_json(begun).get("identity") if begun.is_file() else None
+        identity = read_json(begun, LARGEST_WITH_HASHES).get("identity") if _is_own(work) and begun.is_file() else None
     except InputError:
         return None
     return identity if isinstance(identity, str) else None
@@ -63,7 +75,7 @@ def begun_identity(path: Path) -> str | None:
 def wait_until_free(path: Path, timeout_s: float) -> None:
     """Waits while another run writes into ``path``, at most ``timeout_s``; a killed one takes a moment to end."""
     work = _work_of(path)
-    if work.is_dir():
+    if _is_own(work):
         with suppress(Timeout), FileLock(work / LOCK_FILE, timeout=timeout_s):
             pass
 
@@ -71,6 +83,26 @@ def wait_until_free(path: Path, timeout_s: float) -> None:
 def _work_of(path: Path) -> Path:
     target = path.resolve()
     return target.parent / f".{target.name}.unfinished"
+
+
+def _claim(work: Path, path: Path) -> None:
+    """Makes and marks the folder where it is absent or empty; raises InputError where it is not this program's."""
+    if not os.path.lexists(work):
+        make_folder(work, path)
+    if work.is_dir() and not work.is_symlink() and not any(work.iterdir()):
+        with naming_place(path):
+            (work / MARK_FILE).write_text(MARK, encoding="utf-8")
+    if not _is_own(work):
+        raise InputError(work, "is in the way, and not of an unfinished run", "rename it, or choose another name")
+
+
+def _is_own(work: Path) -> bool:
+    """Whether this program has made the folder, and nothing in it leads out of it."""
+    try:
+        marked = not work.is_symlink() and (work / MARK_FILE).read_text(encoding="utf-8") == MARK
+    except (OSError, ValueError):
+        return False
+    return marked and not any(entry.is_symlink() for entry in work.rglob("*"))
 
 
 @contextmanager
@@ -88,7 +120,8 @@ def _locked(work: Path, path: Path) -> Iterator[None]:
 
 def _has_stored(work: Path) -> bool:
     """Whether the run has come so far that going on saves work."""
-    return any(file.name != BEGUN_FILE for file in (work / JOURNAL).rglob("*") if file.is_file())
+    begun = work / JOURNAL / BEGUN_FILE
+    return begun.is_file() and any(file.is_file() and file != begun for file in begun.parent.rglob("*"))
 
 
 def _clear(work: Path, keep: Sequence[str]) -> None:
@@ -96,10 +129,11 @@ def _clear(work: Path, keep: Sequence[str]) -> None:
         shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
 
 
-def _leave(work: Path, error: BaseException) -> None:
-    """Removes what is of no use any more, else notes how to go on."""
-    if _has_stored(work):
-        error.add_note("What was done is kept: the same command with --resume goes on.")
+def _leave(work: Path, error: BaseException, go_on: str | None) -> None:
+    """Removes what is of no use any more, else notes how to go on; a refusal has its own remedy."""
+    if go_on is not None and _has_stored(work):
+        if not isinstance(error, AnchorposeError):
+            error.add_note(f"What was done is kept: {go_on} goes on.")
     elif work.is_dir():
         shutil.rmtree(work, ignore_errors=True)
 
@@ -113,11 +147,14 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
     journal = results / JOURNAL
     path = journal / BEGUN_FILE
     if path.is_file():
-        begun = read_json(path, LARGEST_WITH_HASHES)
+        begin_again = "to begin again, give --overwrite instead of --resume"
+        try:
+            begun = read_json(path, LARGEST_WITH_HASHES)
+        except InputError:
+            raise InputError(path, "is damaged", begin_again) from None
         if begun.get("identity") != identity:
-            raise InputError(results, _what_changed(begun.get("inputs_sha256"), inputs), "begin again with --overwrite")
+            raise InputError(results, _what_changed(begun.get("inputs_sha256"), inputs), begin_again)
         return journal
-    shutil.rmtree(journal, ignore_errors=True)
     journal.mkdir()
     write_text_whole(path, json.dumps({"identity": identity, "inputs_sha256": inputs}))
     return journal

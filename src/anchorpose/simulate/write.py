@@ -39,11 +39,11 @@ def simulate_recording(
     """Write ``out/recording/`` and ``out/truth/``; all of it or nothing.
 
     ``progress(done, total)`` is called after every frame; programme: as in ``draw_clinic``. Raises InputError where
-    ``out`` is there and not empty.
+    ``out`` is there and not empty, or a link.
     """
     out = Path(out)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(out, "is there already and not empty", "choose another folder or remove it first")
+    if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
+        raise InputError(out, "is there already and not empty, or a link", "choose another folder or remove it first")
     out.parent.mkdir(parents=True, exist_ok=True)
     work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
     try:

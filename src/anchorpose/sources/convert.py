@@ -64,7 +64,8 @@ def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress
             notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
             _finish(out, begun, plan, counts, notes)
     if refusal is not None:  # because of what the files hold: going on would not help
-        shutil.rmtree(out)
+        if is_untouched(out):
+            shutil.rmtree(out)
         raise refusal
     return Converted(out, tuple((name, count) for name, count in counts.items() if count), notes)
 

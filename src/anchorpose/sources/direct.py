@@ -41,6 +41,8 @@ def look_at(path: Path) -> DirectInput:
     if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:
         return DirectInput(path, path, True)
     recording = path.resolve().with_name(path.resolve().name + ENDING)
+    if recording.is_symlink():
+        raise InputError(recording, "is in the way and is a link", "rename it, or use 'anchorpose convert'")
     if not recording.is_dir() or not any(recording.iterdir()):
         return DirectInput(path, recording, False)
     found = read_conversion(recording)

@@ -56,13 +56,23 @@ class Follower:
     tracker: of the patient, None where nobody is followed; the other arguments are those of ``follow_openly``.
     """
 
+    run: Run
+    tracker: PatientTracker | None
+    _choice: PatientChoice | None
+    _known: FittedShape | None
+    _begin: Start | None
+    _search: Search | None
+    _wait: int
+    _pause: int
+    _found: str
+
     def __init__(
         self, run: Run, choice: PatientChoice | None, known: FittedShape | None, begin: Start | None = None
     ) -> None:
         self.run = run
-        self.tracker: PatientTracker | None = None
+        self.tracker = None
         self._choice, self._known, self._begin = choice, known, begin
-        self._search: Search | None = None  # once the patient was followed and lost
+        self._search = None  # once the patient was followed and lost
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:

@@ -45,6 +45,18 @@ class FrameRecord:
     poor: tuple[PoorDepth, ...] = ()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedFrame:
+    """What is stored of a frame: its record, and the person label of each pixel."""
+
+    record: FrameRecord
+    labels: tuple[LabelImage, ...]
+
+
+Kept = TrackedFrame | PassResult | tuple[TrackedFrame, PassResult]
+"""What a pass stores of a frame: alone, or as one of two passes that are combined."""
+
+
 def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
     """The record of an estimate; body: the learnt body, None where there is none.
 

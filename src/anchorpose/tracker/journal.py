@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-import pickle
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,36 +16,21 @@ from typing import Any, Final, Generic, TypeVar
 
 from anchorpose.errors import InputError
 from anchorpose.recording.regular_file import LARGEST_ARRAYS, is_there, read_whole
+from anchorpose.results.folder import naming_place
+from anchorpose.tracker.stored_value import read_value, write_value
 
 Item = TypeVar("Item")
 
 DIGEST: Final = hashlib.blake2b
 DIGEST_BYTES: Final = 64
 
-SAFE_NAMES: Final = frozenset(
-    {
-        "builtins.object",
-        "builtins.range",
-        "builtins.set",
-        "builtins.frozenset",
-        "builtins.slice",
-        "collections.deque",
-        "copyreg._reconstructor",
-        "numpy.dtype",
-        "numpy.ndarray",
-        "numpy._core.multiarray._reconstruct",
-        "numpy._core.multiarray.scalar",
-        "numpy._core.numeric._frombuffer",
-    }
-)
-"""What a stored value may consist of besides the classes of this package: reading runs no other code."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Journal:
     """Values by name in a folder; each file is whole or absent, and checked when it is read.
 
-    shared: objects of the run by name, which a run that goes on has made again; they are stored as these names.
+    Reading runs no code but the program's: see ``stored_value``. shared: objects of the run by name, which a run that
+    goes on has made again; they are stored as these names.
     """
 
     folder: Path
@@ -62,38 +46,45 @@ class Journal:
         """Stores a value; it is in memory once more, not several times."""
         stored = io.BytesIO()
         stored.write(bytes(DIGEST_BYTES))
-        _Pickler(stored, self.shared).dump(value)
+        write_value(stored, value, self.shared)
         with stored.getbuffer() as data:
             data[:DIGEST_BYTES] = DIGEST(data[DIGEST_BYTES:]).digest()
             write_whole(self.folder / name, data)
 
-    def read(self, name: str) -> Any:
-        """The value of this name; raises KeyError where none is stored, InputError where the file is damaged."""
+    def read(self, name: str, kind: Any) -> Any:
+        """Reads the value of this name, which is of the type ``kind``.
+
+        Raises KeyError where none is stored, InputError where the file is damaged or holds no such value.
+        """
         path = self.folder / name
         if not is_there(path):
             raise KeyError(name)
-        data = read_whole(path, LARGEST_ARRAYS, "begin the run again, with --overwrite")
-        if DIGEST(memoryview(data)[DIGEST_BYTES:]).digest() != data[:DIGEST_BYTES]:
-            raise InputError(path, "is damaged", "begin the run again, with --overwrite")
+        data = read_whole(path, LARGEST_ARRAYS, f"remove {path.parent} and give the same command again")
         stored = io.BytesIO(data)
         stored.seek(DIGEST_BYTES)
-        return _Unpickler(stored, self.shared).load()
-
-    def once(self, name: str, make: Callable[[], Item]) -> Item:
-        """What is stored under this name; made, stored and read back where nothing is."""
         try:
-            found: Item = self.read(name)
+            if DIGEST(memoryview(data)[DIGEST_BYTES:]).digest() != data[:DIGEST_BYTES]:
+                raise ValueError("has another digest")
+            return read_value(stored, kind, self.shared)
+        except ValueError as error:
+            raise InputError(path, "is damaged", f"remove {path.parent} and give the same command again") from error
+
+    def once(self, name: str, kind: Any, make: Callable[[], Item]) -> Item:
+        """Returns the value of this name and of the type ``kind``; makes, stores and reads it where none is stored."""
+        try:
+            found: Item = self.read(name, kind)
         except KeyError:
             self.write(name, make())
-            found = self.read(name)
+            found = self.read(name, kind)
         return found
 
 
 class Blocks(Generic[Item]):
     """The frames of one pass in the order of the pass, some of them in each file; those of one file are in memory."""
 
-    def __init__(self, journal: Journal) -> None:
-        self._journal = journal
+    def __init__(self, journal: Journal, kind: Any) -> None:
+        """kind: the type of what is stored of a frame."""
+        self._journal, self._kind = journal, kind
 
     def has(self, number: int) -> bool:
         """Whether a block is stored."""
@@ -106,7 +97,7 @@ class Blocks(Generic[Item]):
     def read(self, backward: bool = False) -> Iterator[Item]:
         """All frames, in the order of the pass or against it."""
         for path in sorted(self._journal.folder.glob("*.frames"), reverse=backward):
-            items: list[Item] = self._journal.read(path.name)
+            items: list[Item] = self._journal.read(path.name, list[self._kind])  # type: ignore[name-defined]
             yield from reversed(items) if backward else items
 
 
@@ -117,49 +108,14 @@ def _block_name(number: int) -> str:
 def write_whole(path: Path, data: bytes | memoryview) -> None:
     """Writes a file so that it holds all of ``data`` or what it held before, also after a power cut.
 
-    Raises InputError where the folder is gone or the disk is full.
+    Raises InputError where the folder is gone, OSError with the folder's name where the disk is full.
     """
     partial = path.with_name(path.name + ".partial")
     try:
-        with partial.open("wb") as file:
+        with naming_place(path.parent), partial.open("wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
     except FileNotFoundError:
-        raise InputError(path.parent, "was removed while the run went on", "begin the run again") from None
-    except OSError as error:
-        remedy = "make room and give the same command with --resume"
-        raise InputError(path.parent, f"cannot be written to ({error.strerror})", remedy) from None
-
-
-class _Pickler(pickle.Pickler):
-    def __init__(self, file: io.BytesIO, shared: Mapping[str, object]) -> None:
-        super().__init__(file, protocol=5)
-        self._names = {id(value): name for name, value in shared.items()}
-
-    def persistent_id(self, obj: object) -> str | None:
-        """The name of a shared object."""
-        return self._names.get(id(obj))
-
-
-class _Unpickler(pickle.Unpickler):
-    def __init__(self, file: io.BytesIO, shared: Mapping[str, object]) -> None:
-        super().__init__(file)
-        self._shared = shared
-
-    def persistent_load(self, pid: Any) -> object:
-        """The shared object of a name."""
-        if pid not in self._shared:
-            raise pickle.UnpicklingError(f"no object is shared as {pid}")
-        return self._shared[pid]
-
-    def find_class(self, module: str, name: str) -> Any:
-        """Classes of this package and of arrays only."""
-        if f"{module}.{name}" in SAFE_NAMES:
-            return super().find_class(module, name)
-        if module.startswith("anchorpose."):
-            found = super().find_class(module, name)
-            if isinstance(found, type):
-                return found
-        raise pickle.UnpicklingError(f"{module}.{name} does not belong in a journal")
+        raise InputError(path.parent, "was removed while the run went on", "give the same command again") from None

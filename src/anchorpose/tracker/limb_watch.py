@@ -50,6 +50,13 @@ class Watched:
 class LimbWatch:
     """When limbs are searched for, and when the search would only cost time."""
 
+    run: Run
+    search_wait: int
+    search_pause: int
+    left_uncovered_m2: float
+    claim_wait: int
+    claim_pause: int
+
     def __init__(self, run: Run) -> None:
         self.run = run
         self.search_wait, self.search_pause = 0, SEARCH_PAUSE  # frames until the next search for limbs

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from anchorpose.joints import JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.frame_record import Kept
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.smoothing import APART_M, PassResult, cheapest_course, course_of, pass_result, seen_less
@@ -34,7 +35,7 @@ class Passed:
 
     position: int
     result: PassResult | None
-    kept: Any
+    kept: Kept
 
 
 @dataclass(slots=True)
@@ -51,7 +52,7 @@ class Waiting:
         passed: Passed,
         frame: Callable[[int], FrameSet],
         run: Run,
-        keep: Callable[[Estimate], Any],
+        keep: Callable[[Estimate], Kept],
     ) -> None:
         """The next frame; what it has found again is looked for in those before it. The rest as in ``look_back``."""
         self.wait -= 1
@@ -62,7 +63,7 @@ class Waiting:
             self.frames, self.wait = seen, self.pause
         self.frames.append(passed)
 
-    def take_but(self, left: int) -> list[Any]:
+    def take_but(self, left: int) -> list[Kept]:
         """What is to be stored of the first frames, which wait no longer; the last ``left`` go on waiting."""
         count = max(0, len(self.frames) - left)
         taken, self.frames = self.frames[:count], self.frames[count:]
@@ -83,7 +84,7 @@ def look_back(
     before: Sequence[Passed],
     frame: Callable[[int], FrameSet],
     run: Run,
-    keep: Callable[[Estimate], Any],
+    keep: Callable[[Estimate], Kept],
 ) -> list[Passed]:
     """The frames before one in which something was found again, in the order of the pass, some of them seen from there.
 
@@ -107,7 +108,7 @@ def _seen_again(
     before: Sequence[Passed],
     frame: Callable[[int], FrameSet],
     run: Run,
-    keep: Callable[[Estimate], Any],
+    keep: Callable[[Estimate], Kept],
 ) -> list[Passed]:
     """The last frames of ``before`` by the other way, in the order of the pass, as far back as they show more."""
     again, agreeing, in_vain = list[Passed](), 0, 0

@@ -144,9 +144,14 @@ def see_anchors(surface: SeenSurface, expected: Expectation | None, height_m: fl
 class AnchorDistances:
     """The distances of the seen nodes to the anchors, computed when they are first asked for: most frames need none."""
 
+    _surface: SeenSurface
+    _anchors: Anchors
+    _run: Run
+    _found: np.ndarray | None
+
     def __init__(self, surface: SeenSurface, anchors: Anchors, run: Run) -> None:
         self._surface, self._anchors, self._run = surface, anchors, run
-        self._found: np.ndarray | None = None
+        self._found = None
 
     def of_seen_nodes(self) -> np.ndarray:
         """(n, 5) as ``Observation.descriptor``."""

@@ -13,11 +13,10 @@ from anchorpose.body.skin_points import Body, FittedShape, body_points, build_bo
 from anchorpose.isolation.other_place import without_other_places
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet
-from anchorpose.results.people_labels import LabelImage
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
-from anchorpose.tracker.frame_record import FrameRecord, label_pictures, record_of, smoothed_record
+from anchorpose.tracker.frame_record import Kept, TrackedFrame, label_pictures, record_of, smoothed_record
 from anchorpose.tracker.journal import Blocks, Journal
 from anchorpose.tracker.learning import LearntPatient, Stretch, learn_patient
 from anchorpose.tracker.looking_back import Passed, Waiting
@@ -102,14 +101,6 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
     It is learnt before anything is tracked: all frames then have one body, whose bones keep their length.
     """
     return learn_patient(run, route.stretches())
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TrackedFrame:
-    """What is stored of a frame: its record, and the person label of each pixel."""
-
-    record: FrameRecord
-    labels: tuple[LabelImage, ...]
 
 
 def track_on(route: Route, run: Run, shape: FittedShape | None, journal: Journal) -> Iterator[TrackedFrame]:
@@ -227,7 +218,7 @@ class _Passes:
         name: str,
         positions: Sequence[int],
         begin: Callable[[], Start | None],
-        keep: Callable[[Estimate], Any],
+        keep: Callable[[Estimate], Kept],
         wait: int = 0,
     ) -> Start | None:
         """One pass, from where the journal has it to its end; returns the start of a pass the other way.
@@ -237,7 +228,7 @@ class _Passes:
         journal, blocks = self.journal.inside(name), self._blocks(name)
         initial = self.run.room.initial_frame
         try:
-            state: _PassState = journal.read("state")
+            state: _PassState = journal.read("state", _PassState)
             self.run.stopwatch.seconds.update(state.seconds)
             self.route.skip(state.frames)
         except KeyError:
@@ -256,10 +247,10 @@ class _Passes:
             follower, seconds = None if ends else state.follower, self.run.stopwatch.seconds
             stored = state.stored + len(done)
             journal.write("state", _PassState(frames, state.blocks + 1, stored, waiting, follower, turned, seconds))
-            state = journal.read("state")
+            state = journal.read("state", _PassState)
         return state.turned
 
-    def _passed(self, position: int, estimate: Estimate, keep: Callable[[Estimate], Any], wait: int) -> Passed:
+    def _passed(self, position: int, estimate: Estimate, keep: Callable[[Estimate], Kept], wait: int) -> Passed:
         usable = self.run.room.review.why_unusable(estimate.frame_set.frame) is None
         result = None if self.body is None or not wait else pass_result(self.body, estimate, (), usable)
         return Passed(position, result, keep(estimate))
@@ -272,10 +263,10 @@ class _Passes:
 
     def _start(self) -> Start | None:
         """The patient in the initial frame, where both sides begin; None where nobody is found in it."""
-        return self.journal.once("start", lambda: _start_of(self.route, self.run, self.shape))
+        return self.journal.once("start", Start | None, lambda: _start_of(self.route, self.run, self.shape))
 
     def _blocks(self, name: str) -> Blocks[Any]:
-        return Blocks(self.journal.inside(name))
+        return Blocks(self.journal.inside(name), Kept)
 
     def _tracked(self, estimate: Estimate) -> TrackedFrame:
         labels = label_pictures(estimate.frame_set, estimate.observation)

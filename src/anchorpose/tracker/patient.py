@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, PoseBelief
+from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, Pace, PoseBelief
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import Constraints, no_constraints
 from anchorpose.body.explained import Explanation
@@ -23,14 +23,14 @@ from anchorpose.body.inverse_kinematics import (
 from anchorpose.body.part_registration import ITERATIONS, joints_of_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, posterior, register
-from anchorpose.body.skin_points import FittedShape, body_points, build_body, pose_points
+from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
 from anchorpose.body.tips import anchor_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
-from anchorpose.surface.surface import ExpectedSkin
+from anchorpose.surface.surface import BodyMap, ExpectedSkin
 from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis, held_by, part_motion, parts_by_icp
 from anchorpose.tracker.bystanders import WALKING
-from anchorpose.tracker.config import Method
+from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, displaced, estimate_of
 from anchorpose.tracker.isolating import isolate
 from anchorpose.tracker.limb_watch import LimbWatch, cheaper, explained_by, is_doubtful
@@ -48,25 +48,49 @@ SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was for an ear
 
 
 class PatientTracker:
-    """The patient from a start on. The window holds the frame last registered and up to ``look_ahead`` later ones."""
+    """The patient from a start on. The window holds the frame last registered and up to ``look_ahead`` later ones.
+
+    ahead: predicted poses; rivals: poses that explain the last frames almost as well; moved: limbs are elsewhere than
+    the frames before the last one said; ends: hands and feet that were lost and not seen since.
+    """
+
+    run: Run
+    config: TrackConfig
+    points: SkinPoints
+    shape: FittedShape
+    body: Body
+    map: BodyMap
+    history: deque[np.ndarray]
+    belief: PoseBelief
+    window: Window
+    ahead: list[Pose]
+    joints_ahead: np.ndarray
+    pace: Pace
+    last: LastSeen
+    watch: LimbWatch
+    rivals: tuple[Rival, ...]
+    moved: bool
+    feet: StandingFeet
+    ends: frozenset[int]
+    skin_sigma_m: np.ndarray
+    first: Estimate
 
     def __init__(self, run: Run, start: Start) -> None:
         self.run, self.config = run, run.config
         self.points = body_points()
         self.use_shape(start.shape)
-        self.history: deque[np.ndarray] = deque(maxlen=self.config.follow.history)
+        self.history = deque(maxlen=self.config.follow.history)
         self.belief = self._corrected(start.belief, start.observation)
         self.history.append(self.body.joints(self.belief.pose))
         self.window = Window(start.observation, run)
-        self.ahead: list[Pose] = []  # predicted
+        self.ahead = []
         self.joints_ahead = np.empty((0, 0, 3))
         self.pace = PATIENT_PACE
         self.last = LastSeen(start.observation, start.belief.pose.root_m)
         self.watch = LimbWatch(run)
-        self.rivals: tuple[Rival, ...] = ()  # poses that explain the last frames almost as well
-        self.moved = False  # limbs are elsewhere than the frames before the last one said
+        self.rivals, self.moved = (), False
         self.feet = StandingFeet(self.points)
-        self.ends: frozenset[int] = frozenset()  # hands and feet that were lost and not seen since
+        self.ends = frozenset()
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
     def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:

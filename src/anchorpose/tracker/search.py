@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.camera import Camera
-from anchorpose.isolation.bystander_memory import SAMPLE_PX, update_memory
+from anchorpose.isolation.bystander_memory import SAMPLE_PX, BystanderMemory, update_memory
 from anchorpose.isolation.people import PERSON_RADIUS_M, PatientChoice, Person, find_people, ground_distance
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate
@@ -59,6 +59,14 @@ class Search:
     now: the last frame looked at; left: the patient has walked out of the picture. memory: of everybody else, as of the
     last frame.
     """
+
+    memory: BystanderMemory
+    _time_s: float
+    _place_xz_m: np.ndarray
+    _lost_s: float
+    _newcomer: int
+    _met: frozenset[int]
+    _left: bool
 
     def __init__(self, now: Observation, last: LastSeen, left: bool = False) -> None:
         self.memory, self._time_s = now.memory.without_patient, now.frame_set.time_s

@@ -40,11 +40,15 @@ class _Stand:
 class StandingFeet:
     """Where each foot was last seen standing; time may run backwards."""
 
+    _skin: dict[str, np.ndarray]
+    _recent: dict[str, deque[tuple[float, np.ndarray]]]
+    _stand: dict[str, _Stand]
+
     def __init__(self, points: SkinPoints) -> None:
         region = region_of_points(points)
         self._skin = {side: _spread(np.flatnonzero(region == REGIONS.index(f"foot_{side.lower()}"))) for side in SIDES}
-        self._recent: dict[str, deque[tuple[float, np.ndarray]]] = {side: deque() for side in SIDES}
-        self._stand: dict[str, _Stand] = {}
+        self._recent = {side: deque() for side in SIDES}
+        self._stand = {}
 
     def note(self, skin_m: np.ndarray, joints_m: np.ndarray, states: tuple[JointState, ...], time_s: float) -> None:
         """One more frame: posed skin points (p, 3), joints (21, 3) and their states.

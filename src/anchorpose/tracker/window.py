@@ -18,11 +18,16 @@ class Window:
     frames: of all of them; seen: the observations of the first ones. Frames are matched when the tree asks for it.
     """
 
+    run: Run
+    frames: deque[FrameSet]
+    seen: deque[Observation]
+    _matchers: deque[Matcher | None]
+
     def __init__(self, first: Observation, run: Run) -> None:
         self.run = run
         self.frames = deque([first.frame_set])
         self.seen = deque([first])
-        self._matchers = deque[Matcher | None]()
+        self._matchers = deque()
 
     def __getstate__(self) -> dict[str, object]:
         """Without matches, which are found again where they are asked for."""

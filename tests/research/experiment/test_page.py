@@ -89,6 +89,8 @@ def folder(results: ExperimentResults, figures: list[DrawnFigure], tmp_path_fact
         {"file": "alone.png", "caption": "one method by itself", "section": "match"},
     ]
     (out / "pictures" / "pictures.json").write_text(json.dumps(captions))
+    (out / "figures").mkdir()
+    (out / "figures" / "notes.txt").write_text("mine")
     (out / "cache").mkdir()
     (out / "cache" / "kept").write_text("as it was")
 
@@ -105,6 +107,11 @@ def folder(results: ExperimentResults, figures: list[DrawnFigure], tmp_path_fact
 @pytest.fixture(scope="module")
 def page(folder: Path) -> str:
     return (folder / "index.html").read_text(encoding="utf-8")
+
+
+def test_files_that_are_not_the_experiments_are_kept(folder: Path) -> None:
+    assert (folder / "figures.kept" / "notes.txt").read_text() == "mine"
+    assert (folder / "cache" / "kept").read_text() == "as it was"
 
 
 def test_the_page_is_well_formed_and_loads_nothing(page: str) -> None:

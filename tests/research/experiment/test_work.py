@@ -513,10 +513,11 @@ def test_pictures_that_lose_nothing_stay_the_users_own_files(prepared: PreparedC
 def test_a_folder_that_is_not_ours_is_not_touched(tmp_path: Path) -> None:
     from anchorpose.research.experiment.run import run_experiment
 
+    (tmp_path / "cache").mkdir()
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(InputError, match="is not an experiment"):
         run_experiment(tmp_path, CONFIG, None, 1, lambda a, b: None, lambda text: None)
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cache", "thesis.tex"]
 
 
 def test_a_folder_without_reference_skeletons_is_refused(tmp_path: Path) -> None:

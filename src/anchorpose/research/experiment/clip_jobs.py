@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from anchorpose.batch.cluster import Place
 from anchorpose.batch.engine import Job, run_jobs
@@ -48,12 +48,11 @@ class Part:
 
 
 def do(
-    part: Part, processes: int, progress: Progress, after_s: float, beside: Callable[[], Any] | None = None
-) -> tuple[list[str], Any]:
+    part: Part, processes: int, progress: Progress, after_s: float, beside: Callable[[], object] | None = None
+) -> list[str]:
     """Do all tasks, clips in parallel; returns a sentence for each clip with a task that could not be done.
 
-    after_s: seconds of work after this part, for the time left. beside: other work, done in one of the processes; its
-    return value, None where it fails, is the second result.
+    after_s: seconds of work after this part, for the time left. beside: other work, done in one of the processes.
     """
     tasks = part.tasks()
     left_s = part.cost_s(tasks)
@@ -63,13 +62,8 @@ def do(
     jobs = [Job(clip.name, partial(_work, clip, part.spec), logs / f"{clip.name}.log") for clip in clips]
     if beside is not None:
         jobs.insert(0, Job(BESIDE, beside, logs / f"{BESIDE}.log"))
-    failed, shown = list[str](), None
-    for outcome in run_jobs(jobs, Place(processes), lambda: progress(left_s - part.cost_s(tasks), left_s + after_s)):
-        if outcome.why is not None:
-            failed.append(f"{outcome.name}: {outcome.why}")
-        elif outcome.name == BESIDE:
-            shown = outcome.value
-    return failed, shown
+    outcomes = run_jobs(jobs, Place(processes), lambda: progress(left_s - part.cost_s(tasks), left_s + after_s))
+    return [f"{outcome.name}: {outcome.why}" for outcome in outcomes if outcome.why is not None]
 
 
 def _work(clip: Clip, spec: PlanSpec) -> None:

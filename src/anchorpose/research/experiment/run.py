@@ -6,6 +6,7 @@ Movements for the motion dynamics and settings come from training recordings, wh
 from __future__ import annotations
 
 import hashlib
+import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -16,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.recording.document import read_json
 from anchorpose.research.experiment.clip_jobs import Part, Progress, do
 from anchorpose.research.experiment.clips import Clip, plan_clips, simulation_of
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
@@ -23,7 +25,7 @@ from anchorpose.research.experiment.costs import Costs, duration, measure_costs,
 from anchorpose.research.experiment.method import Method, load_methods
 from anchorpose.research.experiment.methods.references import ABLATED
 from anchorpose.research.experiment.page.page import write_results
-from anchorpose.research.experiment.pictures.album import show
+from anchorpose.research.experiment.pictures.album import show, shown_before
 from anchorpose.research.experiment.pictures.canvas import default_style
 from anchorpose.research.experiment.plan import Kind, PlanSpec, Task, experiment_code, read
 from anchorpose.research.experiment.results import (
@@ -35,6 +37,7 @@ from anchorpose.research.experiment.results import (
     choose,
 )
 from anchorpose.research.experiment.work import PER_NODE
+from anchorpose.results.folder import write_text_whole
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import Speed
 from anchorpose.tracking.motion_file import ReferenceClips, write_motions
@@ -83,6 +86,8 @@ def write_movements(path: Path, clips: list[Clip], samples: int) -> None:
 
 
 CACHE: Final = "cache"
+MARK_FILE: Final = "experiment.json"
+FORMAT: Final = "anchorpose-experiment"
 AllTried = tuple[tuple[str, tuple[TriedSetting, ...]], ...]
 """By the key of each method with several settings."""
 
@@ -113,13 +118,13 @@ def run_experiment(
     testing = Part(replace(spec, chosen=_chosen(_tried(training, methods))), tuple(clips), costs)
     left_s = training.left_s() + testing.left_s()
     report(f"About {duration(left_s / processes + AROUND_S)} on {processes} cores.")
-    failed, _ = do(training, processes, progress, testing.left_s())
+    failed = do(training, processes, progress, testing.left_s())
     tried = _tried(training, methods)
     testing = Part(replace(spec, chosen=_chosen(tried)), tuple(clips), costs)
-    more, shown = do(testing, processes, progress, 0.0, partial(show, out, testing.spec, trainers))
+    more = do(testing, processes, progress, 0.0, partial(show, out, testing.spec, trainers))
     report("Writing tables, figures and the page.")
     tracked, matched = _collect(testing.tasks())
-    times, not_shown = shown or (None, ())
+    times, not_shown = shown_before(out, testing.spec.plan(), trainers) or (None, ())
     ablated = ABLATED if any(run.method == ABLATED[0].key for run in tracked) else ()
     sentences = (*failed, *more, *_undone(testing), *not_shown)
     results = ExperimentResults(config, (*methods, *ablated), tried, tracked, matched, times, sentences, real)
@@ -165,10 +170,14 @@ def _undone(job: Part) -> list[str]:
 
 def _require_own_folder(out: Path) -> None:
     """Raises InputError unless the folder is new, empty or an experiment's."""
-    if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / CACHE).is_dir())):
+    mark = out / MARK_FILE
+    is_own = mark.is_file() and read_json(mark).get("format") == FORMAT
+    if out.exists() and not is_own and (not out.is_dir() or any(out.iterdir())):
         raise InputError(out, "exists and is not an experiment", "choose another folder; nothing in it was changed")
     try:
-        (out / CACHE).mkdir(parents=True, exist_ok=True)
+        out.mkdir(parents=True, exist_ok=True)
+        write_text_whole(mark, json.dumps({"format": FORMAT, "version": 1}) + "\n")
+        (out / CACHE).mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(out, f"cannot be made ({error.strerror})", "choose a place where you may write") from None
 

@@ -132,14 +132,14 @@ def write_results(results: ExperimentResults, out: Path) -> None:
 
 
 def _write_tables(tables: Sequence[Table], results: ExperimentResults, folder: Path) -> None:
-    with whole_or_nothing(folder, ("*",)) as partial:
+    with whole_or_nothing(folder, ("*.csv",)) as partial:
         for table in tables:
             (partial / f"{table.key}.csv").write_text(csv_text(table), encoding="utf-8")
         (partial / f"{SETTINGS_KEY}.csv").write_text(settings_csv(results), encoding="utf-8")
 
 
 def _write_figures(figures: Sequence[DrawnFigure], folder: Path) -> None:
-    with whole_or_nothing(folder, ("*",)) as partial:
+    with whole_or_nothing(folder, ("*.svg", "*.png")) as partial:
         for figure in figures:
             (partial / f"{figure.key}.svg").write_text(figure.svg, encoding="utf-8")
             (partial / f"{figure.key}.png").write_bytes(figure.png_bytes)

@@ -173,6 +173,8 @@ def _median_s(work: Callable[[], object]) -> float:
 
 
 SHOWN: Final = "shown.json"  # in the folder of pictures: what they were made of, and the times
+OWN_FILES: Final = ("*.png", "pictures.json", SHOWN)
+
 Shown = tuple[PaperTimes | None, tuple[str, ...]]
 
 
@@ -184,13 +186,16 @@ def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
     earlier run made of the same stay.
     """
     plan = spec.plan()
-    made_of = _made_of(plan, trainers)
-    known = _shown_before(out / "pictures", made_of)
+    known = shown_before(out, plan, trainers)
     if known is not None:
         return known
-    with whole_or_nothing(out / "pictures", ("*",)) as folder, one_thread():
+    with whole_or_nothing(out / "pictures", OWN_FILES) as folder, one_thread():
         times, failed = _show_last(folder.parent / folder.name, plan, trainers)
-        account = {"made_of": made_of, "times": None if times is None else asdict(times), "failed": failed}
+        account = {
+            "made_of": _made_of(plan, trainers),
+            "times": None if times is None else asdict(times),
+            "failed": failed,
+        }
         (folder / SHOWN).write_text(json.dumps(account), encoding="utf-8")
     return times, failed
 
@@ -202,11 +207,11 @@ def _made_of(plan: Plan, trainers: Sequence[Clip]) -> str:
     return plan.store.path("pictures", *what).stem
 
 
-def _shown_before(folder: Path, made_of: str) -> Shown | None:
-    """What ``show`` returned when it made the pictures in a folder; None where they were made of something else."""
+def shown_before(out: Path, plan: Plan, trainers: Sequence[Clip]) -> Shown | None:
+    """Return what ``show`` returned when it made the pictures; None where there are none of the same."""
     try:
-        account = json.loads((folder / SHOWN).read_text(encoding="utf-8"))
-        if account["made_of"] != made_of:
+        account = json.loads((out / "pictures" / SHOWN).read_text(encoding="utf-8"))
+        if account["made_of"] != _made_of(plan, trainers):
             return None
         return None if account["times"] is None else PaperTimes(**account["times"]), tuple(account["failed"])
     except (OSError, ValueError, KeyError, TypeError):
