@@ -19,6 +19,7 @@ from filelock import FileLock
 from anchorpose.batch.sessions import Session
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json
+from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, read_whole
 from anchorpose.results.folder import write_text_whole
 
 BATCH_FILE: Final = "batch.json"
@@ -184,10 +185,14 @@ def _mark_of(place: Path | None) -> str | None:
         if place is None or not place.exists():
             return None
         if place.is_file():
-            with place.open("rb") as stream:
+            with open_regular(place) as stream:
                 return hashlib.sha256(stream.read(BEGINNING) + str(place.stat().st_size).encode()).hexdigest()
         files = next((found for folder in sorted(place.glob("*/depth")) if (found := sorted(folder.glob("*.png")))), [])
         chosen = [files[k] for k in sorted({0, len(files) // 2, len(files) - 1})] if files else []
-        return hashlib.sha256(b"".join(file.read_bytes() for file in chosen)).hexdigest() if chosen else None
-    except OSError:
+        return hashlib.sha256(b"".join(map(_image, chosen))).hexdigest() if chosen else None
+    except (OSError, InputError):
         return None
+
+
+def _image(path: Path) -> bytes:
+    return read_whole(path, LARGEST_IMAGE, "copy the image again")

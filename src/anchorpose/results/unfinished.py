@@ -16,7 +16,7 @@ from typing import Final
 from filelock import FileLock, Timeout
 
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.recording.document import LARGEST_WITH_HASHES, read_json
+from anchorpose.recording.document import LARGEST_WITH_HASHES, read_json, read_text
 from anchorpose.results.folder import RESULTS, check_results_path, make_folder, naming_place, publish, write_text_whole
 
 JOURNAL: Final = "journal"
@@ -99,8 +99,8 @@ def _claim(work: Path, path: Path) -> None:
 def _is_own(work: Path) -> bool:
     """Whether this program has made the folder, and nothing in it leads out of it."""
     try:
-        marked = not work.is_symlink() and (work / MARK_FILE).read_text(encoding="utf-8") == MARK
-    except (OSError, ValueError):
+        marked = not work.is_symlink() and read_text(work / MARK_FILE) == MARK
+    except InputError:
         return False
     return marked and not any(entry.is_symlink() for entry in work.rglob("*"))
 
