@@ -10,6 +10,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.recording.array_file import read_arrays
+from anchorpose.results.own_tables import require_own
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.tracking.motion_file import (
     FORMAT,
@@ -57,6 +58,7 @@ def clips_of_results(folder: Path) -> ReferenceClips:
     Frames with a lost joint and gaps in time end them. Raises InputError where the table cannot be used or no stretch
     is left.
     """
+    require_own(folder, (JOINTS_FILE,))
     table = read_joints(folder / JOINTS_FILE)
     remedy = "give a result in which the patient was followed"
     if len(table.frame) < 2 or not (np.diff(table.time_s) > 0).all():

@@ -12,8 +12,12 @@ from typing import Annotated, Any, Final, TypeVar, cast, dataclass_transform, ge
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.dataclasses import dataclass
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+LEAST, LARGEST = 1e-6, 1e9
+"""Of any number that is squared, inverted or divided by: a micrometre, and a million kilometres. Beyond
+them floats overflow."""
+
+Positive = Annotated[float, Field(ge=LEAST, le=LARGEST, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(gt=0, strict=True)]
 

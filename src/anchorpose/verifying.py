@@ -6,19 +6,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import input_files, open_recording
 from anchorpose.results.event_log import Event, Log, read_log
-from anchorpose.results.records import EPISODES_FILE, MEASURES_FILE
+from anchorpose.results.own_tables import MEASURED
 from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE, hash_files, output_files
-from anchorpose.results.tables import ANGLES_FILE, POSTURE_FILE, PROCESSED_FILE
 from anchorpose.versions import code_digest, versions
-
-MEASURED: Final = frozenset({ANGLES_FILE, POSTURE_FILE, PROCESSED_FILE, EPISODES_FILE, MEASURES_FILE})
-"""Tables that 'anchorpose measure' writes again from the joints."""
 
 
 class Fits(StrEnum):

@@ -120,6 +120,19 @@ def test_mirrored_axes_are_found_and_stated(lab, tmp_path):
         match_results(lab.results, exchanged(read_reference(path)))
 
 
+@pytest.mark.parametrize(
+    ("time_s", "place_m", "words"),
+    [
+        ("1e9", "0.1", "lasts 1e\\+09 s by its times; give its times in seconds"),
+        ("1", "1e300", "points over 10000 m away"),
+    ],
+)
+def test_values_that_nothing_can_have_are_refused(tmp_path, time_s, place_m, words):
+    (tmp_path / "a.csv").write_text(f"time_s,Head_x_m,Head_y_m,Head_z_m\n0,0,0,0\n{time_s},{place_m},0,0\n")
+    with pytest.raises(InputError, match=words):
+        read_captured(tmp_path / "a.csv")
+
+
 def test_another_unit_is_found_and_said(lab, tmp_path):
     path = _edited(lab, tmp_path / "unit.trc", lambda lines: [line.replace("\tmm\t", "\tm\t") for line in lines])
     with pytest.raises(InputError, match=r"in another unit.*--unit mm"):

@@ -108,6 +108,26 @@ def test_the_verb_reads_numbers_and_writes_its_table(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda v: v * [1, 1, 1000, 1], "session 'c' has values 786 times those of the others"),
+        (lambda v: v * [1, 0.001, 1, 1], "session 'b' has values 0.000429 times those of the others"),
+        (lambda v: v * np.where(np.arange(24).reshape(6, 4) == 9, 1000, 1), "session 'b' of subject 'p2' has"),
+        (lambda v: v * [1, 20, 1, 1], None),
+    ],
+)
+def test_a_session_in_another_unit_is_stated_and_gives_no_value(tmp_path, change, why):
+    values = change(RATINGS + 1.0)
+    rows = [["subject", "session", "measure", "value"]]
+    rows += [[f"p{s}", "abcd"[r], "score", values[s, r]] for s in range(6) for r in range(4)]
+    (found,) = session_reliability(_sessions(tmp_path / "sessions.csv", rows))
+    assert (found.why is None) == (why is None)
+    if why is not None:
+        assert found.why.startswith(why)
+        assert found.icc_2_1 is None
+
+
+@pytest.mark.parametrize(
     ("rows", "problem"),
     [
         ([["subject", "value"]], "columns"),

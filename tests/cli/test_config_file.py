@@ -75,7 +75,7 @@ def test_toml_and_json_give_the_same(tmp_path):
         ("[inner]\nradius_m = nan", "inner.radius_m is NaN; it must be a finite number"),
         ("[inner]\nradius_m = true", "inner.radius_m is true"),
         ("[inner]\ncount = 3.0", "inner.count is 3.0; it must be a whole number"),
-        ("[inner]\nradius_m = -1", "inner.radius_m is -1; it must be more than 0"),
+        ("[inner]\nradius_m = -1", "inner.radius_m is -1; it must be at least 0.000001"),
         ("[inner]\nradius_m = 9", "inner is refused: radius_m must not exceed count, got 9"),
         ('[inner]\nmode = "slow"', "it must be 'fast' or 'exact'"),
         ('[inner]\nsensor = "lidar"', "it must be 'kinect' or 'realsense'"),

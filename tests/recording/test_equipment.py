@@ -170,14 +170,14 @@ GOOD = {"name": "bar", "shape": "box", "center": [0, 0, 0], "size": [1, 1, 1]}
 TUBE = {"name": "bar", "shape": "cylinder", "center": [0, 0, 0], "radius": 0.1, "length": 1, "axis": [0, 1, 0]}
 BAD_PARTS = {
     "sizes'; did you mean 'size'": {**GOOD, "sizes": 1},
-    "size.*more than 0: a length in metres": {**GOOD, "size": [1, -1, 1]},
+    "size.*at least 0.0001: a length in metres": {**GOOD, "size": [1, -1, 1]},
     "size.*at most 20: a length in metres": {**GOOD, "size": [1000, 1, 1]},
     "rotation is not a rotation": {**GOOD, "rotation": [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]},
     "center.*missing.*metres from the origin": {**GOOD, "center": [0, 0]},
     "shape is \"sphere\".*'box', 'cylinder', 'mesh'": {**GOOD, "shape": "sphere"},
     'shape is "x{36}\\.\\.\\.; it must be': {**GOOD, "shape": "x" * 5000},
     "axis.*no direction": {**TUBE, "axis": [0, 0, 0]},
-    "radius.*more than 0": {**TUBE, "radius": 0},
+    "radius.*at least 0.0001": {**TUBE, "radius": 0},
     "file.*leads out": {"name": "s", "shape": "mesh", "file": "../seat.ply"},
     "name.*missing": {key: value for key, value in GOOD.items() if key != "name"},
 }

@@ -214,6 +214,8 @@ def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:
         (lambda d: d["joints"][0].update(position_m=[1, 2]), r"joints\[0\].position_m is not a list of 3"),
         (lambda d: d["joints"][0].update(position_m=[100, 500, -101]), r"\[0\].position_m is more than 100 m"),
         (lambda d: d["joints"][0].update(sigma_m=0), r"joints\[0\].sigma_m is 0"),
+        (lambda d: d["joints"][0].update(sigma_m=1e-300), r"joints\[0\].sigma_m is 1e-300; it must be at least 0.0001"),
+        (lambda d: d["joints"][0].update(time_s=1e308), r"joints\[0\].time_s is 1e\+308; it must be at most"),
         (lambda d: d["joints"][0].update(frame=1.5), r"joints\[0\].frame is 1.5"),
         (lambda d: d["joints"].append(d["joints"][0]), r"joints\[1\] corrects KneeLeft of frame 4 a second time"),
         (lambda d: d["unusable"][0].update(last_frame=2), r"unusable\[0\].last_frame is 2, before first_frame 3"),

@@ -128,7 +128,9 @@ def test_clocks_and_floor_are_those_of_the_corrected_results(reviewed: Reviewed)
 
 def test_poses_that_the_recording_has_must_be_the_same(reviewed: Reviewed) -> None:
     held = read_corrections(reviewed.file)
-    moved = {name: pose + 0.01 for name, pose in held.recording.T_world_camera.items() if pose is not None}
+    moved = {
+        name: pose + np.eye(4, k=3) * 0.01 for name, pose in held.recording.T_world_camera.items() if pose is not None
+    }
     write_corrections(reviewed.file, replace(held, recording=replace(held.recording, T_world_camera=moved)))
     with pytest.raises(InputError, match="another world"):
         reviewed.read()

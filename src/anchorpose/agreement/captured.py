@@ -18,6 +18,8 @@ METRES: Final[Mapping[str, float]] = {
 """Metres per unit, by the names that files use."""
 
 LEAST_FRAMES: Final = 2
+LONGEST_S: Final = 86_400.0  # a day; a movement of more is in milliseconds or less
+FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # a body of metres that is read as millimetres is found by its size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +57,8 @@ def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
 
 
 def checked(captured: Captured) -> Captured:
-    """Raises InputError for a file without points and angles, of a single frame, or whose times do not increase."""
+    """Raises InputError for a file without points and angles, of a single frame, whose times do not increase, or with
+    values that nothing can have."""
     path, known = captured.path, np.isfinite(captured.point_m).all(axis=2).any(axis=0)
     if not known.any() and not np.isfinite(captured.degrees).any():
         what = "holds no markers, joint centres or angles" if not captured.points else "has only markers without values"
@@ -64,6 +67,14 @@ def checked(captured: Captured) -> Captured:
         raise InputError(path, "has a single frame", "give the file of a movement")
     if not (np.isfinite(captured.time_s).all() and (np.diff(captured.time_s) > 0).all()):
         raise InputError(path, "has times that do not increase", "export it again with a time for each frame")
+    lasts_s = captured.time_s[-1] - captured.time_s[0]
+    if lasts_s > LONGEST_S:
+        raise InputError(path, f"lasts {lasts_s:.3g} s by its times", "give its times in seconds")
+    with np.errstate(invalid="ignore"):
+        far = (np.abs(captured.point_m) > FARTHEST_M).any() or (np.abs(captured.degrees) > LARGEST_DEG).any()
+    if far:
+        problem = f"has points over {FARTHEST_M:g} m away, or angles over {LARGEST_DEG:g} degrees"
+        raise InputError(path, problem, "check its unit of length, or give it with --unit mm, --unit cm or --unit m")
     return captured
 
 

@@ -15,9 +15,11 @@ from anchorpose.recording.csv_text import read_rows
 from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Clock, Recording
+from anchorpose.results.own_tables import require_own
 from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.settings import LARGEST
 
 HEAD: Final = ["camera", "frame", "joint", "u", "v"]
 REMEDY: Final = "give rows camera,frame,joint,u,v with the column u and the row v of the joint in the image"
@@ -54,6 +56,7 @@ def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[Image
 
     Raises InputError where a file cannot be used, or no labelled frame is among the results.
     """
+    require_own(results, (JOINTS_FILE,))
     rows, joints = _read_labels(labels), read_joints(results / JOINTS_FILE)
     views = _views(results, open_recording(recording))
     found = list[_Distance]()
@@ -147,7 +150,7 @@ def _read_labels(path: Path) -> list[_Label]:
             label = _Label(camera, int(frame), joint, (float(u), float(v)))
         except ValueError:
             raise InputError(path, f"line {number} is not camera,frame,joint,u,v", REMEDY) from None
-        if joint not in JOINT_INDEX or not np.isfinite(label.pixel).all():
+        if joint not in JOINT_INDEX or not np.abs(label.pixel).max() <= LARGEST:
             raise InputError(path, f"line {number} names the joint '{joint}' at {u}, {v}", REMEDY)
         found.append(label)
     if not found:

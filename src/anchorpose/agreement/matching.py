@@ -17,6 +17,7 @@ from anchorpose.agreement.signals import common_signals, position_signals, resam
 from anchorpose.errors import DegenerateGeometry, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.own_tables import require_own
 from anchorpose.results.tables import JOINTS_FILE, AngleTable, JointTable, read_joints
 
 LARGEST_SCALE: Final = 1.3
@@ -55,6 +56,7 @@ def match_results(results: Path, reference: Reference, given: np.ndarray | None 
     Raises InputError where lengths have another unit, axes or labels are the wrong way round, or no common movement is
     found.
     """
+    require_own(results, (JOINTS_FILE,))
     joints = read_joints(results / JOINTS_FILE)
     ours = joint_angles(joints)
     _require_scale(joints, reference)

@@ -133,6 +133,12 @@ def reliability_of(measure: str, side: str | None, unit: str, values: np.ndarray
     )
 
 
+def without_values(row: Reliability, why: str) -> Reliability:
+    """The same measure without a value, and why."""
+    kept = {name: getattr(row, name) for name in ("measure", "side", "unit", "subjects", "repeats")}
+    return Reliability(**kept, why=why)
+
+
 def minimal_detectable_change(sem: float) -> float:
     """The least difference of two values that errors alone exceed only 5 times in 100."""
     return float(NORMAL_95 * np.sqrt(2.0) * sem)

@@ -10,16 +10,22 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.agreement.reliability import COLUMNS, Reliability, reliability_of
+from anchorpose.agreement.reliability import COLUMNS, Reliability, reliability_of, without_values
 from anchorpose.errors import InputError
 from anchorpose.recording.csv_text import cell_text, read_rows, require_distinct
+from anchorpose.results.own_tables import require_own
 from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
+from anchorpose.results.tables import JOINTS_FILE
+from anchorpose.settings import LARGEST
 
 REPEATED: Final = ("session", "rater", "device")
 REMEDY: Final = (
     "give the columns subject, session (or rater, or device) and results, or in place of results measure, value, and "
     "if wanted side and unit"
 )
+
+OTHER_UNIT: Final = 100.0
+"""Ratio of values from which on they are in another unit: metres and centimetres. No person changes by as much."""
 
 Key = tuple[str, str | None, str]  # measure, side, unit
 
@@ -37,8 +43,36 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
     found = []
     for key in dict.fromkeys(key for each in values.values() for key in each):
         grid = np.array([[values.get((s, r), {}).get(key, np.nan) for r in repeats] for s in subjects])
-        found.append(reliability_of(key[0], key[1], key[2], grid))
+        row = reliability_of(key[0], key[1], key[2], grid)
+        doubt = _other_unit(grid, subjects, repeats) if row.why is None else None
+        found.append(row if doubt is None else without_values(row, f"{doubt} of the others: is it in another unit?"))
     return tuple(found)
+
+
+def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
+    """The session, or the subject's session, whose values (subjects, repeats) are of another order of magnitude.
+
+    Single values may be near zero for good reasons, so that only a whole session counts as too small.
+    """
+    size = np.abs(grid[np.isfinite(grid).all(axis=1)])
+    names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]
+    column = [_times(size[:, k], np.delete(size, k, axis=1)) for k in range(len(repeats))]
+    most, least = int(np.argmax(column)), int(np.argmin(column))
+    if column[most] >= OTHER_UNIT:
+        return f"session '{repeats[most]}' has values {column[most]:.3g} times those"
+    if column[least] <= 1.0 / OTHER_UNIT:
+        return f"session '{repeats[least]}' has values {column[least]:.3g} times those"
+    for row, repeat in np.argwhere(size >= OTHER_UNIT * np.median(size)):
+        own = _times(size[row, repeat], np.delete(size[row], repeat))
+        if own >= OTHER_UNIT:
+            return f"session '{repeats[repeat]}' of subject '{names[row]}' has {own:.3g} times the value"
+    return None
+
+
+def _times(some: np.ndarray, others: np.ndarray) -> float:
+    """Ratio of two medians; 1 where either is 0, which has no order of magnitude."""
+    own, rest = float(np.median(some)), float(np.median(others))
+    return own / rest if own > 0.0 and rest > 0.0 else 1.0
 
 
 def reliability_text(rows: Sequence[Reliability]) -> str:
@@ -74,6 +108,7 @@ def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[t
     first = None
     for row in rows:
         file = path.parent / row["results"] / MEASURES_FILE
+        require_own(file.parent, (JOINTS_FILE, MEASURES_FILE))
         definition = read_definition(file) if file.is_file() else None
         first = first or definition
         measures = read_measures(file)
@@ -103,8 +138,12 @@ def _of_numbers(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[t
         key = (row["measure"], row.get("side") or None, row.get("unit", ""))
         try:
             value = float(row["value"]) if row["value"] else float("nan")
+            if row["value"] and not abs(value) <= LARGEST:
+                raise ValueError("it would overflow")
         except ValueError:
-            raise InputError(path, f"has the value '{row['value']}', which is not a number", REMEDY) from None
+            raise InputError(
+                path, f"has the value '{row['value']}', which is not a number of at most {LARGEST:g}", REMEDY
+            ) from None
         values = found.setdefault((row["subject"], row[repeated]), {})
         if key in values:
             raise InputError(path, f"has {key[0]} of {row['subject']} twice in {row[repeated]}", "give each value once")

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from anchorpose.recording.document import Entry, Pose, Version, Whole, read_document
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
+SMALLEST_M: Final = 1e-3
 LARGEST_M: Final = 5.0  # a printed marker; anything larger was written in millimetres
 
 Squares = Annotated[Whole, Field(gt=1, le=100, description="how many squares a row or a column has")]
@@ -24,7 +25,7 @@ class Tag:
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     number: Annotated[Whole, Field(alias="id", ge=0, le=100_000, description="the tag's number in its dictionary")]
-    size_m: Annotated[float, Field(gt=0, le=LARGEST_M, description="the side of the black square in metres")]
+    size_m: Annotated[float, Field(ge=SMALLEST_M, le=LARGEST_M, description="the side of the black square in metres")]
     T_world_tag: Annotated[Pose, Field(alias="pose")]  # (4, 4)
 
     def corners_m(self) -> np.ndarray:
@@ -40,8 +41,8 @@ class Board:
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     squares_x: Squares
     squares_y: Squares
-    square_m: Annotated[float, Field(gt=0, le=LARGEST_M, description="the side of a chess square in metres")]
-    marker_m: Annotated[float, Field(gt=0, description="the side of a marker in a square, in metres")]
+    square_m: Annotated[float, Field(ge=SMALLEST_M, le=LARGEST_M, description="the side of a chess square in metres")]
+    marker_m: Annotated[float, Field(ge=SMALLEST_M, description="the side of a marker in a square, in metres")]
     T_world_board: Annotated[Pose, Field(alias="pose")]  # (4, 4)
 
     def __post_init__(self) -> None:

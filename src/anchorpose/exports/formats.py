@@ -13,6 +13,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import LOST, JointState
+from anchorpose.results.own_tables import require_own
 from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointTable, read_angles, read_joints
 
 STATES: Final = tuple(str(state) for state in JointState)
@@ -94,6 +95,7 @@ def read_source(folder: Path, kind: Format) -> Source:
 
     Raises InputError for tables that cannot be read and for times that go back.
     """
+    require_own(folder, (JOINTS_FILE, ANGLES_FILE))
     joints = read_joints(folder / JOINTS_FILE)
     if not (np.isfinite(joints.time_s).all() and (np.diff(joints.time_s) > 0).all()):
         raise InputError(folder / JOINTS_FILE, "its times do not increase from frame to frame", "track again")

@@ -22,7 +22,7 @@ from pydantic import (
 from anchorpose.errors import InputError
 from anchorpose.recording.json_text import LARGEST_BYTES, parse_json
 from anchorpose.recording.regular_file import is_there, read_whole
-from anchorpose.settings import STRICT, Unfit, explain, shown
+from anchorpose.settings import LARGEST, STRICT, Unfit, explain, shown
 
 ROTATION_TOLERANCE: Final = 5e-4
 """Largest entry of R^T R - I that rounding to four decimals explains; more is a scale, a shear or a mistake."""
@@ -46,9 +46,9 @@ def numbers(*shape: int, meaning: str) -> PlainValidator:
 
     def check(value: Any) -> np.ndarray:
         cells = np.array(value, dtype=object)
-        if cells.shape != shape or not all(type(cell) in (int, float) and abs(cell) < 1e300 for cell in cells.flat):
+        if cells.shape != shape or not all(type(cell) in (int, float) and abs(cell) <= LARGEST for cell in cells.flat):
             size = " x ".join(str(count) for count in shape)
-            raise Unfit(f"is not a list of {size} finite numbers", f"write {meaning}")
+            raise Unfit(f"is not a list of {size} numbers of a sensible size", f"write {meaning}")
         return cells.astype(np.float64)
 
     return PlainValidator(check)

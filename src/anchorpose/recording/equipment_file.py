@@ -17,7 +17,7 @@ from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, Equipm
 from anchorpose.recording.regular_file import read_whole
 from anchorpose.settings import Unfit
 
-LARGEST_M: Final = 20.0
+SMALLEST_M, LARGEST_M = 1e-4, 20.0  # a sheet of metal, and a room
 """Equipment fits into a room; anything larger was written in millimetres."""
 
 MOST_PARTS: Final = 1000
@@ -39,7 +39,7 @@ def _unit(axis: np.ndarray) -> np.ndarray:
 
 
 _Coordinate = Annotated[float, Field(ge=-LARGEST_M, le=LARGEST_M, description="metres from the origin of Gamma_0")]
-_Length = Annotated[float, Field(gt=0, le=LARGEST_M, description="a length in metres")]
+_Length = Annotated[float, Field(ge=SMALLEST_M, le=LARGEST_M, description="a length in metres")]
 _Rotation = Annotated[np.ndarray, numbers(3, 3, meaning="three rows of three"), AfterValidator(_require_rotation)]
 _Axis = Annotated[np.ndarray, numbers(3, meaning="the direction of the cylinder's axis"), AfterValidator(_unit)]
 

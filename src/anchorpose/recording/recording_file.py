@@ -27,7 +27,7 @@ from anchorpose.recording.document import (
 )
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.subject import CoveredPart, MissingPart, Subject
-from anchorpose.settings import Unfit, shown
+from anchorpose.settings import LARGEST, Unfit, shown
 
 FARTHEST_CAMERA_M: Final = 100.0
 """A camera stands in the room of its world frame; a larger translation was written in millimetres."""
@@ -44,6 +44,8 @@ MOST_PIXELS: Final = 1 << 23
 """Of an image: the depth cameras with the most have five million."""
 
 MOST_CAMERAS: Final = 16
+NARROWEST_LENS: Final = 0.01  # half a degree from the axis
+FINEST_DEPTH_SCALE_M: Final = 1e-6  # 65,535 of these are 6 cm
 SLOWEST_HZ: Final = 0.1  # at one image in ten seconds nobody is followed
 
 SHORTEST_SUBJECT_M, TALLEST_SUBJECT_M = 0.4, 2.8
@@ -71,7 +73,10 @@ Principal = Annotated[
 ]
 Coefficient = Annotated[float, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
 Distortion = Annotated[tuple[Coefficient, ...], Field(description="the coefficients of the lens, in OpenCV's order")]
-Radius = Annotated[float, Field(gt=0, description="how far from the axis the lens is valid, in units of z")]
+Radius = Annotated[
+    float,
+    Field(ge=NARROWEST_LENS, le=LARGEST, description="how far from the axis the lens is valid, in units of z"),
+]
 Size = Annotated[Whole, Field(gt=0, le=16384, description="the size of the depth images in pixels")]
 Rate = Annotated[float, Field(ge=SLOWEST_HZ, le=1000, description="depth images per second")]
 Height = Annotated[
@@ -122,7 +127,12 @@ class CameraEntry(Entry):
     width: Size
     height: Size
     depth_scale: Annotated[
-        float, Field(gt=0, le=COARSEST_DEPTH_SCALE_M, description="metres per grey value (0.001 for millimetres)")
+        float,
+        Field(
+            ge=FINEST_DEPTH_SCALE_M,
+            le=COARSEST_DEPTH_SCALE_M,
+            description="metres per grey value (0.001 for millimetres)",
+        ),
     ]
     intrinsics: LensEntry
     camera_to_world: CameraPose | None = None

@@ -8,9 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from pydantic import Field
 
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_text
@@ -27,6 +28,8 @@ LONGEST_STEP_S: Final = 5.0
 
 FARTHEST_TIME_S: Final = 1e11
 """From an epoch to today, in seconds, it is a fifth of that at most."""
+
+Seconds = Annotated[float, Field(ge=-FARTHEST_TIME_S, le=FARTHEST_TIME_S, description="a time in seconds")]
 
 _UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 _USUAL_STEP_S: Final = 1.0 / 30.0

@@ -20,6 +20,7 @@ from anchorpose.report.frame_columns import FrameColumns
 from anchorpose.report.ledger import Ledger
 from anchorpose.report.words import counted
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained
+from anchorpose.results.own_tables import require_own
 from anchorpose.results.parquet import TRACK_AGAIN
 from anchorpose.results.records import (
     CONTACTS_FILE,
@@ -200,6 +201,7 @@ def read_head(folder: Path, name: str = "") -> SessionHead:
         if not (folder / file).is_file():
             problem = "is missing: the folder was written by an older version, or by hand"
             raise InputError(folder / file, problem, f"run 'anchorpose measure {folder}' and try again")
+    require_own(folder, (JOINTS_FILE, CONTACTS_FILE, EXPLAINED_FILE, *MEASURED), run)
     return SessionHead(
         folder=folder,
         run=run,

@@ -22,6 +22,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.document import Text, Whole, numbers
 from anchorpose.recording.recording import Clock
+from anchorpose.recording.timestamps import Seconds
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 SAME_WORLD_M: Final = 0.001
@@ -99,6 +100,9 @@ def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None])
 LATEST_FRAME: Final = 2**31 - 1
 FARTHEST_M: Final = 100.0
 
+SUREST_M: Final = 1e-4
+"""Least sigma of a corrected joint: nobody places one within a tenth of a millimetre, and less would overflow."""
+
 
 def _require_utc(when: str) -> str:
     try:
@@ -126,7 +130,6 @@ def _require_near(position_m: np.ndarray) -> tuple[float, ...]:
 
 Utc = Annotated[str, AfterValidator(_require_utc)]
 Frame = Annotated[Whole, Field(ge=0, le=LATEST_FRAME, description="the number of a frame")]
-Seconds = Annotated[float, Field(description="a time in seconds")]
 Position = Annotated[
     tuple[float, float, float],
     numbers(3, meaning="x, y and z in metres, world frame"),
@@ -171,7 +174,7 @@ class JointCorrection:
     time_s: Seconds
     joint: Annotated[str, AfterValidator(_require_joint)]
     position_m: Position
-    sigma_m: Annotated[float, Field(gt=0, le=1, description="one sigma in metres")]
+    sigma_m: Annotated[float, Field(ge=SUREST_M, le=1, description="one sigma in metres")]
     reason: Text
     who: Text
     when: Utc

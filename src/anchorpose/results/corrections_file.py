@@ -7,12 +7,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, cast
 
-import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from anchorpose.recording.document import Entry, Text, Version, numbers, read_document, validate
+from anchorpose.recording.document import Entry, Text, Version, read_document, validate
 from anchorpose.recording.recording import Clock
+from anchorpose.recording.recording_file import CameraPose
 from anchorpose.results.corrections import (
+    FARTHEST_M,
     Correction,
     Corrections,
     JointCorrection,
@@ -28,6 +29,9 @@ from anchorpose.results.folder import write_text_whole
 from anchorpose.settings import Unfit
 
 CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
+
+LARGEST_DRIFT: Final = 0.1
+"""Seconds per second: the clocks of cameras differ by a thousandth at most."""
 
 
 def _kind_of(value: Any) -> str:
@@ -57,7 +61,7 @@ class ClockEntry(Entry):
     """See ``recording.Clock``."""
 
     ahead_s: Seconds
-    drift: Annotated[float, Field(gt=-1, description="seconds per second")]
+    drift: Annotated[float, Field(ge=-LARGEST_DRIFT, le=LARGEST_DRIFT, description="seconds per second")]
     at_s: Seconds
 
 
@@ -65,7 +69,7 @@ class CameraEntry(Entry):
     """A camera and its pose, if it was used, and its clock, if the results state it."""
 
     name: Text
-    camera_to_world: Annotated[np.ndarray, numbers(4, 4, meaning="the pose as a 4 x 4 matrix")] | None = None
+    camera_to_world: CameraPose | None = None
     clock: ClockEntry | None = None
 
 
@@ -75,7 +79,9 @@ class RecordingEntry(Entry):
     name: Text
     sha256: Text
     cameras: tuple[CameraEntry, ...]
-    floor_height_m: Annotated[float, Field(description="metres, along the world's Y")] | None = None
+    floor_height_m: (
+        Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, description="metres, along the world's Y")] | None
+    ) = None
 
 
 class HeldEntry(Entry):

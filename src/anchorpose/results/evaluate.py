@@ -22,6 +22,7 @@ from anchorpose.results.evaluate_confidence import (
 from anchorpose.results.evaluate_contacts import ContactEvaluation, evaluate_contacts
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES, joint_angles
+from anchorpose.results.own_tables import require_own
 from anchorpose.results.records import CONTACTS_FILE, read_contacts
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.truth import TrueTouch, Truth, read_true_touch, read_truth
@@ -143,6 +144,7 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     The first ``skip_s`` seconds of the truth are left out. Raises InputError where a file cannot be used or the two
     share no time.
     """
+    require_own(results, (JOINTS_FILE, CONTACTS_FILE))
     joints, known = read_joints(results / JOINTS_FILE), read_truth(truth)
     kept = known.time_s >= known.time_s[0] + skip_s
     if not kept.any():

@@ -209,7 +209,9 @@ class FrameTable(Generic[Frames]):
         """(rows,) the rows by frame, then by thing; None where they have this order already. Raises InputError unless
         every frame has each thing once."""
         count = max(len(names), 1)
-        if columns and len(columns["frame"]) % count == 0:
+        if not columns or not len(columns["frame"]):
+            raise InputError(path, "has no rows", self.remedy)
+        if len(columns["frame"]) % count == 0:
             frame, thing = columns["frame"], columns["thing"]
             if _complete(frame, thing, count):
                 return None
@@ -217,7 +219,7 @@ class FrameTable(Generic[Frames]):
             if _complete(frame[order], thing[order], count):
                 return order
         rows = f"{len(names)} {self.thing}s" if self.thing else "one row"
-        raise InputError(path, f"has no frames, or frames without exactly {rows}", self.remedy)
+        raise InputError(path, f"has frames without exactly {rows}", self.remedy)
 
     def _arrays(self, frames: Any) -> dict[str, np.ndarray]:
         return {name: np.asarray(getattr(frames, name)) for name in ("frame", "time_s", *self.columns)}

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.own_tables import require_own
 from anchorpose.results.processing.process import ProcessingConfig, process_angles
 from anchorpose.results.records import (
     CONTACTS_FILE,
@@ -56,6 +57,7 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
     replaced.
     Raises InputError where joints or contacts cannot be used, AnchorposeError where the filter does not fit.
     """
+    require_own(results, (JOINTS_FILE, CONTACTS_FILE))
     joints = read_joints(results / JOINTS_FILE)
     contacts = read_contacts(results / CONTACTS_FILE) if (results / CONTACTS_FILE).exists() else None
     work = Path(tempfile.mkdtemp(prefix=".measuring-", dir=results))

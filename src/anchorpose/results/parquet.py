@@ -137,7 +137,8 @@ class RecordTable(Generic[Row]):
     """A table with one row per record.
 
     record: the dataclass of a row, whose attributes have the names of the columns. known: the texts that may stand in a
-    column. rows_per_group: fixed, since row groups decide the bytes of the file.
+    column. rows_per_group: fixed, since row groups decide the bytes of the file. may_be_empty: whether the program ever
+    writes the table without rows.
     """
 
     file: str
@@ -145,6 +146,7 @@ class RecordTable(Generic[Row]):
     schema: pa.Schema
     known: Mapping[str, Collection[str]] = field(default_factory=dict)
     rows_per_group: int = 1024
+    may_be_empty: bool = True
     remedy: str
 
     def write(self, path: Path, records: Sequence[Row], metadata: dict[str, str] | None = None) -> None:
@@ -163,7 +165,10 @@ class RecordTable(Generic[Row]):
 
     def read(self, path: Path, rows: Any = None) -> tuple[Row, ...]:
         """All records, or those that the pyarrow expression ``rows`` selects; raises InputError for another table."""
-        return self.records(path, read_parquet(path, self.schema, rows))
+        table = read_parquet(path, self.schema, rows)
+        if rows is None and not self.may_be_empty and not table.num_rows:
+            raise InputError(path, "has no rows", self.remedy)
+        return self.records(path, table)
 
     def records(self, path: Path, table: pa.Table) -> tuple[Row, ...]:
         """The rows of a table as records; path: of its file, for messages."""

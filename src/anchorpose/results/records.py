@@ -154,6 +154,7 @@ MEASURES: Final = RecordTable(
             pa.field("why", pa.string()),
         ]
     ),
+    may_be_empty=False,
     remedy=MEASURE_AGAIN,
 )
 MEASURES_FILE, read_measures = MEASURES.file, MEASURES.read

@@ -9,7 +9,6 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-import numpy as np
 from pydantic import Field, StringConstraints, model_validator
 
 from anchorpose.errors import InputError
@@ -19,10 +18,10 @@ from anchorpose.recording.document import (
     FileInFolder,
     Text,
     Version,
-    numbers,
     read_json,
     validate,
 )
+from anchorpose.recording.recording_file import CameraPose
 from anchorpose.results.corrections import Frame, Seconds
 from anchorpose.results.corrections_file import CameraEntry, HeldByRun
 from anchorpose.settings import Unfit
@@ -72,7 +71,7 @@ class DepthOfRun(Entry):
 class CameraOfRun(CameraEntry, extra="ignore"):
     """See ``CameraRecord``."""
 
-    camera_to_world: Annotated[np.ndarray, numbers(4, 4, meaning="the pose as a 4 x 4 matrix, or null")] | None
+    camera_to_world: CameraPose | None
     source: str
     depth: DepthOfRun | None = None
 

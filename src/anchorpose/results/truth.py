@@ -11,6 +11,8 @@ from anchorpose.body.regions import REGION_BONES
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.recording.array_file import read_arrays
+from anchorpose.recording.timestamps import FARTHEST_TIME_S
+from anchorpose.results.corrections import FARTHEST_M
 
 _READ = ("joints", "names", "time", "occluded", "seen_share")
 
@@ -51,6 +53,10 @@ def read_truth(path: Path) -> Truth:
         raise InputError(path, f"its arrays do not fit together (joints {joints.shape}, time {time_s.shape})", remedy)
     if joints.dtype.kind not in "fiu" or time_s.dtype.kind not in "fiu":
         raise InputError(path, "its joints or times are not numbers", remedy)
+    with np.errstate(invalid="ignore"):
+        if (np.abs(joints) > FARTHEST_M).any() or not (np.abs(time_s) <= FARTHEST_TIME_S).all():
+            problem = f"has joints over {FARTHEST_M:g} m away, or times that are no seconds"
+            raise InputError(path, problem, "write metres and seconds")
     if len(time_s) == 0 or not (np.diff(time_s) > 0).all():
         raise InputError(path, "its times are none or do not increase", remedy)
     order, seen = _order(path, names), arrays.get("seen_share")

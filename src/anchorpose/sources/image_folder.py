@@ -16,7 +16,8 @@ from pydantic import Field
 
 from anchorpose.errors import InputError
 from anchorpose.recording.document import Entry, Text, Version, read_document
-from anchorpose.recording.recording_file import COARSEST_DEPTH_SCALE_M, LensEntry, Rate, Size
+from anchorpose.recording.recording_file import COARSEST_DEPTH_SCALE_M, FINEST_DEPTH_SCALE_M, LensEntry, Rate, Size
+from anchorpose.recording.timestamps import Seconds
 from anchorpose.sources.grey_images import FrameFile, ImageFiles, first_size, grey_size, images_in, number_of
 from anchorpose.sources.source import SourceCamera
 
@@ -37,9 +38,9 @@ class SidecarDocument(Entry):
     width: Size | None = None
     height: Size | None = None
     byte_order: Literal["little", "big"] = "little"
-    depth_scale: Annotated[float, Field(gt=0, le=COARSEST_DEPTH_SCALE_M)] | None = None
+    depth_scale: Annotated[float, Field(ge=FINEST_DEPTH_SCALE_M, le=COARSEST_DEPTH_SCALE_M)] | None = None
     fps: Rate | None = None
-    times_s: tuple[float, ...] | None = None
+    times_s: tuple[Seconds, ...] | None = None
     intrinsics: LensEntry | None = None
     model: Text | None = None
     serial: Text | None = None

@@ -14,6 +14,7 @@ from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES, LIMBS, JointState
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained, worst_moments
 from anchorpose.results.frame_table import FrameTable
 from anchorpose.results.frame_time import worst_rows
+from anchorpose.results.own_tables import require_own
 from anchorpose.results.poses import POSES, PoseTable
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.run_document import read_run
@@ -56,6 +57,7 @@ class Review:
 def open_review(results: Path, recording: Path | None) -> Review:
     """Raises InputError where the results cannot be read, or the recording is not the one they were made of."""
     joints, run = open_frames(JOINTS, results / JOINTS.file), read_run(results / RUN_FILE)
+    require_own(results, (JOINTS.file, POSES.file, ANCHORS.file, ANGLES.file, EXPLAINED_FILE, CONTACTS_FILE), run)
     poses, anchors = (_if_there(table, results) for table in (POSES, ANCHORS))
     explained = read_explained(results / EXPLAINED_FILE) if (results / EXPLAINED_FILE).exists() else None
     angles = open_frames(ANGLES, results / ANGLES.file)
