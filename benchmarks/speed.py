@@ -64,7 +64,8 @@ def measure(simulated: Path, warm: bool) -> dict[str, Any]:
     with np.load(simulated / "truth/truth.npz") as truth, TemporaryDirectory() as folder:
         own = np.zeros(body_points().asset.shape_count - len(truth["shape_coefficients"]))
         shape = FittedShape(np.append(truth["shape_coefficients"], own), even_clothes(CLOTHING_M))
-        shared = {"run": run, "room": room, "points": body_points(), "asset": body_points().asset}
+        points = body_points()
+        shared = {"run": run, "room": room, "config": config, "points": points, "asset": points.asset}
         records = [tracked.record.joints for tracked in track_on(route, run, shape, Journal(Path(folder), shared))]
         seconds = time.process_time() - ticks[0]
         late = [joints for joints in records if joints.time_s >= SKIP_S]

@@ -187,8 +187,14 @@ def test_the_verb_writes_a_file_and_pictures_and_says_what_is_a_guess(tmp_path, 
     assert "square" in said
     assert len(read_equipment(tmp_path / "out" / "equipment.json").parts) == 2
     assert cv2.imread(str(tmp_path / "out" / "equipment_front.png")) is not None
-    assert main(command) == 2
-    assert "--overwrite" in capsys.readouterr().err
+    for kept, other in (("equipment.json", "equipment_front.png"), ("equipment_front.png", "equipment.json")):
+        (tmp_path / "out" / other).unlink()
+        before = (tmp_path / "out" / kept).read_bytes()
+        assert main(command) == 2
+        assert f"{kept}: exists already; choose another name, or give --overwrite" in capsys.readouterr().err
+        assert [path.name for path in (tmp_path / "out").iterdir()] == [kept]
+        assert (tmp_path / "out" / kept).read_bytes() == before
+        (tmp_path / "out" / other).touch()
 
 
 def test_what_cannot_be_fitted_is_refused_in_one_sentence(tmp_path, capsys):

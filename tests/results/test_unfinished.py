@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ from anchorpose.results.unfinished import (
     unfinished_results,
     wait_until_free,
 )
+from anchorpose.tracker.journal import Journal
 
 INPUTS = {"recording.json": "0", "front/depth/000000.png": "1"}
 
@@ -182,6 +185,16 @@ def test_each_refusal_has_one_remedy_which_works(tmp_path, recording):
         assert not hasattr(no.value, "__notes__")
         assert len(list(begun.parent.glob("*.frames"))) == 3
     assert _run(tmp_path / "out", recording, 1, overwrite=True) == 0
+
+
+def test_a_damaged_value_is_refused_with_a_remedy_that_works(tmp_path, recording):
+    with pytest.raises(_Stopped):
+        _run(tmp_path / "out", recording, 2, _Stopped)
+    journal = tmp_path / ".out.unfinished" / JOURNAL
+    with pytest.raises(InputError, match=re.escape(f"is damaged; remove {journal} and give the same command again.")):
+        Journal(journal).read("0.frames", int)
+    shutil.rmtree(journal)
+    assert _run(tmp_path / "out", recording, 2, resume=True) == 0
 
 
 def test_a_verb_that_cannot_go_on_neither_offers_it_nor_keeps_anything(tmp_path, recording):

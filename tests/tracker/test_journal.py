@@ -87,6 +87,16 @@ def test_frames_come_in_the_order_of_the_pass_or_against_it(tmp_path):
     assert (blocks.has(2), blocks.has(3)) == (True, False)
 
 
+def test_a_block_that_is_gone_is_noticed(tmp_path):
+    blocks = Blocks[int](Journal(tmp_path), int)
+    for number in range(3):
+        blocks.write(number, [number])
+    blocks.require(3)
+    (tmp_path / "000001.frames").unlink()
+    with pytest.raises(InputError, match=r"000001\.frames: is damaged; remove .* and give the same command again"):
+        blocks.require(3)
+
+
 def test_a_folder_that_was_removed_is_reported(tmp_path):
     journal = Journal(tmp_path / "gone")
     with pytest.raises(InputError, match="was removed"):

@@ -59,11 +59,11 @@ def fit(
     if out.exists() and not overwrite:
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
     fitted = fit_equipment(open_recording(recording), camera, _region(around, radius))
-    out.parent.mkdir(parents=True, exist_ok=True)
     pictures = [out.with_name(f"{out.stem}_{view.name}.png") for view in fitted.cameras]
     for picture in pictures:
         if picture.exists() and not overwrite:
             raise InputError(picture, "exists already", "choose another name, or give --overwrite to replace it")
+    out.parent.mkdir(parents=True, exist_ok=True)
     with naming_place(out):
         write_equipment(out, fitted.proposal.model)
         model = read_equipment(out)

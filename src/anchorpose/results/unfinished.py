@@ -93,7 +93,7 @@ def _claim(work: Path, path: Path) -> None:
         with naming_place(path):
             (work / MARK_FILE).write_text(MARK, encoding="utf-8")
     if not _is_own(work):
-        raise InputError(work, "is in the way, and not of an unfinished run", "rename it, or choose another name")
+        raise InputError(work, "is in the way, and not of an unfinished run", "rename it")
 
 
 def _is_own(work: Path) -> bool:

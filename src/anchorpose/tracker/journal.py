@@ -67,7 +67,11 @@ class Journal:
                 raise ValueError("has another digest")
             return read_value(stored, kind, self.shared)
         except ValueError as error:
-            raise InputError(path, "is damaged", f"remove {path.parent} and give the same command again") from error
+            raise self.damaged(name) from error
+
+    def damaged(self, name: str) -> InputError:
+        """The refusal of a value that cannot be used: what is stored with it is made again."""
+        return InputError(self.folder / name, "is damaged", f"remove {self.folder} and give the same command again")
 
     def once(self, name: str, kind: Any, make: Callable[[], Item]) -> Item:
         """Returns the value of this name and of the type ``kind``; makes, stores and reads it where none is stored."""
@@ -89,6 +93,12 @@ class Blocks(Generic[Item]):
     def has(self, number: int) -> bool:
         """Whether a block is stored."""
         return (self._journal.folder / _block_name(number)).is_file()
+
+    def require(self, count: int) -> None:
+        """Raises InputError unless the first ``count`` blocks are stored."""
+        for number in range(count):
+            if not self.has(number):
+                raise self._journal.damaged(_block_name(number))
 
     def write(self, number: int, items: list[Item]) -> None:
         """Stores a block; what was stored under its number is replaced."""

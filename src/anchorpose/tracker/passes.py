@@ -229,6 +229,7 @@ class _Passes:
         initial = self.run.room.initial_frame
         try:
             state: _PassState = journal.read("state", _PassState)
+            blocks.require(state.blocks)
             self.run.stopwatch.seconds.update(state.seconds)
             self.route.skip(state.frames)
         except KeyError:

@@ -184,7 +184,7 @@ def test_real_recordings_of_one_person_are_said_to_narrow_the_intervals(results:
 
 def test_all_files_are_there_and_others_stay(folder: Path, results: ExperimentResults) -> None:
     assert {path.name for path in folder.iterdir()} == {
-        "cache", "pictures", "tables", "figures", "claims.json", "index.html",
+        "cache", "pictures", "tables", "figures", "figures.kept", "claims.json", "index.html",
     }  # fmt: skip
     assert (folder / "cache" / "kept").read_text() == "as it was"
     assert len(list((folder / "figures").glob("*.svg"))) == len(list((folder / "figures").glob("*.png"))) == 10
