@@ -104,6 +104,31 @@ def test_two_centimetres_are_noted_and_half_of_them_widen_sigma(clinic):
     assert found.displaced_m == pytest.approx(0.01, abs=0.003)
 
 
+def off_by(recording: Recording, shift_m: float, turn_deg: float, longer: float) -> Recording:
+    """Every camera off its pose, in a direction of its own, with a focal length that is longer or shorter."""
+    rng, found = np.random.default_rng(5), recording
+    for index, camera in enumerate(recording.cameras):
+        shift, axis = rng.normal(size=(2, 3))
+        turned = turn_deg * axis / np.linalg.norm(axis)
+        found = posed(found, index, turned, shift_m * shift / np.linalg.norm(shift))
+        lens, scale = camera.intrinsics, 1.0 + longer * (-1) ** index
+        scaled = replace(lens, fx=scale * lens.fx, fy=scale * lens.fy)
+        cameras = [replace(one, intrinsics=scaled) if k == index else one for k, one in enumerate(found.cameras)]
+        found = replace(found, cameras=tuple(cameras))
+    return found
+
+
+@pytest.mark.parametrize("equipment", [True, False])
+def test_poses_as_good_as_published_ones_are_noted_and_widen_sigma(clinic, equipment):
+    """Three cameras 2 cm and 0.7 degrees off, with nominal lenses, see past half of each other's rooms by 5 cm."""
+    recording, frames = clinic
+    given = recording if equipment else replace(recording, equipment=None)
+    found = agreed(off_by(given, 0.02, 0.7, 0.015), frames)
+    assert not any(doubt.refuted for doubt in found.doubts)
+    assert any("have the people and the room" in note for note in found.notes)
+    assert 0.01 < found.displaced_m < 0.08
+
+
 def test_exchanged_folders_are_refused_as_exchanged(clinic):
     with pytest.raises(InputError, match=r"cameras front and left seem to be exchanged.*exchange their folders"):
         agreed(*with_images(clinic, (1, 0, 2)))

@@ -174,8 +174,7 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
     freedom = np.stack([np.append(up, zero), np.append(zero, ahead), np.append(zero, aside)], axis=1)
     T = T_first_second
     for gate in GATES_M:
-        pairs = _pairs(first, second, T, gate), _pairs(second, first, invert_rigid(T), gate)
-        jacobian, residual, moment = _joined(*pairs, T)
+        jacobian, residual, moment = paired_rows(first, second, T, gate)
         jacobian = jacobian @ freedom
         if len(residual) < LEAST_PAIRS:
             return None
@@ -185,7 +184,7 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
         if np.linalg.cond(information) > WORST_CONDITION:
             return None
         covariance = np.linalg.inv(information)
-        T = _moved(T, -freedom @ (covariance @ (jacobian.T @ (weight * residual))))
+        T = moved_by(T, -freedom @ (covariance @ (jacobian.T @ (weight * residual))))
     scores = np.zeros((int(moment.max()) + 1, jacobian.shape[1]))
     np.add.at(scores, moment, jacobian * (weight * residual)[:, None])
     spread_of_pose = freedom @ covariance @ (scores.T @ scores) @ covariance @ freedom.T
@@ -235,6 +234,17 @@ def _pairs(target: LevelView, source: LevelView, T_target_source: np.ndarray, ga
     return _Pairs(*(np.concatenate(part) for part in zip(*found, strict=True)))
 
 
+def paired_rows(
+    first: LevelView, second: LevelView, T_first_second: np.ndarray, gate_m: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows of the least squares from the pairs within ``gate_m``, both ways.
+
+    jacobian (n, 6) for a small turn and shift in the first frame, residual (n,) metres, moment (n,).
+    """
+    there = _pairs(first, second, T_first_second, gate_m)
+    return _joined(there, _pairs(second, first, invert_rigid(T_first_second), gate_m), T_first_second)
+
+
 def _joined(forth: _Pairs, back: _Pairs, T_first_second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Jacobian (n, 6) for a small turn and shift in the first frame, residual (n,), moment (n,), of both directions.
 
@@ -252,7 +262,7 @@ def _joined(forth: _Pairs, back: _Pairs, T_first_second: np.ndarray) -> tuple[np
     return jacobian, residual, moment
 
 
-def _moved(T: np.ndarray, step: np.ndarray) -> np.ndarray:
+def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
     """T after the turn step[:3] about the origin and the shift step[3:]."""
     motion = np.eye(4)
     motion[:3, :3], _ = cv2.Rodrigues(step[:3])

@@ -17,28 +17,24 @@ import numpy as np
 
 from anchorpose.body.constraints import thin
 from anchorpose.calibration.calibration import DoubtSource, PoseDoubt
-from anchorpose.calibration.camera_to_camera import is_credible
-from anchorpose.calibration.common_view import LevelView, fit_people, level_view
-from anchorpose.calibration.floor import FloorPlane, up_of
+from anchorpose.calibration.common_view import LevelView
+from anchorpose.calibration.surface_displacement import Displacement, common_surfaces, find_displacement
 from anchorpose.camera import invert_rigid, transform_points
-from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet
 
-# Set on twelve simulated clinics (benchmarks/camera_agreement.py): with right poses at most 0.05 of the room and 0.13
-# of the people are seen past; of the people 0.30 to 0.75 where a camera is 5 cm to the side
+# Of what is in view of both, the share that one camera sees past by more than AWAY_M, in whatever direction
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
-ROOM_ALONE: Final = 0.6  # where nobody's outline confirms it: cameras that draw edges out had 0.19 with right poses
-ROOM_M, PEOPLE_M = 0.05, 0.04  # along the ray: edges, and people who move while cameras take turns
-SIGMAS: Final = 2.0  # of both cameras' depth on people, where that is more; empty rooms are means of frames
+ROOM_ALONE: Final = 0.6  # where nobody's outline confirms it: cameras that draw edges out
+AWAY_M: Final = 0.10  # poses that are less wrong can be used: poses 3 cm and a degree off displace people by up to 0.12
 LEAST_SHARED: Final = 500  # points that both cameras see
 POINTS: Final = 20000  # of the room
 POINTS_OF_PEOPLE: Final = 3000  # of one frame
 FRAMES: Final = 8
-EVERY_PX: Final = 3  # pixel of every third row, for surfaces in common view
-OFF_M: Final = 0.010  # right poses have at most 0.004, a device's steady error of depth is as much
-REFUTED_M: Final = 0.05  # a good calibration is within 0.02; more than a forearm's width, limbs do not meet
+OFF_M: Final = 0.015  # right poses have at most 0.009
+REFUTED_M: Final = 0.15  # two cameras that are 10 cm off each
+REFUTED_RAD: Final = 0.07  # four degrees, as for a floor; poses a degree off each have up to 3.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,17 +56,23 @@ class SeenPast:
 
 @dataclass(frozen=True, slots=True)
 class CameraPair:
-    """off_m: by the surfaces of the people in common view, how far the cameras have them apart; None where not known
-    accurately."""
+    """by: how far the cameras have the surfaces that both see from each other; None where these do not determine it."""
 
     past: SeenPast
-    off_m: float | None
+    by: Displacement | None
 
     @property
     def measured(self) -> str:
         """All that is known, for people; empty where nothing is."""
-        apart = [] if self.off_m is None else [f"have people {1000 * self.off_m:.0f} mm apart"]
-        return ", ".join([*([self.past.measured] if self.past.measured else []), *apart])
+        return ", ".join(part for part in (self.past.measured, self.apart) if part)
+
+    @property
+    def apart(self) -> str:
+        """The displacement, for people; empty where it is not known."""
+        if self.by is None:
+            return ""
+        turn = "" if self.by.turn_rad is None else f" and {np.degrees(self.by.turn_rad):.1f} degrees"
+        return f"have the people and the room {1000 * self.by.off_m:.0f} mm{turn} from each other"
 
 
 def compare_cameras(
@@ -79,31 +81,21 @@ def compare_cameras(
     """Every pair of cameras; samples: frames of all cameras, spread over the recording."""
     chosen = [samples[k] for k in thin(len(samples), FRAMES)]
     whole = [frame for frame in chosen if all(depth is not None for depth in frame.depths_m)]
-    views = [_level_view(k, scenes, backgrounds_m, whole) for k in range(len(scenes))] if whole else []
+    views = [_surfaces(k, scenes, backgrounds_m, whole) for k in range(len(scenes))] if whole else []
     past = seen_past(scenes, [find_all_pieces(frame, scenes) for frame in chosen])
     pairs = combinations(range(len(scenes)), 2)
     return [
-        CameraPair(one, _off_m(views[a], views[b]) if views else None) for one, (a, b) in zip(past, pairs, strict=True)
+        CameraPair(one, find_displacement(views[a], views[b]) if views else None)
+        for one, (a, b) in zip(past, pairs, strict=True)
     ]
 
 
-def _off_m(first: LevelView, second: LevelView) -> float | None:
-    """How far two cameras have the people whom both see from each other; None where that is not known accurately."""
-    T_first_second = invert_rigid(first.camera.require_pose()) @ second.camera.require_pose()
-    fit = fit_people(first, second, T_first_second)
-    if fit is None or not is_credible(fit):
-        return None
-    people = np.concatenate([seen.points_m[seen.person] for seen in second.seen]).mean(axis=0, keepdims=True)
-    moved = transform_points(fit.T_first_second, people) - transform_points(T_first_second, people)
-    return float(np.linalg.norm(moved))
-
-
-def _level_view(
+def _surfaces(
     index: int, scenes: Sequence[Scene], backgrounds_m: Sequence[np.ndarray | None], frames: Sequence[FrameSet]
 ) -> LevelView:
-    camera, depths = scenes[index].camera, [depth for frame in frames if (depth := frame.depths_m[index]) is not None]
-    level = FloorPlane(up_of(camera), float(camera.position_m[1]), 0.0, 0.0)  # a frame that stands on Y = 0
-    return level_view(camera, level, backgrounds_m[index], depths, EVERY_PX)
+    depths = [depth for frame in frames if (depth := frame.depths_m[index]) is not None]
+    scene = scenes[index]
+    return common_surfaces(scene.camera, scene.background.depth_m, backgrounds_m[index], depths)
 
 
 def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> list[SeenPast]:
@@ -114,16 +106,16 @@ def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]
 def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
     """What a pair of cameras says against their poses.
 
-    The people's surfaces decide where both cameras see enough of them; else what is seen past, and of that the room
-    where their clocks are not known: people are elsewhere at another time.
+    The surfaces that both see decide where they determine the displacement; else what is seen past, and of that the
+    room where their clocks are not known: people are elsewhere at another time.
     """
     past, names = pair.past, " and ".join(pair.past.cameras)
-    if pair.off_m is not None:
-        sentence = f"cameras {names} have the people whom both see {1000 * pair.off_m:.0f} mm from each other"
-        refuted = pair.off_m > REFUTED_M
-        return (
-            PoseDoubt(DoubtSource.CAMERAS, past.cameras, sentence, pair.off_m, refuted) if pair.off_m > OFF_M else None
-        )
+    if pair.by is not None:
+        off_m, turn_rad = pair.by.off_m, pair.by.turn_rad or 0.0
+        refuted = off_m > REFUTED_M or turn_rad > REFUTED_RAD
+        if not (off_m > OFF_M or refuted):
+            return None
+        return PoseDoubt(DoubtSource.CAMERAS, past.cameras, f"cameras {names} {pair.apart}", off_m, refuted)
     if not (past.of_room > SOME_OF_ROOM or past.of_people > SOME_OF_PEOPLE):
         return None
     much_of_room = MUCH_OF_ROOM if np.isfinite(past.of_people) else ROOM_ALONE
@@ -157,36 +149,26 @@ def _room_past(one: Scene, other: Scene) -> tuple[int, int]:
     points = one.camera.back_project(one.background.depth_m).reshape(-1, 3)
     points = points[np.isfinite(points[:, 2])].astype(np.float64)
     world = transform_points(one.camera.require_pose(), points[:: max(1, len(points) // POINTS)])
-    return _past(world, other, other.background.depth_m, ROOM_M)
+    return _past(world, other, other.background.depth_m)
 
 
 def _people_past(here: Pieces, there: Pieces, one: Scene, other: Scene) -> tuple[int, int]:
     world = here.points_m[:: max(1, len(here.points_m) // POINTS_OF_PEOPLE)].astype(np.float64)
-    return _past(world, other, there.depth_m, PEOPLE_M, _spread(one, other))
+    return _past(world, other, there.depth_m)
 
 
-def _spread(one: Scene, other: Scene) -> float:
-    """Standard deviation (1/m) of the difference between readings of two cameras, times the square of the depth."""
-    return float(np.hypot(_room_sigma_per_m(one.background), _room_sigma_per_m(other.background)))
-
-
-def _room_sigma_per_m(room: BackgroundModel) -> float:
-    """Of the room's readings over time: matching errors of stereo cameras are the same in neighbouring pixels."""
-    known = room.depth_m > 0
-    return float(np.median(room.sigma_m[known] / room.depth_m[known] ** 2)) if known.any() else room.noise_per_m
-
-
-def _past(
-    world_m: np.ndarray, other: Scene, depth_m: np.ndarray, slack_m: float, spread_per_m: float = 0.0
-) -> tuple[int, int]:
+def _past(world_m: np.ndarray, other: Scene, depth_m: np.ndarray) -> tuple[int, int]:
     """(seen past, known) of the points (n, 3) in another camera's depth image (height, width) metres.
 
-    Known are those in view where it has a reading and nothing stands before them; the nearest of nine pixels counts.
+    Known are those in view where it has a reading and nothing stands before them; the nearest reading within ``AWAY_M``
+    to every side of a point counts.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
     column, row, inside = other.camera.pixel_of(seen)
+    if not inside.any():
+        return 0, 0
     read = np.where(depth_m > 0, depth_m, np.float32(np.inf))
-    nearest_m = cv2.erode(read, np.ones((3, 3), np.uint8))[row, column]
-    slack = np.maximum(slack_m, SIGMAS * spread_per_m * seen[:, 2] ** 2)
-    known = inside & np.isfinite(nearest_m) & (nearest_m > seen[:, 2] - slack)
-    return int(np.count_nonzero(nearest_m[known] > (seen[:, 2] + slack)[known])), int(np.count_nonzero(known))
+    reach_px = int(other.camera.intrinsics.fx * AWAY_M / np.median(seen[inside, 2]))
+    nearest_m = cv2.erode(read, np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8))[row, column]
+    known = inside & np.isfinite(nearest_m) & (nearest_m > seen[:, 2] - AWAY_M)
+    return int(np.count_nonzero(nearest_m[known] > seen[known, 2] + AWAY_M)), int(np.count_nonzero(known))
