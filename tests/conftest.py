@@ -16,7 +16,12 @@ settings.load_profile("same everywhere")
 
 COMPILES_MOST: Final = ("test_pipeline.py",)
 COMPILE_LITTLE: Final = ("report", "exports", "cli", "recording", "viewer", "test_docs.py", "test_structure.py")
-LONG: Final = ("research", "tracker", "test_real_recordings.py")  # not at the end, where other workers would wait
+LONG: Final = (
+    "research",
+    "tracker",
+    "goldens",
+    "test_real_recordings.py",
+)  # not at the end, where other workers would wait
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,0 +1,11 @@
+"""What recordings with several people are tracked to, byte for byte (``goldens_builder``)."""
+
+from __future__ import annotations
+
+import pytest
+from goldens_builder import assert_golden
+
+
+@pytest.mark.parametrize("name", ["clinic", "bars", "room"])
+def test_results_have_not_changed(name, tmp_path):
+    assert_golden(name, tmp_path)
