@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any, Final
@@ -69,11 +69,14 @@ class Recorder:
         partial.replace(folder / EMPTY_ROOM_FILE)
 
     def finish(self) -> Path:
-        """The recording, whole and on disk."""
+        """The recording, whole and on disk; may be called twice."""
+        if self.finished:
+            return self.folder
         self.abandon()
         self._sync()
+        finish_recording(self.folder)
         self.finished = True
-        return finish_recording(self.folder)
+        return self.folder
 
     def abandon(self) -> None:
         """Writes no more; the folder stays as it is."""
@@ -87,13 +90,15 @@ class Recorder:
 
     def _sync_often(self) -> None:
         while not self._done.wait(SYNC_S):
-            self._sync()
+            with suppress(OSError):  # the next time, or at the end
+                self._sync()
 
     def _sync(self) -> None:
-        paths, self._unsynced = self._unsynced, []
-        for path in (*paths, *(writer.folder / "timestamps.csv" for writer in self._writers)):
+        count = len(self._unsynced)
+        for path in (*self._unsynced[:count], *(writer.folder / "timestamps.csv" for writer in self._writers)):
             with path.open("rb") as file:
                 os.fsync(file.fileno())
+        del self._unsynced[:count]  # images that came meanwhile stay
 
 
 def finish_recording(folder: Path) -> Path:

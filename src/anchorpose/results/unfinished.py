@@ -18,17 +18,26 @@ from anchorpose.results.folder import RESULTS, check_results_path, make_folder, 
 JOURNAL: Final = "journal"
 """The folder in an unfinished results folder that holds what the run has done so far."""
 
+LIVE: Final = "live session"
+"""How the identity of a live session begins: it cannot be tracked again, only finished."""
+
+FIRST_SECONDS: Final = "first-seconds"
+"""The folder in a journal that holds the first seconds of a live session; alone, they are not worth keeping."""
+
 BEGUN_FILE: Final = "begun.json"
 LOCK_FILE: Final = ".lock"
 
 
 @contextmanager
-def unfinished_results(path: Path, recording: Path, overwrite: bool = False, resume: bool = False) -> Iterator[Path]:
+def unfinished_results(
+    path: Path, recording: Path | None, overwrite: bool = False, resume: bool = False
+) -> Iterator[Path]:
     """The folder ``.NAME.unfinished`` beside ``path``, which becomes ``path`` when the block ends without an error.
 
     Otherwise it stays, if the run has stored anything in it, and ``resume`` goes on with it. It is locked: a second
-    run into ``path`` at the same time is refused. Raises InputError before anything is written where results may not go
-    to ``path`` or an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
+    run into ``path`` at the same time is refused. recording: None where the images come from cameras. Raises InputError
+    before anything is written where results may not go to ``path`` or an unfinished run is there and neither ``resume``
+    nor ``overwrite`` is given.
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)
@@ -37,7 +46,7 @@ def unfinished_results(path: Path, recording: Path, overwrite: bool = False, res
     with _locked(work, path):
         stored = _has_stored(work)
         if stored and not resume and not overwrite:
-            remedy = "give --resume to go on with it, or --overwrite to begin again"
+            remedy = f"{_going_on(path)}, or give --overwrite to begin again"
             raise InputError(path, f"has an unfinished run, in {work}", remedy)
         _clear(work, keep=(LOCK_FILE, JOURNAL) if stored and resume else (LOCK_FILE,))
         try:
@@ -46,7 +55,7 @@ def unfinished_results(path: Path, recording: Path, overwrite: bool = False, res
                 (work / LOCK_FILE).unlink()
                 publish(work, path, RESULTS.own if overwrite else ())
         except BaseException as error:
-            _leave(work, error)
+            _leave(work, path, error)
             raise
 
 
@@ -88,7 +97,19 @@ def _locked(work: Path, path: Path) -> Iterator[None]:
 
 def _has_stored(work: Path) -> bool:
     """Whether the run has come so far that going on saves work."""
-    return any(file.name != BEGUN_FILE for file in (work / JOURNAL).rglob("*") if file.is_file())
+    files = [file for file in (work / JOURNAL).rglob("*") if file.is_file()]
+    return any(file.name != BEGUN_FILE and FIRST_SECONDS not in file.parts for file in files)
+
+
+def is_live_session(path: Path) -> bool:
+    """Whether the unfinished run into ``path`` is a live session."""
+    return (begun_identity(path) or "").startswith(LIVE)
+
+
+def _going_on(path: Path) -> str:
+    """What the user does to go on with the run that is stored."""
+    live = f"finish it with 'anchorpose live --finish -o {path}'"
+    return live if is_live_session(path) else "give the same command with --resume"
 
 
 def _clear(work: Path, keep: Sequence[str]) -> None:
@@ -96,10 +117,10 @@ def _clear(work: Path, keep: Sequence[str]) -> None:
         shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
 
 
-def _leave(work: Path, error: BaseException) -> None:
+def _leave(work: Path, path: Path, error: BaseException) -> None:
     """Removes what is of no use any more, else notes how to go on."""
     if _has_stored(work):
-        error.add_note("What was done is kept: the same command with --resume goes on.")
+        error.add_note(f"What was done is kept: {_going_on(path)}.")
     elif work.is_dir():
         shutil.rmtree(work, ignore_errors=True)
 
@@ -114,6 +135,8 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
     path = journal / BEGUN_FILE
     if path.is_file():
         begun = read_json(path, LARGEST_WITH_HASHES)
+        if str(begun.get("identity")).startswith(LIVE):
+            raise InputError(results, "is a live session", "finish it with 'anchorpose live --finish'")
         if begun.get("identity") != identity:
             raise InputError(results, _what_changed(begun.get("inputs_sha256"), inputs), "begin again with --overwrite")
         return journal

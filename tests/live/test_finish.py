@@ -1,0 +1,129 @@
+"""A live session that ends early, on a full disk or killed, is finished from what is stored."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_builder import Again
+
+from anchorpose.cli import main
+from anchorpose.errors import InputError
+from anchorpose.live.stored import SESSION_FILE
+from anchorpose.results.tables import JOINTS_FILE, read_joints
+from anchorpose.results.unfinished import JOURNAL
+from anchorpose.simulate.config import single
+from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.journal import Blocks
+
+FPS, SECONDS = 10.0, 4.0
+LIVE = ["--start-seconds", "3"]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("finish")
+    simulate_recording(folder / "out", single(6, seconds=SECONDS, fps=FPS))
+    return folder / "out/recording"
+
+
+@pytest.fixture
+def played(recording, monkeypatch) -> str:
+    """The name of a source that plays forward and backward without an end."""
+    monkeypatch.setattr("anchorpose.cli.live_setup.Playback", lambda found: Again(found, FPS))
+    return str(recording)
+
+
+def test_a_full_disk_ends_the_session_and_what_is_stored_becomes_results(played, tmp_path, monkeypatch, capsys):
+    write = Blocks.write
+
+    def full_after_the_first(blocks: Blocks, number: int, items: list) -> None:
+        if number > 0:
+            raise InputError(tmp_path, "cannot be written to (No space left on device)", "make room and resume")
+        write(blocks, number, items)
+
+    monkeypatch.setattr(Blocks, "write", full_after_the_first)
+    monkeypatch.chdir(tmp_path)
+    assert main(["live", played, "-o", "session", *LIVE]) == 2
+    said = capsys.readouterr().err
+    assert "No space left on device); make room on this disk." in said
+    assert "finish it with 'anchorpose live --finish -o session'" in said
+    assert "--resume" not in said
+    assert main(["live", played, "-o", "session"]) == 2
+    assert "finish it with 'anchorpose live --finish -o session', or give --overwrite" in capsys.readouterr().err
+    assert main(["track", played, "-o", "session", "--resume"]) == 2
+    assert "anchorpose live --finish" in capsys.readouterr().err
+
+    assert main(["live", "--finish", "-o", "session"]) == 0
+    assert os.listdir(tmp_path) == ["session"]
+    assert len(read_joints(tmp_path / "session" / JOINTS_FILE).frame) >= 1  # the last of the first seconds
+    (note,) = [one for one in json.loads(Path("session/run.json").read_text())["notes"] if "ended early" in one]
+    assert "No space left on device" in note
+    assert main(["live", "--finish", "-o", "session"]) == 2
+    assert "has no live session that was cut off" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_killed_session_is_finished_with_all_that_was_stored(recording, tmp_path):
+    program = (
+        "from live_builder import Again; from anchorpose.cli import live_setup, main; import sys;"
+        f"live_setup.Playback = lambda found: Again(found, {FPS}); sys.exit(main())"
+    )
+    command = [sys.executable, "-c", program, "live", str(recording), "-o", str(tmp_path / "session"), *LIVE]
+    paths = os.pathsep.join(sys.path)
+    with subprocess.Popen(command, env=os.environ | {"PYTHONPATH": paths}, stdout=subprocess.DEVNULL) as child:
+        journal = tmp_path / ".session.unfinished" / JOURNAL
+        until_s = time.monotonic() + 240.0
+        while not (journal / "patient-1/000001.frames").is_file() and time.monotonic() < until_s:
+            time.sleep(0.1)
+        child.send_signal(signal.SIGKILL)
+    stored = [one.record.joints for number in range(2) for one in _block(journal, number)]
+    assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 0
+    joints = read_joints(tmp_path / "session" / JOINTS_FILE)
+    assert joints.frame.tolist()[: len(stored)] == [one.frame for one in stored]
+    np.testing.assert_allclose(joints.position_m[0], stored[0].position_m, atol=1e-6)
+    assert "the program was killed" in (tmp_path / "session/run.json").read_text()
+
+
+def _block(journal: Path, number: int) -> list:
+    from anchorpose.live.stored import _journal
+
+    return _journal(journal / "patient-1").read(f"{number:06d}.frames")
+
+
+def test_a_session_that_was_killed_before_a_patient_was_found_blocks_no_later_one(recording, tmp_path, capsys):
+    journal = tmp_path / ".session.unfinished" / JOURNAL
+    (journal / "first-seconds/start-1").mkdir(parents=True)
+    (journal / "first-seconds/start-1/recording.json").write_text("{}")
+    (journal / "begun.json").write_text('{"identity": "live session 7", "inputs_sha256": {}}')
+    assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
+    assert "was cut off before a patient was found; begin again" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stored_session_of_another_form_is_refused(tmp_path, capsys):
+    journal = tmp_path / ".session.unfinished" / JOURNAL
+    journal.mkdir(parents=True)
+    (journal / "begun.json").write_text('{"identity": "live session 7", "inputs_sha256": {}}')
+    (journal / SESSION_FILE).write_text('{"options": 7}')
+    assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
+    assert SESSION_FILE in capsys.readouterr().err
+
+
+def test_results_below_the_current_folder_are_accepted(recording, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("anchorpose.cli.live_setup.Playback.images", lambda self, stop: iter(()))
+    assert main(["live", str(recording), "-o", "session"]) == 2
+    assert "Nothing can be tracked" in capsys.readouterr().err
+
+
+def test_results_inside_a_recording_that_is_played_are_refused(recording, capsys):
+    assert main(["live", str(recording), "-o", str(recording / "session")]) == 2
+    assert "lies inside the recording" in capsys.readouterr().err
