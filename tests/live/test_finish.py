@@ -16,6 +16,8 @@ from live_builder import Again
 
 from anchorpose.cli import main
 from anchorpose.errors import InputError
+from anchorpose.live.intake import Intake
+from anchorpose.live.session import _finish
 from anchorpose.live.stored import SESSION_FILE
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.unfinished import JOURNAL
@@ -127,3 +129,17 @@ def test_results_below_the_current_folder_are_accepted(recording, tmp_path, monk
 def test_results_inside_a_recording_that_is_played_are_refused(recording, capsys):
     assert main(["live", str(recording), "-o", str(recording / "session")]) == 2
     assert "lies inside the recording" in capsys.readouterr().err
+
+
+class _Unfinished:
+    finished = False
+
+    def finish(self):
+        raise OSError(24, "Too many open files")
+
+
+def test_a_recording_that_cannot_be_finished_costs_no_results():
+    intake = Intake([])
+    assert _finish(_Unfinished(), intake) is None
+    assert "Too many open files" in intake.failed[0]
+    assert "anchorpose record" in intake.failed[0]

@@ -1,5 +1,7 @@
 """A recording that is written while the cameras run is whole at the end, and can be finished after a power cut."""
 
+import errno
+import os
 import shutil
 import time
 
@@ -10,6 +12,7 @@ from anchorpose.camera import Camera
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.lens import Intrinsics
 from anchorpose.live import recorder as module
+from anchorpose.live.intake import Intake
 from anchorpose.live.recorder import UNFINISHED_FILE, Recorder, finish_recording
 from anchorpose.live.source import LiveCamera, LiveImage
 from anchorpose.recording.reader import open_recording, read_frame
@@ -76,3 +79,31 @@ def test_a_disk_that_is_nearly_full_is_said_before_it_is_full(tmp_path, monkeypa
     with pytest.raises(AnchorposeError, match="nearly full"):
         recorder.put(image(1))
     assert len(open_recording(recorder.finish()).streams[0].files) == 2
+
+
+class Given:
+    """A source of ten images."""
+
+    name, cameras, about = "given", (CAMERA,), None
+
+    def images(self, stop):
+        yield from map(image, range(10))
+
+
+def test_an_image_that_cannot_be_written_is_lost_alone(tmp_path, monkeypatch):
+    write = module.CameraWriter.write
+
+    def without_descriptors(self, time_s, grey, number=None):
+        if number in (3, 4):
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), "000003.png")
+        return write(self, time_s, grey, number)
+
+    monkeypatch.setattr(module.CameraWriter, "write", without_descriptors)
+    intake, recorder = Intake([Given()]), Recorder(tmp_path / "out", [CAMERA])
+    intake.add(recorder.put)
+    intake.start()
+    while intake.running:
+        time.sleep(0.01)
+    intake.stop()
+    assert open_recording(recorder.finish()).streams[0].frame.tolist() == [0, 1, 2, 5, 6, 7, 8, 9]
+    assert intake.failed == (f"2 depth images could not be recorded ({os.strerror(errno.EMFILE)})",)

@@ -90,7 +90,8 @@ def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
     try:
         return None if recorder is None else recorder.finish()
     except (AnchorposeError, OSError) as error:
-        intake.failed.append(f"the depth images were not kept as a recording: {error}")
+        remedy = "'anchorpose record --finish' makes it whole"
+        intake.failures.append(f"the recording of the depth images is not finished ({error}): {remedy}")
         return None
 
 
