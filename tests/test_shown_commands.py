@@ -18,7 +18,7 @@ from anchorpose.live.playback import Playback
 from anchorpose.recording.reader import open_recording
 from anchorpose.results.corrections_file import corrections_of_run, write_corrections
 from anchorpose.results.run_document import read_run
-from anchorpose.simulate.config import clinic
+from anchorpose.simulate.config import clinic, single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.viewer.server import ViewerServer
 
@@ -50,7 +50,7 @@ PARSED_ONLY: Final = {
 """Commands that are not run here, by the verb and a part of what follows it, and why."""
 
 RECORDINGS = ("example", "s", "sim", "sim3", "sim6", "slow", "standing", "mixed", "squat")  # with a truth beside
-RESULTS = ("results", "my-results", "other", "r", "before", "after")
+RESULTS = ("results", "my-results", "other", "r", "before")
 
 
 def shown() -> list[tuple[str, ...]]:
@@ -114,10 +114,12 @@ def test_every_exception_is_of_use():
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory) -> Path:
-    """A folder with all that the commands name, made of one small recording and its results."""
+    """A folder with all that the commands name, made of two small recordings and their results."""
     folder = tmp_path_factory.mktemp("world")
-    simulate_recording(folder / "example", replace(clinic(5, 5.0, 10.0), cameras=1))
+    simulate_recording(folder / "example", replace(clinic(5, 4.0, 15.0), cameras=1))
     assert main(["track", str(folder / "example/recording"), "-o", str(folder / "results")]) == 0
+    simulate_recording(folder / "later", single(6, seconds=2.0, fps=10.0))  # another session, for comparisons
+    assert main(["track", str(folder / "later/recording"), "-o", str(folder / "after")]) == 0
     assert main(["export", str(folder / "results"), "--to", "c3d", "-o", str(folder / "exported")]) == 0
     assert main(["motions", "build", str(folder / "mine.npz"), str(folder / "results")]) == 0
     shutil.copyfile(next((folder / "exported").rglob("*.c3d")), folder / "mocap.c3d")

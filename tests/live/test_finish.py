@@ -16,13 +16,15 @@ from live_builder import Again
 
 from anchorpose.cli import main
 from anchorpose.errors import InputError
+from anchorpose.live.first_seconds import LiveOptions
 from anchorpose.live.intake import Intake
 from anchorpose.live.session import _finish
-from anchorpose.live.stored import SESSION_FILE
+from anchorpose.live.stored import SESSION_FILE, SessionStore, read_session
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.unfinished import JOURNAL
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.journal import Blocks
 
 FPS, SECONDS = 10.0, 4.0
@@ -129,6 +131,34 @@ def test_results_below_the_current_folder_are_accepted(recording, tmp_path, monk
 def test_results_inside_a_recording_that_is_played_are_refused(recording, capsys):
     assert main(["live", str(recording), "-o", str(recording / "session")]) == 2
     assert "lies inside the recording" in capsys.readouterr().err
+
+
+def test_a_calibration_that_is_not_there_is_refused_at_once(recording, tmp_path, capsys):
+    given = ["--calibration", str(tmp_path / "none.json")]
+    assert main(["live", str(recording), "-o", str(tmp_path / "session"), *given]) == 2
+    assert "none.json: there is no such file" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stored_session_names_its_own_copy_of_the_calibration(recording, tmp_path):
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    given = tmp_path / "wednesday.json"
+    given.write_text(
+        json.dumps(
+            {
+                "format": "camera-calibration",
+                "version": 1,
+                "cameras": [{"name": "front", "camera_to_world": pose.tolist()}],
+            }
+        )
+    )
+    (tmp_path / "results").mkdir()
+    store = SessionStore(tmp_path / "results", LiveOptions(config=TrackConfig(height_m=1.7), calibration=given))
+    store._write(store._session)
+    found = read_session(tmp_path / "results")
+    given.unlink()
+    assert (store.first_seconds / found.options.calibration).is_file()
+    assert found == store._session
 
 
 class _Unfinished:

@@ -17,7 +17,7 @@ from anchorpose.live.first_seconds import LiveOptions, Prepared, known_room, new
 from anchorpose.live.patients import LivePatient
 from anchorpose.recording.document import read_document
 from anchorpose.recording.reader import open_recording
-from anchorpose.recording.recording_file import CALIBRATION_FILE
+from anchorpose.recording.recording_file import CALIBRATION_FILE, read_calibration
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import as_json
 from anchorpose.results.unfinished import FIRST_SECONDS, JOURNAL, LIVE, begin_journal
@@ -52,7 +52,7 @@ class SessionStore:
         self._journal = _journal(begin_journal(results, f"{LIVE} {time.time_ns()}", {}))
         self.first_seconds = self._journal.folder / FIRST_SECONDS
         self.first_seconds.mkdir()
-        self._session = StoredSession(options=_with_own_files(options, self._journal.folder))
+        self._session = StoredSession(options=_with_own_files(options, self.first_seconds))
 
     def add(self, prepared: Prepared) -> LivePatient:
         """One more patient, with an empty store of frames."""
@@ -97,11 +97,11 @@ def read_patients(results: Path, session: StoredSession) -> Iterator[LivePatient
     """The patients of a stored session: rooms found again in their first seconds, bodies and frames as stored."""
     journal = _journal(results / JOURNAL)
     calibration = session.options.calibration
-    options = replace(session.options, calibration=None if calibration is None else journal.folder / calibration)
-    room = None
+    first_seconds, room = journal.folder / FIRST_SECONDS, None
+    options = replace(session.options, calibration=None if calibration is None else first_seconds / calibration)
     for number, stored in enumerate(session.patients, start=1):
         inside = journal.inside(f"patient-{number}")
-        recording = open_recording(journal.folder / FIRST_SECONDS / stored.first_seconds)
+        recording = open_recording(first_seconds / stored.first_seconds)
         if room is None or stored.place_xz_m is None:
             inputs, room = new_room(recording, options)
         else:
@@ -115,13 +115,17 @@ def _journal(folder: Path) -> Journal:
 
 
 def _with_own_files(options: LiveOptions, folder: Path) -> LiveOptions:
-    """The options with a copy of the calibration, named from ``folder``, and other paths from the root."""
+    """The options with a copy of the calibration, named from ``folder``, and other paths from the root.
+
+    Raises InputError where the calibration cannot be used.
+    """
     if options.record is not None:
         options = replace(options, record=options.record.resolve())
     if options.config.motions is not None:
         options = replace(options, config=replace(options.config, motions=str(Path(options.config.motions).resolve())))
     if options.calibration is None:
         return options
+    read_calibration(options.calibration)
     file = options.calibration / CALIBRATION_FILE if options.calibration.is_dir() else options.calibration
     (folder / "calibration").mkdir()
     shutil.copyfile(file, folder / "calibration" / file.name)
