@@ -4,6 +4,8 @@ import errno
 import os
 import shutil
 import time
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
 
 import numpy as np
 import pytest
@@ -107,3 +109,23 @@ def test_an_image_that_cannot_be_written_is_lost_alone(tmp_path, monkeypatch):
     intake.stop()
     assert open_recording(recorder.finish()).streams[0].frame.tolist() == [0, 1, 2, 5, 6, 7, 8, 9]
     assert intake.failed == (f"2 depth images could not be recorded ({os.strerror(errno.EMFILE)})",)
+
+
+def test_an_image_that_is_under_way_at_the_end_ends_no_camera(tmp_path, monkeypatch):
+    """As in the first seconds of ``live``, whose recorder ends while the cameras run on."""
+    write, begun = module.CameraWriter.write, Event()
+
+    def slowly(self, time_s, grey, number=None):
+        begun.set()
+        time.sleep(0.3)
+        return write(self, time_s, grey, number)
+
+    monkeypatch.setattr(module.CameraWriter, "write", slowly)
+    recorder = Recorder(tmp_path / "out", [CAMERA])
+    with ThreadPoolExecutor(1) as threads:
+        under_way = threads.submit(recorder.put, image(0))
+        assert begun.wait(5.0)
+        recorder.abandon()
+        under_way.result()
+        recorder.put(image(1))
+    assert len(open_recording(recorder.finish()).streams[0].files) == 1

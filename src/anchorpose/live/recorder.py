@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 from typing import Any, Final
 
 import numpy as np
@@ -47,13 +47,17 @@ class Recorder:
         write_text_whole(folder / UNFINISHED_FILE, json.dumps(document, indent=1) + "\n")
         self.images, self.finished = 0, False  # written so far
         self._unsynced: list[Path] = []
+        self._writing = [Lock() for _ in cameras]  # an image comes from its camera's thread while another one ends this
         self._done = Event()
         self._syncing = Thread(target=self._sync_often, daemon=True)
         self._syncing.start()
 
     def put(self, image: LiveImage) -> None:
-        """One more image; raises AnchorposeError where less than half a gigabyte is free on the disk."""
-        with naming_place(self.folder):
+        """One more image, none after the end; raises AnchorposeError where less than half a gigabyte is free on the
+        disk."""
+        with naming_place(self.folder), self._writing[image.camera]:
+            if self._done.is_set():
+                return
             path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
         if path is not None:
             self.images += 1
@@ -79,9 +83,12 @@ class Recorder:
         return self.folder
 
     def abandon(self) -> None:
-        """Writes no more; the folder stays as it is."""
+        """Writes no more, once the images under way are written; the folder stays as it is."""
         self._done.set()
         self._syncing.join()
+        for camera in self._writing:
+            with camera:
+                pass
         self._stack.close()
 
     def _require_free(self) -> None:
