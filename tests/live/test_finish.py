@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +24,7 @@ from anchorpose.live.intake import Intake
 from anchorpose.live.session import _finish
 from anchorpose.live.stored import SESSION_FILE, SessionStore, read_session
 from anchorpose.results.tables import JOINTS_FILE, read_joints
-from anchorpose.results.unfinished import JOURNAL
+from anchorpose.results.unfinished import JOURNAL, unfinished_results
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
@@ -57,8 +60,7 @@ def test_a_full_disk_ends_the_session_and_what_is_stored_becomes_results(played,
     monkeypatch.chdir(tmp_path)
     assert main(["live", played, "-o", "session", *LIVE]) == 2
     said = capsys.readouterr().err
-    assert "No space left on device); make room on this disk." in said
-    assert "finish it with 'anchorpose live --finish -o session'" in said
+    assert "No space left on device); make room and give the same command with --finish." in said
     assert "--resume" not in said
     assert main(["live", played, "-o", "session"]) == 2
     assert "finish it with 'anchorpose live --finish -o session', or give --overwrite" in capsys.readouterr().err
@@ -102,21 +104,26 @@ def _block(journal: Path, number: int) -> list:
     return _journal(journal / "patient-1").read(f"{number:06d}.frames")
 
 
-def test_a_session_that_was_killed_before_a_patient_was_found_blocks_no_later_one(recording, tmp_path, capsys):
-    journal = tmp_path / ".session.unfinished" / JOURNAL
-    (journal / "first-seconds/start-1").mkdir(parents=True)
-    (journal / "first-seconds/start-1/recording.json").write_text("{}")
-    (journal / "begun.json").write_text('{"identity": "live session 7", "inputs_sha256": {}}')
+def killed(results: Path, fill: Callable[[SessionStore], None]) -> None:
+    """Leaves what a session leaves that is killed once ``fill`` has been called."""
+    kept = results.parent / "kept"
+    with suppress(KeyboardInterrupt), unfinished_results(results, None) as work:
+        fill(SessionStore(work, LiveOptions(config=TrackConfig())))
+        shutil.copytree(work, kept)
+        raise KeyboardInterrupt
+    shutil.rmtree(work, ignore_errors=True)
+    kept.rename(work)
+
+
+def test_a_session_that_was_killed_before_a_patient_was_found_blocks_no_later_one(tmp_path, capsys):
+    killed(tmp_path / "session", lambda store: (store.first_seconds / "start-1.json").touch())
     assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
     assert "was cut off before a patient was found; begin again" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_stored_session_of_another_form_is_refused(tmp_path, capsys):
-    journal = tmp_path / ".session.unfinished" / JOURNAL
-    journal.mkdir(parents=True)
-    (journal / "begun.json").write_text('{"identity": "live session 7", "inputs_sha256": {}}')
-    (journal / SESSION_FILE).write_text('{"options": 7}')
+    killed(tmp_path / "session", lambda store: (store.first_seconds.parent / SESSION_FILE).write_text('{"options": 7}'))
     assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
     assert SESSION_FILE in capsys.readouterr().err
 

@@ -82,7 +82,7 @@ def on_this_disk() -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(error.path, error.problem, "make room on this disk") from None
+        raise InputError(error.path, error.problem, "make room and give the same command with --finish") from None
 
 
 def read_session(results: Path) -> StoredSession:
