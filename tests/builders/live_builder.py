@@ -1,17 +1,23 @@
-"""Frames as a live session sends them, and a page that serves them."""
+"""A source without an end, frames as a live session sends them, and a page that serves them."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import count
+from threading import Event
 
 import numpy as np
 from results_builder import make_frame, standing_joints
 
+from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.live.output import LiveFrame
 from anchorpose.live.page_server import PageOutput
+from anchorpose.live.playback import Playback
+from anchorpose.live.source import LiveImage
+from anchorpose.recording.recording import Recording
 
 LATENCY_S = 0.05
 
@@ -64,6 +70,27 @@ def live_frame_of(
         touched,
         dropped,
     )
+
+
+class Again(Playback):
+    """Plays a recording forward and backward without an end; loses its camera after some images if asked."""
+
+    def __init__(self, recording: Recording, fps: float, lose_after: int | None = None) -> None:
+        super().__init__(recording)
+        self._period_s, self.lose_after = 1.0 / fps, lose_after
+
+    def images(self, stop: Event) -> Iterator[LiveImage]:
+        """See ``LiveSource``."""
+        first_s = time.monotonic()
+        there = [*range(len(self._order)), *range(len(self._order) - 2, 0, -1)]
+        for given in count():
+            taken_s = first_s + given * self._period_s
+            if stop.wait(max(taken_s - time.monotonic(), 0.0)):
+                return
+            if given == self.lose_after:
+                raise AnchorposeError("no image came for 5 s; check its cable")
+            grey = self._read(0, there[given % len(there)])
+            yield LiveImage(0, given, given * self._period_s, taken_s, grey)
 
 
 @contextmanager

@@ -1,7 +1,11 @@
 """A recording that is written while the cameras run is whole at the end, and can be finished after a power cut."""
 
+import errno
+import os
 import shutil
 import time
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
 
 import numpy as np
 import pytest
@@ -10,6 +14,7 @@ from anchorpose.camera import Camera
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.lens import Intrinsics
 from anchorpose.live import recorder as module
+from anchorpose.live.intake import Intake
 from anchorpose.live.recorder import UNFINISHED_FILE, Recorder, finish_recording
 from anchorpose.live.source import LiveCamera, LiveImage
 from anchorpose.recording.reader import open_recording, read_frame
@@ -97,3 +102,51 @@ def test_what_describes_no_recording_is_refused_by_one_sentence(tmp_path, text):
     (tmp_path / UNFINISHED_FILE).write_text(text)
     with pytest.raises(InputError, match=UNFINISHED_FILE):
         finish_recording(tmp_path)
+
+
+class Given:
+    """A source of ten images."""
+
+    name, cameras, about = "given", (CAMERA,), None
+
+    def images(self, stop):
+        yield from map(image, range(10))
+
+
+def test_an_image_that_cannot_be_written_is_lost_alone(tmp_path, monkeypatch):
+    write = module.CameraWriter.write
+
+    def without_descriptors(self, time_s, grey, number=None):
+        if number in (3, 4):
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), "000003.png")
+        return write(self, time_s, grey, number)
+
+    monkeypatch.setattr(module.CameraWriter, "write", without_descriptors)
+    intake, recorder = Intake([Given()]), Recorder(tmp_path / "out", [CAMERA])
+    intake.add(recorder.put)
+    intake.start()
+    while intake.running:
+        time.sleep(0.01)
+    intake.stop()
+    assert open_recording(recorder.finish()).streams[0].frame.tolist() == [0, 1, 2, 5, 6, 7, 8, 9]
+    assert intake.failed == (f"2 depth images could not be recorded ({os.strerror(errno.EMFILE)})",)
+
+
+def test_an_image_that_is_under_way_at_the_end_ends_no_camera(tmp_path, monkeypatch):
+    """As in the first seconds of ``live``, whose recorder ends while the cameras run on."""
+    write, begun = module.CameraWriter.write, Event()
+
+    def slowly(self, time_s, grey, number=None):
+        begun.set()
+        time.sleep(0.3)
+        return write(self, time_s, grey, number)
+
+    monkeypatch.setattr(module.CameraWriter, "write", slowly)
+    recorder = Recorder(tmp_path / "out", [CAMERA])
+    with ThreadPoolExecutor(1) as threads:
+        under_way = threads.submit(recorder.put, image(0))
+        assert begun.wait(5.0)
+        recorder.abandon()
+        under_way.result()
+        recorder.put(image(1))
+    assert len(open_recording(recorder.finish()).streams[0].files) == 1

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
 import numpy as np
 import pytest
+from live_builder import Again
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.live.first_seconds import LiveOptions, User
-from anchorpose.live.playback import Playback
 from anchorpose.live.session import track_live
 from anchorpose.recording.reader import open_recording
 from anchorpose.results.tables import JOINTS_FILE, read_joints
@@ -30,27 +29,6 @@ def recording(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("live")
     simulate_recording(folder / "out", single(6, seconds=SECONDS, fps=FPS))
     return folder / "out/recording"
-
-
-class Again(Playback):
-    """Plays a recording forward and backward without an end; loses its camera after some images if asked."""
-
-    lose_after = None
-
-    def images(self, stop):
-        first_s, period_s, given = time.monotonic(), 1.0 / FPS, 0
-        there = [*range(len(self._order)), *range(len(self._order) - 2, 0, -1)]
-        while not stop.wait(max(first_s + given * period_s - time.monotonic(), 0.0)):
-            if given == self.lose_after:
-                raise AnchorposeError("no image came for 5 s; check its cable")
-            grey = self._read(0, there[given % len(there)])
-            yield self._image(given, given * period_s, first_s + given * period_s, grey)
-            given += 1
-
-    def _image(self, number, time_s, taken_s, grey):
-        from anchorpose.live.source import LiveImage
-
-        return LiveImage(0, number, time_s, taken_s, grey)
 
 
 class Collecting:
@@ -81,7 +59,7 @@ def test_frames_are_sent_while_they_happen_and_a_whole_results_folder_is_left(re
     stop = Event()
     output = Collecting(30, stop)
     options = LiveOptions(config=TrackConfig(), start_s=4.0, record=tmp_path / "kept")
-    summary, said = run(Again(open_recording(recording)), tmp_path / "out", stop, output, options)
+    summary, said = run(Again(open_recording(recording), FPS), tmp_path / "out", stop, output, options)
     assert summary.count >= 30
     numbers = [frame.frame for frame in output.frames]
     assert numbers == sorted(set(numbers))
@@ -124,7 +102,7 @@ def test_a_therapist_is_made_the_patient_and_the_results_of_both_are_apart(tmp_p
     stop = Event()
     output, options = Choosing(stop), LiveOptions(config=TrackConfig(), start_s=4.0)
     threading.Timer(400.0, stop.set).start()
-    source = Again(open_recording(tmp_path / "out/recording"))
+    source = Again(open_recording(tmp_path / "out/recording"), FPS)
     _, said = run(source, tmp_path / "results", stop, output, options, output.asked)
     assert "The new patient could not be looked at; the patient is as before." in said  # nobody has number 99
     assert "Looking at the new patient for 4 s." in said
@@ -143,7 +121,7 @@ def test_a_therapist_is_made_the_patient_and_the_results_of_both_are_apart(tmp_p
 
 @pytest.mark.slow
 def test_a_camera_that_is_lost_ends_the_run_in_order(recording, tmp_path):
-    source = Again(open_recording(recording))
+    source = Again(open_recording(recording), FPS)
     source.lose_after = 400
     stop, options = Event(), LiveOptions(config=TrackConfig(), start_s=4.0)
     summary, _ = run(source, tmp_path / "out", stop, Collecting(9999, stop), options)
@@ -152,7 +130,7 @@ def test_a_camera_that_is_lost_ends_the_run_in_order(recording, tmp_path):
 
 
 def test_without_images_nothing_is_written(tmp_path, recording):
-    source = Again(open_recording(recording))
+    source = Again(open_recording(recording), FPS)
     source.lose_after = 0
     stop = Event()
     with pytest.raises(AnchorposeError, match="check its cable"):
@@ -164,11 +142,11 @@ def test_stopped_before_anybody_was_found_says_so_and_leaves_nothing(tmp_path, r
     stop = Event()
     threading.Timer(0.5, stop.set).start()
     with pytest.raises(AnchorposeError, match="Stopped before"):
-        run(Again(open_recording(recording)), tmp_path / "out", stop, Collecting(1, stop))
+        run(Again(open_recording(recording), FPS), tmp_path / "out", stop, Collecting(1, stop))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_waiting_for_a_later_frame_is_a_look_ahead_of_two():
     config = TrackConfig()
-    assert LiveOptions(config=config).live_config.follow == replace(config.follow, look_ahead=1)
-    assert LiveOptions(config=config, wait_frames=1).live_config.follow == replace(config.follow, look_ahead=2)
+    assert LiveOptions(config=config).live(config).follow == replace(config.follow, look_ahead=1)
+    assert LiveOptions(config=config, wait_frames=1).live(config).follow == replace(config.follow, look_ahead=2)

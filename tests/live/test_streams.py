@@ -6,7 +6,8 @@ import time
 import numpy as np
 import pytest
 
-from anchorpose.errors import MissingPackage
+from anchorpose.cli.live_setup import make_outputs
+from anchorpose.errors import AnchorposeError, MissingPackage
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, LOST
 from anchorpose.live.output import LiveFrame, Outputs
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
@@ -68,6 +69,41 @@ def test_an_osc_receiver_gets_one_bundle_per_frame():
     assert messages[3].params == [JOINT_NAMES[2], "lost"]
     assert len(messages) == 2 + JOINT_COUNT + len(ANGLE_NAMES)
     assert (messages[-1].address, messages[-1].params) == ("/anchorpose/patient", [1])
+
+
+@pytest.mark.parametrize("address", ["nowhere.invalid:9000", "127.0.0.1:99999", "9000", "[nowhere.invalid]:9000"])
+def test_an_osc_host_that_does_not_exist_is_refused_by_its_option(address):
+    pytest.importorskip("pythonosc")
+    with pytest.raises(AnchorposeError, match=r"^--osc is '.*\.$"):
+        make_outputs(False, address)
+
+
+def test_an_osc_target_that_is_not_there_delays_nothing():
+    pytest.importorskip("pythonosc")
+    outputs = Outputs(make_outputs(False, "[::1]:9" if socket.has_ipv6 else "127.0.0.1:9"))
+    began_s = time.monotonic()
+    for _ in range(50):
+        outputs.send(frame_sent())
+    assert outputs.failed == []
+    assert time.monotonic() - began_s < 5.0
+
+
+def test_a_lab_streaming_layer_client_that_never_reads_delays_nothing():
+    pylsl = pytest.importorskip("pylsl")
+    from anchorpose.live.lsl import LslOutput
+
+    outputs = Outputs([LslOutput()])
+    (found,) = pylsl.resolve_bypred("name='anchorpose' and type='Mocap'", timeout=5.0)
+    inlet = pylsl.StreamInlet(found, max_buflen=1)
+    inlet.open_stream(timeout=5.0)
+    longest_s = 0.0
+    for _ in range(500):
+        began_s = time.monotonic()
+        outputs.send(frame_sent())
+        longest_s = max(longest_s, time.monotonic() - began_s)
+    assert outputs.failed == []
+    assert longest_s < 1.0
+    outputs.close()
 
 
 def test_an_output_that_fails_is_left_out_and_the_others_go_on():

@@ -197,17 +197,6 @@ def test_a_damaged_value_is_refused_with_a_remedy_that_works(tmp_path, recording
     assert _run(tmp_path / "out", recording, 2, resume=True) == 0
 
 
-def test_a_verb_that_cannot_go_on_neither_offers_it_nor_keeps_anything(tmp_path, recording):
-    with pytest.raises(_Stopped):
-        _run(tmp_path / "out", recording, 3, _Stopped)
-    with pytest.raises(InputError, match=r"has an unfinished run.*; give --overwrite to begin again"):
-        _run(tmp_path / "out", recording, 1, go_on=None)
-    with pytest.raises(_Stopped) as stopped:
-        _run(tmp_path / "out", recording, 1, _Stopped, overwrite=True, go_on=None)
-    assert not hasattr(stopped.value, "__notes__")
-    assert _names(tmp_path) == {"recording"}
-
-
 def test_the_note_names_what_the_user_does_to_go_on(tmp_path, recording):
     with pytest.raises(_Stopped) as stopped:
         _run(tmp_path / "out", recording, 3, _Stopped, go_on="the same command")

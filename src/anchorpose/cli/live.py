@@ -66,6 +66,9 @@ class LiveGiven:
     no_browser: bool = False
     """Print the address of the page only."""
 
+    finish: bool = False
+    """Make the results folder of a session that was cut off, of all that was tracked; no sources are needed."""
+
     overwrite: bool = False
     """Replace an existing results folder."""
 
@@ -77,7 +80,8 @@ def live(
 ) -> int:
     """Find the patient's joints while the patient stands there, and send them to other programs.
 
-    Ctrl+C ends it with a finished results folder, as 'anchorpose track' makes one.
+    Ctrl+C ends it with a finished results folder, as 'anchorpose track' makes one. Where the program is killed or the
+    disk is full, '--finish' makes one of what was tracked.
 
     Parameters
     ----------
@@ -87,13 +91,20 @@ def live(
     results
         The folder to write.
     """
+    from anchorpose.cli.console import print_outcome
     from anchorpose.cli.live_setup import asked_on, make_outputs, open_sources, page_output, stop_on_signals, teller
     from anchorpose.cli.track import TrackOptions
+    from anchorpose.live.finish import finish_session
     from anchorpose.live.first_seconds import LiveOptions, User
     from anchorpose.live.session import track_live
+    from anchorpose.live.source import about_folder
     from anchorpose.results.unfinished import unfinished_results
 
     given = options or LiveGiven()
+    if given.finish:
+        finish_session(results, given.overwrite)
+        print_outcome(results)
+        return 0
     config = TrackOptions(patient=given.patient, height=given.height, config=given.config).settings()
     chosen = LiveOptions(
         config=config,
@@ -106,7 +117,7 @@ def live(
     opened = open_sources(sources, given.like)
     with (
         stop_on_signals() as stop,
-        unfinished_results(results, Path("."), given.overwrite, go_on=None) as folder,
+        unfinished_results(results, about_folder(opened), given.overwrite) as folder,
         page_output(given) as page,
     ):
         outputs = [*make_outputs(given.lsl, given.osc), *page]

@@ -46,7 +46,7 @@ def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:
 
 
 def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
-    """Raises AnchorposeError where an address is none, MissingPackage where an extra is not installed."""
+    """Raises AnchorposeError where an address is none or its host unknown, MissingPackage without an extra."""
     outputs: list[Output] = []
     if lsl:
         from anchorpose.live.lsl import LslOutput
@@ -58,7 +58,10 @@ def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
         host, _, port = osc.rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 65536:
             raise AnchorposeError(f"--osc is '{osc}'; write host and port, for example 127.0.0.1:9000.")
-        outputs.append(OscOutput(host, int(port)))
+        try:
+            outputs.append(OscOutput(host.removeprefix("[").removesuffix("]"), int(port)))
+        except OSError as error:
+            raise AnchorposeError(f"--osc is '{osc}', and there is no such host ({error.strerror}).") from None
     return outputs
 
 

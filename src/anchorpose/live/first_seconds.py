@@ -49,11 +49,9 @@ class LiveOptions:
     record: Path | None = None
     seconds: float | None = None
 
-    @property
-    def live_config(self) -> TrackConfig:
-        """The settings with the look-ahead that live tracking waits for."""
-        follow = replace(self.config.follow, look_ahead=1 + self.wait_frames)
-        return replace(self.config, follow=follow)
+    def live(self, config: TrackConfig) -> TrackConfig:
+        """Settings with the look-ahead that live tracking waits for."""
+        return replace(config, follow=replace(config.follow, look_ahead=1 + self.wait_frames))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,9 +111,7 @@ class FirstSeconds:
 
     def learn(self, recording: Recording) -> Prepared | None:
         """What the first seconds show; None where nobody is found in them. Raises where no more images come."""
-        config = self.options.config
-        inputs = read_inputs(recording.folder, config, UserInputs(self.options.calibration))
-        room = prepare_room(inputs.recording, config, inputs.review)
+        inputs, room = new_room(recording, self.options)
         found = self._learn_in(room, inputs)
         if found is None and (not self.intake.running or self.user.stop.is_set()):
             raise AnchorposeError(f"No patient was found ({room.why_nobody}); nothing was written.")
@@ -129,12 +125,7 @@ class FirstSeconds:
         before_xz_m (2,): where the patient so far stands, None where that is not known. Returns None where nobody
         stands there, who does is the patient so far, or no human body explains who does.
         """
-        config = replace(self.options.config, patient_xz_m=place_xz_m, height_m=None)
-        inputs = read_inputs(recording.folder, config, UserInputs(self.options.calibration))
-        theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)  # what is known is of the patient before
-        chosen, samples = sample_recording(theirs, config)
-        settled = Settled(theirs, room.clocks, room.calibration, tuple(chosen), tuple(samples))
-        furnished = with_best_initial_frame(furnish_room(settled, config, inputs.review, room.scenes), config)
+        inputs, furnished = known_room(recording, self.options, room, place_xz_m)
         if not furnished.initial_frames:
             return None
         found_xz_m = min(furnished.initial_frames, key=lambda one: one.frame).choice.ground_xz_m
@@ -153,6 +144,25 @@ class FirstSeconds:
             return None
         self.user.say(f"The patient was found: who {room.initial_frames[0].choice.reason}.")
         return Prepared(inputs, run, learnt)
+
+
+def new_room(recording: Recording, options: LiveOptions) -> tuple[TrackInputs, Room]:
+    """The room that the first seconds of the first patient show, with this patient in it."""
+    inputs = read_inputs(recording.folder, options.config, UserInputs(options.calibration))
+    return inputs, prepare_room(inputs.recording, options.config, inputs.review)
+
+
+def known_room(
+    recording: Recording, options: LiveOptions, room: Room, place_xz_m: tuple[float, float]
+) -> tuple[TrackInputs, Room]:
+    """A known room in the first seconds of another patient, who stands at a place; without initial frames where nobody
+    is found there."""
+    config = replace(options.config, patient_xz_m=place_xz_m, height_m=None)
+    inputs = read_inputs(recording.folder, config, UserInputs(options.calibration))
+    theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)  # what is known is of the patient before
+    chosen, samples = sample_recording(theirs, config)
+    settled = Settled(theirs, room.clocks, room.calibration, tuple(chosen), tuple(samples))
+    return inputs, with_best_initial_frame(furnish_room(settled, config, inputs.review, room.scenes), config)
 
 
 def in_room(folder: Path, room: Room) -> Recording:

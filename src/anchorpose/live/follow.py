@@ -16,6 +16,7 @@ from anchorpose.live.feed import LiveSet
 from anchorpose.live.latency import LatencyMeter
 from anchorpose.live.output import Outputs, live_frame
 from anchorpose.live.people import people_in
+from anchorpose.live.stored import on_this_disk
 from anchorpose.recording.recording import Clock, FrameSet
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.tracker.estimate import Estimate
@@ -45,7 +46,6 @@ class LiveFollower:
     _kept: list[TrackedFrame] = field(default_factory=list)
     _stored: int = 0
     _last_s: float = float("-inf")  # time of the last frame
-    first_frame: int | None = None
     _contacts: ContactIntervals | None = None
     _touched: Mapping[str, bool] | None = None
 
@@ -68,13 +68,12 @@ class LiveFollower:
         """One more frame of the first seconds, which were recorded."""
         self._last_s = frame_set.time_s
         self._taken_s[frame_set.frame] = float("nan")
-        self.first_frame = frame_set.frame if self.first_frame is None else self.first_frame
         self._pass_on(self.follower.step(frame_set), live=False)
 
     def finish(self) -> None:
         """The frames that still wait in the look-ahead; then everything is stored."""
         self._pass_on(self.follower.finish(), live=False)
-        self._store()
+        self.store()
 
     @property
     def _cameras(self) -> Sequence[Camera]:
@@ -103,7 +102,7 @@ class LiveFollower:
             self._touch(record)
             self._kept.append(TrackedFrame(record, labels))
             if len(self._kept) == BLOCK:
-                self._store()
+                self.store()
 
     def _touch(self, record: FrameRecord) -> None:
         """What others touch now, sent with the next frame: a search for it would delay this one."""
@@ -115,7 +114,9 @@ class LiveFollower:
             pass  # the results have those that ended
         self._touched = None if record.near is None else self._contacts.touched_now
 
-    def _store(self) -> None:
+    def store(self) -> None:
+        """Stores what was tracked since; raises InputError where the disk takes no more."""
         if self._kept:
-            self.blocks.write(self._stored, self._kept)
+            with on_this_disk():
+                self.blocks.write(self._stored, self._kept)
             self._kept, self._stored = [], self._stored + 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from threading import Event, Lock, Thread
@@ -14,7 +15,7 @@ Taker = Callable[[LiveImage], None]
 
 
 class Intake:
-    """One thread per source. A source that fails ends alone, with its sentence in ``failed``.
+    """One thread per source. A source that fails ends alone; ``failed`` has a sentence on all that failed.
 
     cameras: of all sources, in their order; feed: their images; add and remove: who else is given every image.
     """
@@ -22,7 +23,8 @@ class Intake:
     def __init__(self, sources: Sequence[LiveSource]) -> None:
         self.cameras: tuple[LiveCamera, ...] = tuple(camera for source in sources for camera in source.cameras)
         self.feed = Feed(len(self.cameras))
-        self.failed: list[str] = []
+        self.failures: list[str] = []
+        self._not_kept = Counter[str]()
         self._sources, self._stop = tuple(sources), Event()
         self._takers: tuple[Taker, ...] = (self.feed.put,)
         self._threads: list[Thread] = []
@@ -38,6 +40,12 @@ class Intake:
             first += len(source.cameras)
         for thread in self._threads:
             thread.start()
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """What failed so far, and how many images could not be recorded, by reason."""
+        lost = (f"{count} depth images could not be recorded ({why})" for why, count in self._not_kept.items())
+        return (*self.failures, *lost)
 
     def add(self, taker: Taker) -> None:
         """From now on ``taker`` is given every image, in the threads of the sources."""
@@ -63,7 +71,7 @@ class Intake:
             for image in source.images(self._stop):
                 self._hand_on(replace(image, camera=first + image.camera))
         except (AnchorposeError, OSError) as error:
-            self.failed.append(f"{source.name}: {error}")
+            self.failures.append(f"{source.name}: {error}")
         finally:
             with self._counting:
                 self._left -= 1
@@ -71,10 +79,13 @@ class Intake:
                 self.feed.close()
 
     def _hand_on(self, image: LiveImage) -> None:
-        """A taker that fails, for instance because the disk is full, is given no more images; the others are."""
+        """An image that cannot be written is lost; who refuses it, as a recorder does on a disk that is nearly full, is
+        given no more. The other takers are given all."""
         for taker in self._takers:
             try:
                 taker(image)
-            except (AnchorposeError, OSError) as error:
+            except OSError as error:
+                self._not_kept[error.strerror or str(error)] += 1
+            except AnchorposeError as error:
                 self.remove(taker)
-                self.failed.append(str(error))
+                self.failures.append(str(error))

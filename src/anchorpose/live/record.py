@@ -13,7 +13,7 @@ import numpy as np
 from anchorpose.errors import AnchorposeError
 from anchorpose.live.intake import Intake
 from anchorpose.live.recorder import Recorder
-from anchorpose.live.source import LiveImage, LiveSource
+from anchorpose.live.source import LiveImage, LiveSource, about_folder
 
 ROOM_IMAGES: Final = 60  # of each camera: the median of more is no better
 REPORT_S: Final = 10.0
@@ -33,8 +33,7 @@ def record_live(
     gives an image.
     """
     intake = Intake(sources)
-    about = next((source.about.folder for source in sources if source.about is not None), None)
-    recorder = Recorder(out, intake.cameras, about)
+    recorder = Recorder(out, intake.cameras, about_folder(sources))
     try:
         if empty_room_s > 0.0:
             intake.start()

@@ -7,9 +7,9 @@ import os
 import re
 import shutil
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 from typing import Any, Final
 
 import numpy as np
@@ -50,13 +50,17 @@ class Recorder:
         write_text_whole(folder / UNFINISHED_FILE, json.dumps(document, indent=1) + "\n")
         self.images, self.finished = 0, False  # written so far
         self._unsynced: list[Path] = []
+        self._writing = [Lock() for _ in cameras]  # an image comes from its camera's thread while another one ends this
         self._done = Event()
         self._syncing = Thread(target=self._sync_often, daemon=True)
         self._syncing.start()
 
     def put(self, image: LiveImage) -> None:
-        """One more image; raises AnchorposeError where less than half a gigabyte is free on the disk."""
-        with naming_place(self.folder):
+        """One more image, none after the end; raises AnchorposeError where less than half a gigabyte is free on the
+        disk."""
+        with naming_place(self.folder), self._writing[image.camera]:
+            if self._done.is_set():
+                return
             path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
         if path is not None:
             self.images += 1
@@ -72,16 +76,22 @@ class Recorder:
         partial.replace(folder / EMPTY_ROOM_FILE)
 
     def finish(self) -> Path:
-        """The recording, whole and on disk."""
+        """The recording, whole and on disk; may be called twice."""
+        if self.finished:
+            return self.folder
         self.abandon()
         self._sync()
+        finish_recording(self.folder)
         self.finished = True
-        return finish_recording(self.folder)
+        return self.folder
 
     def abandon(self) -> None:
-        """Writes no more; the folder stays as it is."""
+        """Writes no more, once the images under way are written; the folder stays as it is."""
         self._done.set()
         self._syncing.join()
+        for camera in self._writing:
+            with camera:
+                pass
         self._stack.close()
 
     def _require_free(self) -> None:
@@ -90,13 +100,15 @@ class Recorder:
 
     def _sync_often(self) -> None:
         while not self._done.wait(SYNC_S):
-            self._sync()
+            with suppress(OSError):  # the next time, or at the end
+                self._sync()
 
     def _sync(self) -> None:
-        paths, self._unsynced = self._unsynced, []
-        for path in (*paths, *(writer.folder / "timestamps.csv" for writer in self._writers)):
+        count = len(self._unsynced)
+        for path in (*self._unsynced[:count], *(writer.folder / "timestamps.csv" for writer in self._writers)):
             with open_regular(path) as file:
                 os.fsync(file.fileno())
+        del self._unsynced[:count]  # images that came meanwhile stay
 
 
 def finish_recording(folder: Path) -> Path:

@@ -26,18 +26,17 @@ from anchorpose.live.follow import LiveFollower
 from anchorpose.live.intake import Intake
 from anchorpose.live.latency import LatencyMeter, LatencySummary
 from anchorpose.live.output import Output, Outputs
+from anchorpose.live.patients import LivePatient, write_patients
 from anchorpose.live.people import people_in
 from anchorpose.live.recorder import Recorder
-from anchorpose.live.source import LiveSource
+from anchorpose.live.source import LiveSource, about_folder
+from anchorpose.live.stored import SessionStore
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
-from anchorpose.results.unfinished import begin_journal, end_journal
+from anchorpose.results.unfinished import end_journal
 from anchorpose.threads import one_thread, worker_threads
 from anchorpose.tracker.following import Follower
-from anchorpose.tracker.frame_record import TrackedFrame
-from anchorpose.tracker.journal import Blocks, Journal
 from anchorpose.tracker.room import InitialFrame
-from anchorpose.writing import write_results
 
 PATIENCE_S: Final = 0.5
 REPORT_S: Final = 10.0  # between two lines about latency
@@ -47,9 +46,9 @@ NEARLY_AS_GOOD: Final = 0.5  # of the best score: a later frame to begin with sa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A person who is or was the patient."""
+    """A person who is or was the patient, and what follows this person."""
 
-    prepared: Prepared
+    patient: LivePatient
     follower: LiveFollower
 
 
@@ -62,26 +61,38 @@ def track_live(
     Raises AnchorposeError where no source gives images, or the patient is not found before it ends.
     """
     intake = Intake(sources)
-    about = next((source.about.folder for source in sources if source.about is not None), None)
+    about = about_folder(sources)
     recorder = None if options.record is None else Recorder(options.record, intake.cameras, about)
     if recorder is not None:
         intake.add(recorder.put)
-    journal = Journal(begin_journal(results, f"live {time.time_ns()}", {}))
-    first_seconds = FirstSeconds(intake, about, journal.folder, options, user)
-    session = _Session(intake, first_seconds, journal, options, Outputs(outputs), user)
+    store = SessionStore(results, options)
+    first_seconds = FirstSeconds(intake, about, store.first_seconds, options, user)
+    session = _Session(intake, first_seconds, store, options, Outputs(outputs), user)
     try:
         with one_thread(), worker_threads(min(MOST_THREADS, os.cpu_count() or 1)):
             prepared, backlog = session.prepare()
             patients = session.follow(session.begin(prepared), backlog)
             session.outputs.close()
             intake.stop()
-            session.write(results, patients, None if recorder is None else recorder.finish())
+            session.write(results, patients, recorder)
+    except BaseException as error:
+        store.end_early(str(error) if isinstance(error, Exception) else "it was stopped")
+        raise
     finally:
         intake.stop()
-        if recorder is not None and not recorder.finished:
-            recorder.finish()
-        end_journal(results)
+        _finish(recorder, intake)
+    end_journal(results)
     return session.latency.summary()
+
+
+def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
+    """The finished recording; None without one, or where it cannot be finished, and then the session knows why."""
+    try:
+        return None if recorder is None else recorder.finish()
+    except (AnchorposeError, OSError) as error:
+        remedy = "'anchorpose record --finish' makes it whole"
+        intake.failures.append(f"the recording of the depth images is not finished ({error}): {remedy}")
+        return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +101,7 @@ class _Session:
 
     intake: Intake
     first_seconds: FirstSeconds
-    journal: Journal
+    store: SessionStore
     options: LiveOptions
     outputs: Outputs
     user: User
@@ -109,18 +120,18 @@ class _Session:
             self.user.say("No patient was found in these seconds; looking again.")
         raise AssertionError("counting does not end")
 
-    def begin(self, prepared: Prepared, patient: int = 1) -> Followed:
-        """Follows the patient from a good frame of the first seconds to their end; patient: number in the session."""
+    def begin(self, prepared: Prepared) -> Followed:
+        """Follows the patient from a good frame of the first seconds to their end."""
         room, learnt = prepared.run.room, prepared.learnt
         initial = _latest_good(room.initial_frames)
         body = build_body(body_points(), learnt.shape)
-        config = replace(prepared.run.config, follow=self.options.live_config.follow)
-        run = replace(prepared.run, config=config)
-        blocks: Blocks[TrackedFrame] = Blocks(self.journal.inside(f"frames-{patient}"), TrackedFrame)
+        run = replace(prepared.run, config=self.options.live(prepared.run.config))
+        patient = self.store.add(replace(prepared, run=run))
         labels, found = self.options.record is not None, Follower(run, initial.choice, learnt.shape)
-        follower = LiveFollower(run, body, found, self.outputs, blocks, labels, self.latency, patient)
+        follower = LiveFollower(run, body, found, self.outputs, patient.blocks, labels, self.latency, patient.number)
         _take_recorded(follower, room.recording, initial.frame)
-        return Followed(prepared, follower)
+        follower.store()
+        return Followed(patient, follower)
 
     def follow(self, first: Followed, backlog: Backlog) -> list[Followed]:
         """Tracks every newest frame until the end; returns everybody who was the patient, in order."""
@@ -143,27 +154,12 @@ class _Session:
         patients[-1].follower.finish()
         return patients
 
-    def write(self, results: Path, patients: Sequence[Followed], recorded: Path | None) -> None:
-        """The last patient's results, and those of each earlier one in a folder of their own inside."""
+    def write(self, results: Path, patients: Sequence[Followed], recorder: Recorder | None) -> None:
+        """The results of all patients, with what is known of the session."""
         self.user.say("Writing the results.")
-        *earlier, last = patients
-        notes = list[str]()
-        for one, following in zip(earlier, patients[1:], strict=True):
-            folder, frame = f"earlier-patient-{one.follower.patient}", following.follower.first_frame
-            (results / folder).mkdir()
-            self._write(results / folder, one, recorded, [f"from frame {frame} on, another person was the patient"])
-            notes.append(f"until frame {frame}, another person was the patient: the results are in {folder}")
-        if earlier:
-            notes.append("who is the patient now was chosen on the page; nothing was stated of this person")
-        self._write(results, last, recorded, notes)
-
-    def _write(self, results: Path, patient: Followed, recorded: Path | None, notes: Sequence[str]) -> None:
-        """Pictures show the frames that were recorded."""
-        run = patient.follower.run
-        room = run.room if recorded is None else replace(run.room, recording=in_room(recorded, run.room))
-        session = (f"tracked live: {self.latency.summary().sentence}", *self.outputs.failed, *self.intake.failed)
-        run = replace(run, room=replace(room, notes=(*room.notes, *notes, *session)))
-        write_results(results, patient.follower.blocks.read(), run, patient.prepared.learnt, patient.prepared.inputs)
+        recorded = _finish(recorder, self.intake)
+        notes = (f"tracked live: {self.latency.summary().sentence}", *self.outputs.failed, *self.intake.failed)
+        write_patients(results, [one.patient for one in patients], recorded, notes)
 
     def _catch_up(self, follower: LiveFollower, backlog: Backlog) -> None:
         """Tracks what was seen meanwhile."""
@@ -174,7 +170,7 @@ class _Session:
 
     def _change_patient(self, now: Followed, number: int) -> Followed | None:
         """The person with a number, learnt in new first seconds; None where that fails: all is as before then."""
-        before, patient = now.follower, now.follower.patient + 1
+        before, patient = now.follower, now.patient.number + 1
         places = {one.number: one.place_xz_m for one in people_in(before.follower.memory)}
         try:
             if number not in places:
@@ -189,17 +185,17 @@ class _Session:
             self.user.say(
                 "That person cannot be told from the patient, or no body fits them; the patient is as before."
             )
-            _take_recorded(before, in_room(recording.folder, now.prepared.run.room), 0)
+            _take_recorded(before, in_room(recording.folder, now.patient.prepared.run.room), 0)
             self._catch_up(before, backlog)
             return None
         before.finish()
-        new = self.begin(prepared, patient)
+        new = self.begin(prepared)
         self._catch_up(new.follower, backlog)
         return new
 
     def _learn(self, recording: Recording, now: Followed, place_xz_m: tuple[float, float]) -> Prepared | None:
         """Who is at a place; None also where looking there fails, so that the session goes on."""
-        room, before_xz_m = now.prepared.run.room, now.follower.patient_xz_m
+        room, before_xz_m = now.patient.prepared.run.room, now.follower.patient_xz_m
         try:
             return self.first_seconds.learn_named(recording, room, place_xz_m, before_xz_m)
         except AnchorposeError as error:

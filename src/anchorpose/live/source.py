@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from threading import Event
 from typing import Any, Protocol
 
@@ -68,3 +69,8 @@ class LiveSource(Protocol):
         Raises AnchorposeError with what happened where a camera does not answer any more.
         """
         ...
+
+
+def about_folder(sources: Sequence[LiveSource]) -> Path | None:
+    """The folder of the first recording that holds for one of the sources, None where there is none."""
+    return next((source.about.folder for source in sources if source.about is not None), None)

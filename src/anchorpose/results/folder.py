@@ -172,14 +172,14 @@ def write_text_whole(path: Path, text: str) -> None:
         raise
 
 
-def check_results_path(path: Path, recording: Path, overwrite: bool, kind: FolderKind = RESULTS) -> None:
-    """Raises InputError unless results of ``recording`` may be written to ``path``."""
-    target, source = path.resolve(), recording.resolve()
+def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind: FolderKind = RESULTS) -> None:
+    """Raises InputError unless results of ``recording`` (None: of cameras) may be written to ``path``."""
+    target, source = path.resolve(), None if recording is None else recording.resolve()
     if not path.is_symlink():
         _restore_replaced(target, kind)
-    if target.is_relative_to(source):
+    if source is not None and target.is_relative_to(source):
         raise InputError(path, "lies inside the recording", "choose a results folder outside of it")
-    if source.is_relative_to(target):
+    if source is not None and source.is_relative_to(target):
         raise InputError(path, "holds the recording itself", "choose another results folder")
     if path.is_symlink() or (path.exists() and not path.is_dir()):
         raise InputError(path, "is a file or a link", "choose another name for the results folder")

@@ -22,6 +22,12 @@ from anchorpose.results.folder import RESULTS, check_results_path, make_folder, 
 JOURNAL: Final = "journal"
 """The folder in an unfinished results folder that holds what the run has done so far."""
 
+LIVE: Final = "live session"
+"""How the identity of a live session begins: it cannot be tracked again, only finished."""
+
+FIRST_SECONDS: Final = "first-seconds"
+"""The folder in a journal that holds the first seconds of a live session; alone, they are not worth keeping."""
+
 BEGUN_FILE: Final = "begun.json"
 LOCK_FILE: Final = ".lock"
 MARK_FILE: Final = ".anchorpose"
@@ -32,14 +38,15 @@ RESUME: Final = "the same command with --resume"
 
 @contextmanager
 def unfinished_results(
-    path: Path, recording: Path, overwrite: bool = False, resume: bool = False, go_on: str | None = RESUME
+    path: Path, recording: Path | None, overwrite: bool = False, resume: bool = False, go_on: str = RESUME
 ) -> Iterator[Path]:
     """The folder ``.NAME.unfinished`` beside ``path``, which becomes ``path`` when the block ends without an error.
 
     Otherwise it stays, if the run has stored anything in it, and ``resume`` goes on with it. It is locked: a second
-    run into ``path`` at the same time is refused. go_on: what the user does to go on with a run that was stopped, None
-    where that is not possible. Raises InputError before anything is written where results may not go to ``path``,
-    another folder has that name, or an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
+    run into ``path`` at the same time is refused. recording: None where the images come from cameras. go_on: what the
+    user does to go on with a run that was stopped. Raises InputError before anything is written where results may not
+    go to ``path``, another folder has that name, or an unfinished run is there and neither ``resume`` nor ``overwrite``
+    is given.
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)
@@ -47,7 +54,7 @@ def unfinished_results(
     with _locked(work, path):
         stored = _has_stored(work)
         if stored and not resume and not overwrite:
-            remedy = f"give {'' if go_on is None else '--resume to go on with it, or '}--overwrite to begin again"
+            remedy = f"{_going_on(path, go_on)}; to begin again, give --overwrite"
             raise InputError(path, f"has an unfinished run, in {work}", remedy)
         _clear(work, keep=(LOCK_FILE, MARK_FILE, JOURNAL) if stored and resume else (LOCK_FILE, MARK_FILE))
         try:
@@ -57,7 +64,7 @@ def unfinished_results(
                     (work / name).unlink()
                 publish(work, path, RESULTS.own if overwrite else ())
         except BaseException as error:
-            _leave(work, error, go_on)
+            _leave(work, error, _going_on(path, go_on))
             raise
 
 
@@ -120,8 +127,20 @@ def _locked(work: Path, path: Path) -> Iterator[None]:
 
 def _has_stored(work: Path) -> bool:
     """Whether the run has come so far that going on saves work."""
-    begun = work / JOURNAL / BEGUN_FILE
-    return begun.is_file() and any(file.is_file() and file != begun for file in begun.parent.rglob("*"))
+    journal = work / JOURNAL
+    files = [file for file in journal.rglob("*") if file.is_file()]
+    others = [file for file in files if file.name != BEGUN_FILE and FIRST_SECONDS not in file.parts]
+    return (journal / BEGUN_FILE).is_file() and bool(others)
+
+
+def is_live_session(path: Path) -> bool:
+    """Return whether the unfinished run into ``path`` is a live session."""
+    return (begun_identity(path) or "").startswith(LIVE)
+
+
+def _going_on(path: Path, go_on: str) -> str:
+    """Return how the run that is stored is continued, as a clause."""
+    return f"'anchorpose live --finish -o {path}' finishes it" if is_live_session(path) else f"{go_on} goes on"
 
 
 def _clear(work: Path, keep: Sequence[str]) -> None:
@@ -129,11 +148,11 @@ def _clear(work: Path, keep: Sequence[str]) -> None:
         shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
 
 
-def _leave(work: Path, error: BaseException, go_on: str | None) -> None:
+def _leave(work: Path, error: BaseException, going_on: str) -> None:
     """Removes what is of no use any more, else notes how to go on; a refusal has its own remedy."""
-    if go_on is not None and _has_stored(work):
+    if _has_stored(work):
         if not isinstance(error, AnchorposeError):
-            error.add_note(f"What was done is kept: {go_on} goes on.")
+            error.add_note(f"What was done is kept: {going_on}.")
     elif work.is_dir():
         shutil.rmtree(work, ignore_errors=True)
 
@@ -152,6 +171,8 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
             begun = read_json(path, LARGEST_WITH_HASHES)
         except InputError:
             raise InputError(path, "is damaged", begin_again) from None
+        if str(begun.get("identity")).startswith(LIVE):
+            raise InputError(results, "is a live session", "finish it with 'anchorpose live --finish'")
         if begun.get("identity") != identity:
             raise InputError(results, _what_changed(begun.get("inputs_sha256"), inputs), begin_again)
         return journal

@@ -14,11 +14,13 @@ from typing import Any, ClassVar, Final
 from anchorpose.errors import AnchorposeError
 from anchorpose.recording.json_text import parse_json
 from anchorpose.viewer.access import Guard, is_loopback, new_token
+from anchorpose.viewer.connections import Connections
 from anchorpose.viewer.page_files import content_policy, load_assets
 from anchorpose.viewer.responses import JSON, Response, describe_error
 
 MOST_BYTES: Final = 64 * 1024  # of a request's body: a correction has some hundred
-PATIENCE_S: Final = 120.0  # a browser that sends nothing for this long is gone
+IDLE_S: Final = 20.0  # a connection without a request for so long is closed; browsers open another one
+PATIENCE_S: Final = 120.0  # a browser that takes nothing of an answer for so long is gone
 
 
 class GuardedServer(ThreadingHTTPServer):
@@ -29,11 +31,12 @@ class GuardedServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    request_queue_size = 128  # of connections to be accepted: where it is full, a browser tries again after a second
     page: ClassVar[str]
     program: ClassVar[str]
 
     def __init__(self, host: str, port: int, handler: type[GuardedHandler]) -> None:
-        self.host = host
+        self.host, self.connections = host, Connections()
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             super().__init__((host, port), handler)
@@ -50,6 +53,15 @@ class GuardedServer(ThreadingHTTPServer):
         name = socket.gethostname() if everywhere else self.host
         return f"http://{f'[{name}]' if ':' in name else name}:{self.guard.port}/{self.guard.token}/"
 
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Whether there is room for one more connection; it is closed otherwise."""
+        return self.connections.add(request, client_address[0])
+
+    def close_request(self, request: Any) -> None:
+        """Closes a connection, which is not counted from then on."""
+        super().close_request(request)
+        self.connections.remove(request)
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Silent about a browser that disconnects (a tab was closed)."""
         if not isinstance(sys.exception(), ConnectionError | TimeoutError):
@@ -60,8 +72,12 @@ class GuardedHandler(BaseHTTPRequestHandler):
     """Sends the files of the page to those who have the token; everything else is up to ``answer_get``."""
 
     protocol_version = "HTTP/1.1"
-    timeout = PATIENCE_S
     server: GuardedServer
+
+    def handle_one_request(self) -> None:
+        """The next request of a connection, which is closed where none comes."""
+        self.connection.settimeout(IDLE_S)
+        super().handle_one_request()
 
     def do_GET(self) -> None:
         """A file of the page, or what ``answer_get`` has of this name."""
@@ -87,7 +103,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.refuse(HTTPStatus.FORBIDDEN, "Only the page itself may change something.")
             return
         length = self.headers.get("Content-Length", "")
-        if not length.isdecimal() or int(length) > MOST_BYTES:
+        if not length.isdecimal() or len(length) > len(str(MOST_BYTES)) or int(length) > MOST_BYTES:
             self.refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "This is too long.")
             return
         text = self.rfile.read(int(length))
@@ -115,6 +131,8 @@ class GuardedHandler(BaseHTTPRequestHandler):
         if name is None or not self.server.guard.host_is_ours(self.plain_headers()):
             self.refuse(HTTPStatus.FORBIDDEN, f"Open the address that '{self.server.program}' printed.")
             return None
+        self.server.connections.trust(self.connection)
+        self.connection.settimeout(PATIENCE_S)
         return name
 
     def refuse(self, status: HTTPStatus, sentence: str) -> None:

@@ -1,0 +1,182 @@
+"""A live session that ends early, on a full disk or killed, is finished from what is stored."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_builder import Again
+
+from anchorpose.cli import main
+from anchorpose.errors import InputError
+from anchorpose.live.first_seconds import LiveOptions
+from anchorpose.live.intake import Intake
+from anchorpose.live.session import _finish
+from anchorpose.live.stored import SESSION_FILE, SessionStore, read_session
+from anchorpose.results.tables import JOINTS_FILE, read_joints
+from anchorpose.results.unfinished import JOURNAL, unfinished_results
+from anchorpose.simulate.config import single
+from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.journal import Blocks
+
+FPS, SECONDS = 10.0, 4.0
+LIVE = ["--start-seconds", "3"]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("finish")
+    simulate_recording(folder / "out", single(6, seconds=SECONDS, fps=FPS))
+    return folder / "out/recording"
+
+
+@pytest.fixture
+def played(recording, monkeypatch) -> str:
+    """The name of a source that plays forward and backward without an end."""
+    monkeypatch.setattr("anchorpose.cli.live_setup.Playback", lambda found: Again(found, FPS))
+    return str(recording)
+
+
+def test_a_full_disk_ends_the_session_and_what_is_stored_becomes_results(played, tmp_path, monkeypatch, capsys):
+    write = Blocks.write
+
+    def full_after_the_first(blocks: Blocks, number: int, items: list) -> None:
+        if number > 0:
+            raise InputError(tmp_path, "cannot be written to (No space left on device)", "make room and resume")
+        write(blocks, number, items)
+
+    monkeypatch.setattr(Blocks, "write", full_after_the_first)
+    monkeypatch.chdir(tmp_path)
+    assert main(["live", played, "-o", "session", *LIVE]) == 2
+    said = capsys.readouterr().err
+    assert "No space left on device); make room and give the same command with --finish." in said
+    assert "--resume" not in said
+    assert main(["live", played, "-o", "session"]) == 2
+    assert "finish it with 'anchorpose live --finish -o session', or give --overwrite" in capsys.readouterr().err
+    assert main(["track", played, "-o", "session", "--resume"]) == 2
+    assert "anchorpose live --finish" in capsys.readouterr().err
+
+    assert main(["live", "--finish", "-o", "session"]) == 0
+    assert os.listdir(tmp_path) == ["session"]
+    assert len(read_joints(tmp_path / "session" / JOINTS_FILE).frame) >= 1  # the last of the first seconds
+    (note,) = [one for one in json.loads(Path("session/run.json").read_text())["notes"] if "ended early" in one]
+    assert "No space left on device" in note
+    assert main(["live", "--finish", "-o", "session"]) == 2
+    assert "has no live session that was cut off" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_killed_session_is_finished_with_all_that_was_stored(recording, tmp_path):
+    program = (
+        "from live_builder import Again; from anchorpose.cli import live_setup, main; import sys;"
+        f"live_setup.Playback = lambda found: Again(found, {FPS}); sys.exit(main())"
+    )
+    command = [sys.executable, "-c", program, "live", str(recording), "-o", str(tmp_path / "session"), *LIVE]
+    paths = os.pathsep.join(sys.path)
+    with subprocess.Popen(command, env=os.environ | {"PYTHONPATH": paths}, stdout=subprocess.DEVNULL) as child:
+        journal = tmp_path / ".session.unfinished" / JOURNAL
+        until_s = time.monotonic() + 240.0
+        while not (journal / "patient-1/000001.frames").is_file() and time.monotonic() < until_s:
+            time.sleep(0.1)
+        child.send_signal(signal.SIGKILL)
+    stored = [one.record.joints for number in range(2) for one in _block(journal, number)]
+    assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 0
+    joints = read_joints(tmp_path / "session" / JOINTS_FILE)
+    assert joints.frame.tolist()[: len(stored)] == [one.frame for one in stored]
+    np.testing.assert_allclose(joints.position_m[0], stored[0].position_m, atol=1e-6)
+    assert "the program was killed" in (tmp_path / "session/run.json").read_text()
+
+
+def _block(journal: Path, number: int) -> list:
+    from anchorpose.live.stored import _journal
+
+    return _journal(journal / "patient-1").read(f"{number:06d}.frames")
+
+
+def killed(results: Path, fill: Callable[[SessionStore], None]) -> None:
+    """Leaves what a session leaves that is killed once ``fill`` has been called."""
+    kept = results.parent / "kept"
+    with suppress(KeyboardInterrupt), unfinished_results(results, None) as work:
+        fill(SessionStore(work, LiveOptions(config=TrackConfig())))
+        shutil.copytree(work, kept)
+        raise KeyboardInterrupt
+    shutil.rmtree(work, ignore_errors=True)
+    kept.rename(work)
+
+
+def test_a_session_that_was_killed_before_a_patient_was_found_blocks_no_later_one(tmp_path, capsys):
+    killed(tmp_path / "session", lambda store: (store.first_seconds / "start-1.json").touch())
+    assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
+    assert "was cut off before a patient was found; begin again" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stored_session_of_another_form_is_refused(tmp_path, capsys):
+    killed(tmp_path / "session", lambda store: (store.first_seconds.parent / SESSION_FILE).write_text('{"options": 7}'))
+    assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
+    assert SESSION_FILE in capsys.readouterr().err
+
+
+def test_results_below_the_current_folder_are_accepted(recording, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("anchorpose.cli.live_setup.Playback.images", lambda self, stop: iter(()))
+    assert main(["live", str(recording), "-o", "session"]) == 2
+    assert "Nothing can be tracked" in capsys.readouterr().err
+
+
+def test_results_inside_a_recording_that_is_played_are_refused(recording, capsys):
+    assert main(["live", str(recording), "-o", str(recording / "session")]) == 2
+    assert "lies inside the recording" in capsys.readouterr().err
+
+
+def test_a_calibration_that_is_not_there_is_refused_at_once(recording, tmp_path, capsys):
+    given = ["--calibration", str(tmp_path / "none.json")]
+    assert main(["live", str(recording), "-o", str(tmp_path / "session"), *given]) == 2
+    assert "none.json: there is no such file" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stored_session_names_its_own_copy_of_the_calibration(recording, tmp_path):
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    given = tmp_path / "wednesday.json"
+    given.write_text(
+        json.dumps(
+            {
+                "format": "camera-calibration",
+                "version": 1,
+                "cameras": [{"name": "front", "camera_to_world": pose.tolist()}],
+            }
+        )
+    )
+    (tmp_path / "results").mkdir()
+    store = SessionStore(tmp_path / "results", LiveOptions(config=TrackConfig(height_m=1.7), calibration=given))
+    store._write(store._session)
+    found = read_session(tmp_path / "results")
+    given.unlink()
+    assert (store.first_seconds / found.options.calibration).is_file()
+    assert found == store._session
+
+
+class _Unfinished:
+    finished = False
+
+    def finish(self):
+        raise OSError(24, "Too many open files")
+
+
+def test_a_recording_that_cannot_be_finished_costs_no_results():
+    intake = Intake([])
+    assert _finish(_Unfinished(), intake) is None
+    assert "Too many open files" in intake.failed[0]
+    assert "anchorpose record" in intake.failed[0]
