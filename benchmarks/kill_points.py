@@ -16,7 +16,6 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,7 +29,7 @@ from anchorpose.tracker import passes
 WITH_TIMES: Final = {"report.html", LOG_FILE, f".{LOG_FILE}.lock"}
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Kill, go on, compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recording", type=Path)
@@ -38,10 +37,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--smooth", action="store_true")
     parser.add_argument("--stop", type=int, help="track the frames before this one")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--block", type=int, default=passes.BLOCK, help="frames that are stored at once: few of a short one"
-    )
-    options = parser.parse_args(arguments)
+    parser.add_argument("--block", type=int, default=passes.BLOCK, help="frames stored at once: few of a short one")
+    options = parser.parse_args()
     passes.BLOCK = options.block  # type: ignore[misc]  # children are forked, and have it, too
     config = replace(TrackConfig(), smooth=options.smooth, stop=options.stop)
     with TemporaryDirectory() as work:
@@ -49,16 +46,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _track(options.recording, whole, config)  # compiles
         began = time.perf_counter()
         _track(options.recording, killed, config)
-        longest_s = time.perf_counter() - began
-        done, runs, wrong = 0, 1, _differences(whole, killed)
+        longest_s, runs, wrong = time.perf_counter() - began, 1, _differences(whole, killed)
         shutil.rmtree(killed)
-        rng = random.Random(options.seed)
+        done, rng = 0, random.Random(options.seed)
         while done < options.kills:
-            if _killed_after(rng.uniform(0.0, longest_s), options.recording, killed, config):
-                done += 1
-            if killed.exists() or done == options.kills:
-                if not killed.exists():
-                    _track(options.recording, killed, config)
+            done += _killed_after(rng.uniform(0.0, longest_s), options.recording, killed, config)
+            if done == options.kills and not killed.exists():
+                _track(options.recording, killed, config)
+            if killed.exists():
                 runs += 1
                 wrong += _differences(whole, killed)
                 shutil.rmtree(killed)
@@ -73,7 +68,7 @@ def _track(recording: Path, results: Path, config: TrackConfig) -> None:
 
 
 def _killed_after(seconds: float, recording: Path, results: Path, config: TrackConfig) -> bool:
-    """Whether a process that tracks was killed, and did not end before."""
+    """Track in a process; return whether it was killed, and did not end before."""
     child = os.fork()
     if child == 0:
         _track(recording, results, config)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
+import os
 import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +17,7 @@ import numpy as np
 from filelock import FileLock
 
 import anchorpose
+from anchorpose.simulate.clinic import Programme
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.write import simulate_recording
 
@@ -29,12 +33,14 @@ DIGITS: Final = 16  # of a digest in a folder's name
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """A recording on disk. truth: its truth.npz, None for a real one; digest: of its content."""
+    """A recording on disk. truth: its truth.npz, None for a real one; digest: of its content; config: of a simulated
+    scene, for probes."""
 
     name: str
     recording: Path
     truth: Path | None
     digest: str
+    config: SimulationConfig | None = None
 
 
 class Recording(Protocol):
@@ -50,21 +56,35 @@ class Recording(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """A recording of the simulator."""
+    """A recording of the simulator. programme: what the patient does, where the settings do not state it."""
 
     name: str
     config: SimulationConfig
+    programme: Programme | None = None
 
     def ready(self, cache: Path) -> Ready | None:
         """Simulate unless the cache holds a recording of the same settings and the same simulator."""
         if self.config.movement_file is not None and not self.config.movement_file.is_file():
             return None
+        digest = digest_of(simulator_digest(), str(self.config), *_source_of(self.programme))
+        folder = write_once(
+            cache / "recordings" / f"{self.name}-{digest}",
+            lambda work: simulate_recording(work, self.config, programme=self.programme),
+        )
+        return Ready(self.name, folder / "recording", folder / "truth" / "truth.npz", digest, self.config)
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A simulated scene that is not written: its probe renders the moments that it needs."""
+
+    name: str
+    config: SimulationConfig
+
+    def ready(self, cache: Path) -> Ready:
+        """Return the settings."""
         digest = digest_of(simulator_digest(), str(self.config))
-        folder = cache / "recordings" / f"{self.name}-{digest}"
-        with _locked(folder):
-            if not folder.exists():
-                simulate_recording(folder, self.config)
-        return Ready(self.name, folder / "recording", folder / "truth" / "truth.npz", digest)
+        return Ready(self.name, Path(os.devnull), None, digest, self.config)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,9 +105,7 @@ class FrontAlone:
             return None
         digest = digest_of(whole.digest, "front")
         folder = cache / "recordings" / f"{self.name}-{digest}"
-        with _locked(folder):
-            if not folder.exists():
-                _write(folder, whole.recording, _link_first_camera)
+        write_once(folder, lambda work: _link_first_camera(whole.recording, work))
         return Ready(self.name, folder, whole.truth, digest)
 
 
@@ -115,12 +133,13 @@ class OneFrame:
             truth = {key: file[key] for key in ("joints", "names", "time", "occluded", "seen_share", "camera_to_world")}
         frame, count = self.moment(truth["joints"]), len(truth["time"])
         digest = digest_of(whole.digest, f"frame {frame}")
-        folder = cache / "recordings" / f"{self.name}-{digest}"
-        with _locked(folder):
-            if not folder.exists():
-                _write(folder, whole.recording, lambda old, new: _copy_frame(old, new, frame))
-                one = {key: value[[frame]] if len(value) == count else value for key, value in truth.items()}
-                np.savez(folder / "truth.npz", **(one | {"time": np.zeros(1), "names": truth["names"]}))
+
+        def write(work: Path) -> None:
+            _copy_frame(whole.recording, work, frame)
+            one = {key: value[[frame]] if len(value) == count else value for key, value in truth.items()}
+            np.savez(work / "truth.npz", **(one | {"time": np.zeros(1), "names": truth["names"]}))
+
+        folder = write_once(cache / "recordings" / f"{self.name}-{digest}", write)
         return Ready(self.name, folder / "recording", folder / "truth.npz", digest)
 
 
@@ -161,18 +180,29 @@ def simulator_digest() -> str:
     return digest.hexdigest()
 
 
+def _source_of(programme: Programme | None) -> tuple[str, ...]:
+    """Return the module that a programme is from, and what it is called with."""
+    if programme is None:
+        return ()
+    function = getattr(programme, "func", programme)
+    return inspect.getsource(sys.modules[function.__module__]), str(getattr(programme, "keywords", {}))
+
+
 def _locked(folder: Path) -> FileLock:
     folder.parent.mkdir(parents=True, exist_ok=True)
     return FileLock(folder.with_name(f".{folder.name}.lock"))
 
 
-def _write(folder: Path, source: Path, fill: Callable[[Path, Path], None]) -> None:
-    """Fill a new folder, which appears when it is whole."""
-    work = folder.with_name(f".{folder.name}.work")
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir()
-    fill(source, work)
-    work.rename(folder)
+def write_once(folder: Path, write: Callable[[Path], None]) -> Path:
+    """Write a folder unless it is there; it appears when it is whole."""
+    with _locked(folder):
+        if not folder.exists():
+            work = folder.with_name(f".{folder.name}.work")
+            shutil.rmtree(work, ignore_errors=True)
+            work.mkdir()
+            write(work)
+            work.rename(folder)
+    return folder
 
 
 def _first_camera(recording: Path) -> tuple[dict[str, object], str]:

@@ -27,14 +27,16 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, get_args
 
+from probing import run_probe
 from recordings import Ready, digest_of
-from suites import SUITES, Case, Use, cases_of
+from suite import Case, Use
+from suites import SUITES, cases_of
 from table import differences, table
 from tracking import COST_FILE, Cost, read_cost, track
 from versions import Version, at_commit, working_tree
 
 CACHE: Final = Path.home() / ".cache" / "anchorpose-benchmarks"
-QUICK_SUITES: Final = ("easy", "hard", "bodies", "rooms", "starts", "real", "contacts")
+QUICK_SUITES: Final = ("easy", "hard", "bodies", "rooms", "starts", "real", "contacts", "kidnapped")
 Rows = dict[str, list[dict[str, float]]]
 
 
@@ -62,6 +64,9 @@ def measure(suite: str, index: int, plan: Plan) -> list[list[tuple[str, dict[str
 def _measure(
     case: Case, ready: Ready, named: dict[str, Any], version: Version, plan: Plan
 ) -> list[tuple[str, dict[str, float]]]:
+    if case.probe is not None:
+        found = run_probe(case.probe, ready, version, plan.cache, plan.again)
+        return [(f"{case.row}: {part}" if part else case.row, scores) for part, scores in found]
     key = digest_of(version.digest, ready.digest, json.dumps(named))
     results = plan.cache / "results" / f"{ready.name}-{key}"
     cost = _tracked(results, ready, named, version, plan.again)
@@ -126,7 +131,7 @@ def main() -> None:
         description=(__doc__ or "").replace("SUITES", f"\n{about}", 1),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("suites", nargs="*", metavar="SUITE", help="with --quick: all but speed")
+    parser.add_argument("suites", nargs="*", metavar="SUITE", help=f"with --quick: {', '.join(QUICK_SUITES)}")
     parser.add_argument("--against", metavar="COMMIT")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--use", choices=get_args(Use), default="tuning")

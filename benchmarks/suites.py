@@ -3,49 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, get_args
 
-import numpy as np
 import scores
-from recordings import DATA, MOVEMENTS, FrontAlone, OneFrame, Ready, Real, Recording, Simulated
+from captured import CapturedBody
+from recordings import DATA, MOVEMENTS, FrontAlone, Real, Simulated
+from room_suites import START_SEED, rooms, start_of, starts
+from stage_suites import calibration, clocks, equipment, given_poses, isolation, laboratory, live
+from suite import Case, Probe, Suite, Use
+from tasks import tasks
 
-from anchorpose.joints import JOINT_INDEX
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.bodies import BUILDS, OtherBody
 from anchorpose.simulate.config import Equipment, SimulationConfig
-from anchorpose.simulate.rooms.plan import RoomConfig
 
-Use = Literal["tuning", "held-out"]
 Config = SimulationConfig
-Scores = dict[str, float]
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """One run: a recording, how the patient is named in it, and how its results are scored.
-
-    row: the scene class; name: returns settings that differ from the defaults, or None to leave the recording out;
-    score: returns the scores, or pairs of a part's name and its scores, which get rows of their own; refused: the
-    scores of a recording that is refused.
-    """
-
-    row: str
-    recording: Recording
-    score: Callable[[Ready, Path], Any] = scores.against_truth
-    name: Callable[[Ready], dict[str, Any] | None] = field(default=lambda ready: {})
-    refused: Callable[[], Scores] = dict
-
-
-@dataclass(frozen=True, slots=True)
-class Suite:
-    """cases: of a use, all or the few of ``--quick``. alone: run one after another, so that times can be compared."""
-
-    about: str
-    cases: Callable[[Use, bool], Iterator[Case]]
-    alone: bool = False
 
 
 # easy: the README's rows
@@ -65,6 +39,43 @@ def easy(use: Use, quick: bool) -> Iterator[Case]:
         for seed in range(EASY_SEEDS[use], EASY_SEEDS[use] + (1 if quick else 4)):
             config = make(seed, 3.0 if quick else 6.0)
             yield Case(title, Simulated(f"easy-{row}-{seed}-{config.seconds:g}", config))
+
+
+# sensors: every camera, lens and size of hole that can be simulated, and cameras of different makes
+
+LENSES: Final[tuple[presets.LensName, ...]] = ("brown-conrady", "rational", "kannala-brandt")
+HOLES_M: Final = (0.03, 0.06, 0.09, 0.12, 0.15)  # the paper's
+
+
+def _mixed(config: Config) -> Config:
+    """Cameras of three makes: other images, lenses, noise and rates, and clocks that nobody set."""
+    late_s = (0.0, 0.35, -0.6)
+    makes: tuple[presets.Sensor, ...] = ("femto-bolt", "realsense", "kinect-v2")
+    return replace(
+        presets.clinic(config.seed, config.seconds, 30.0), sensors=makes, every=(1, 1, 2), clock_late_s=late_s
+    )
+
+
+SENSORS: Final[dict[str, Callable[[Config], Config]]] = {
+    **{f"sensor {name}": lambda config, name=name: replace(config, sensor=name) for name in get_args(presets.Sensor)},
+    **{f"lens {name}": lambda config, name=name: replace(config, lens=name) for name in LENSES},
+    **{
+        f"holes of {radius_m:.2f} m": lambda config, radius_m=radius_m: presets.holes(
+            config.seed, radius_m, config.seconds
+        )
+        for radius_m in HOLES_M
+    },
+    "Femto Bolt, D455 and Kinect v2 at 30, 30 and 15 Hz": _mixed,
+}
+
+
+def sensors(use: Use, quick: bool) -> Iterator[Case]:
+    """Yield the same four people before each camera."""
+    for title, change in SENSORS.items():
+        for seed in range(EASY_SEEDS[use], EASY_SEEDS[use] + (1 if quick else 4)):
+            config = change(presets.single(seed, 3.0 if quick else 6.0))
+            name = f"{title.replace(' ', '_')}-{seed}-{config.seconds:g}"
+            yield Case(title, Simulated(f"sensors-{name}", config))
 
 
 # hard: captured rehabilitation movements in equipment, held by therapists, with people who walk through
@@ -172,73 +183,8 @@ def bodies(use: Use, quick: bool) -> Iterator[Case]:
                 config = kinds[person](make(seed, 3.0 if quick else 6.0))
                 name = f"body-{person}-{scene}-{seed}-{config.seconds:g}".replace(" ", "_")
                 yield Case(f"{scene}: {person}", Simulated(name, config))
-
-
-# rooms: cluttered rooms seen by one camera at an unknown place
-
-ROOM_SEED: Final[dict[Use, int]] = {"tuning": 51_000, "held-out": 52_000}
-
-
-def rooms(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield 40 rooms, of sensors that filter their depth and of others; the patient is named as a user would."""
-    for seed in range(ROOM_SEED[use], ROOM_SEED[use] + (4 if quick else 40)):
-        config = presets.room(seed, 6.0, 15.0, MOVEMENTS if MOVEMENTS.is_file() else None)
-        filtered = "filtered" if config.sensor.endswith("filtered") else "not filtered"
-        recording = Simulated(f"room-{seed}", config)
-        yield Case(f"rooms, depth {filtered}", recording, scores.in_a_room, scores.name_patient, scores.not_found)
-
-
-# starts: the first pose from a single frame
-
-
-def _highest_hands(joints_m: np.ndarray) -> int:
-    hands = joints_m[:, [JOINT_INDEX["WristLeft"], JOINT_INDEX["WristRight"]], 1]
-    return int(np.argmax(hands.min(axis=1)))
-
-
-def _lowest_pelvis(joints_m: np.ndarray) -> int:
-    return int(np.argmin(joints_m[:, JOINT_INDEX["SpineBase"], 1]))
-
-
-def _middle(joints_m: np.ndarray) -> int:
-    return len(joints_m) // 2
-
-
-def _before(seed: int, seconds: float, motions: tuple[str, ...], **room: Any) -> Config:
-    """A bare room whose camera stands where it is set; the patient may be turned away from it."""
-    rng = np.random.default_rng(seed)
-    plan = RoomConfig(**({"distance_m": rng.uniform(2.2, 3.2), "camera_height_m": 1.2, "tilt_rad": 0.08} | room))
-    base = presets.single(seed, seconds)
-    return replace(base, motions=motions, room=plan, pose_known=False, stool=plan.posture != "stands")
-
-
-ALONG: Final = ("squat", "reach", "weight-shift")
-STARTS: Final[dict[str, tuple[Callable[[int], Config], Callable[[np.ndarray], int]]]] = {
-    "arms raised": (lambda seed: _before(seed, 4.0, ("arm-raise",)), _highest_hands),
-    "squat": (lambda seed: _before(seed, 4.0, ("squat",)), _lowest_pelvis),
-    "seated": (lambda seed: _before(seed, 2.0, ("reach", "head"), posture="sits", seat="chair"), _middle),
-    "turned by a quarter": (lambda seed: _before(seed, 2.0, ALONG, azimuth_rad=(-1) ** seed * np.pi / 2), _middle),
-    "turned away": (lambda seed: _before(seed, 2.0, ALONG, azimuth_rad=np.pi), _middle),
-    "feet cut off": (
-        lambda seed: _before(seed, 2.0, ALONG, distance_m=1.5, camera_height_m=1.4, tilt_rad=0.0),
-        _middle,
-    ),
-}
-START_SEED: Final[dict[Use, int]] = {"tuning": 71_000, "held-out": 73_000}
-
-
-def starts(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield single frames: a person in a bare room, in postures and from sides that are hard to begin with."""
-    for title in STARTS:
-        for seed in range(START_SEED[use], START_SEED[use] + (1 if quick else 10)):
-            yield Case(
-                f"one frame: {title}", _start(title, seed), scores.in_a_room, scores.name_patient, scores.not_found
-            )
-
-
-def _start(title: str, seed: int) -> OneFrame:
-    make, moment = STARTS[title]
-    return OneFrame(Simulated(f"start-{title.replace(' ', '_')}-{seed}", make(seed)), moment)
+    for cameras, title in ((1, "one camera"), (3, "three cameras")) if not quick else ():
+        yield Case(f"captured body, {title}", CapturedBody(cameras), probe=Probe("captured_body"))
 
 
 # real: labels by eye, and an inertial sensor
@@ -276,6 +222,27 @@ def contacts(use: Use, quick: bool) -> Iterator[Case]:
         yield replace(case, row="contacts", score=scores.contacts_by_part)
 
 
+# kidnapped: the tracker's pose is spoilt in mid-recording
+
+KIDNAPPED_SEED: Final[dict[Use, int]] = {"tuning": 1101, "held-out": 1151}
+ARMS: Final = ("reach", "arm-raise", "rails")
+
+
+def kidnapped(use: Use, quick: bool) -> Iterator[Case]:
+    """Yield single people, clinics, and a few hard scenes; 24 trials of each kind of spoilt pose, or two."""
+    scenes: list[tuple[str, str, Config]] = []
+    for seed in range(KIDNAPPED_SEED[use], KIDNAPPED_SEED[use] + (1 if quick else 3)):
+        single = presets.single(seed, 6.0)
+        scenes.append(("one camera", f"kidnapped-single-{seed}", single))
+        if not quick:
+            scenes.append(("one camera", f"kidnapped-arms-{seed}", replace(single, motions=ARMS)))
+            scenes.append(("clinic, three cameras", f"kidnapped-clinic-{seed}", presets.clinic(seed, 6.0)))
+    for name, config in () if quick else list(hard_scenes(use).items())[:6]:
+        scenes.append(("hard scenes, three cameras", f"hard-{name}-{config.seconds:g}", config))
+    for row, name, config in scenes:
+        yield Case(row, Simulated(name, config), probe=Probe("kidnapped", ("--trials", "2" if quick else "24")))
+
+
 # speed: every scene class, one run after the other
 
 
@@ -291,7 +258,7 @@ def speed(use: Use, quick: bool) -> Iterator[Case]:
         ("bars with a passer-by, three cameras", Simulated(f"hard-{bars[0]}-{bars[1].seconds:g}", bars[1])),
         ("six other people, one camera", Simulated(f"crowd-{seed}-{seconds:g}", crowd)),
         ("room, filtered depth", Simulated("room-51001", presets.room(51_001, 6.0, 15.0))),
-        ("one image", _start("squat", START_SEED[use])),
+        ("one image", start_of("squat", START_SEED[use])),
     ):
         one_camera = title.startswith(("room", "one image"))
         yield (
@@ -311,6 +278,16 @@ SUITES: Final[dict[str, Suite]] = {
     "starts": Suite("the first pose from a single frame", starts),
     "real": Suite("labels by eye and an inertial sensor on real depth", real),
     "contacts": Suite("contacts with people, by body part", contacts),
+    "sensors": Suite("every camera, lens and size of hole that can be simulated", sensors),
+    "kidnapped": Suite("wrong poses in mid-recording that the tracker must leave", kidnapped),
+    "tasks": Suite("clinical measures, angles and centre of mass against those of the true joints", tasks),
+    "isolation": Suite("person labels, pixel by pixel", isolation),
+    "calibration": Suite("poses of cameras, found from the equipment or from people", calibration),
+    "clocks": Suite("clocks of cameras over ten minutes", clocks),
+    "given-poses": Suite("recordings with wrong poses: refused, noted or not noticed", given_poses),
+    "equipment": Suite("proposals of the equipment's model", equipment),
+    "laboratory": Suite("clock and frame of another motion capture system", laboratory),
+    "live": Suite("live tracking against track; needs an idle machine", live, alone=True),
     "speed": Suite("processor time of every scene class", speed, alone=True),
 }
 

@@ -46,24 +46,40 @@ PAIRED: Final = (
     Column("precision", "precision", digits=2),
     Column("recall", "recall", digits=2),
 )
+OTHERWISE_SHOWN: Final = frozenset({"trials", "refused"})  # by ``also``
+
+
+def columns_of(rows: Mapping[str, Measured], known: Sequence[Column]) -> Sequence[Column]:
+    """Return the known columns; of rows without a score of ``COLUMNS``, as most probes give, one column per score."""
+    names = dict.fromkeys(name for measured in rows.values() for one in measured for name in one)
+    if not names or not {column.name for column in COLUMNS}.isdisjoint(names):
+        return known
+    paired = {column.name: column for column in PAIRED}
+    return tuple(
+        paired.get(name) or Column(name, name.replace("_", " "), digits=1 if name.endswith("_mm") else 2, worst=np.max)
+        for name in names
+        if name not in OTHERWISE_SHOWN
+    )
 
 
 def table(rows: Mapping[str, Measured]) -> str:
     """Return Markdown: the number of recordings, the mean of each column with the worst in brackets, and the rest."""
-    titles = ["scene", "recordings", *(column.title for column in COLUMNS), "also"]
+    columns = columns_of(rows, COLUMNS)
+    titles = ["scene", "recordings", *(column.title for column in columns), "also"]
     lines = [f"| {' | '.join(titles)} |", "|---|" + "--:|" * (len(titles) - 2) + "---|"]
     for row, measured in rows.items():
-        cells = [row, str(len(measured)), *(_cell(column, measured) for column in COLUMNS), also(measured)]
+        cells = [row, str(len(measured)), *(_cell(column, measured) for column in columns), also(measured)]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
 def differences(now: Mapping[str, Measured], before: Mapping[str, Measured], title: str) -> str:
     """Return Markdown: now less ``before`` on the same recordings, mean and 95 % interval; both in the same order."""
-    titles = ["scene", *(column.title for column in PAIRED)]
-    lines = [f"Now less {title}:", "", f"| {' | '.join(titles)} |", "|---|" + "--:|" * len(PAIRED)]
+    columns = columns_of(now, PAIRED)
+    titles = ["scene", *(column.title for column in columns)]
+    lines = [f"Now less {title}:", "", f"| {' | '.join(titles)} |", "|---|" + "--:|" * len(columns)]
     for row, measured in now.items():
-        cells = [_difference(column, measured, before.get(row, ())) for column in PAIRED]
+        cells = [_difference(column, measured, before.get(row, ())) for column in columns]
         lines.append(f"| {row} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -95,10 +111,11 @@ def _difference(column: Column, now: Measured, before: Measured) -> str:
 def also(measured: Measured) -> str:
     """Return what else a row has, in words."""
     parts = []
-    right = _known("right", measured)
-    if right.size:
-        low, high = wilson(int(right.sum()), len(right))
-        parts.append(f"right {right.sum():.0f} of {len(right)} ({100 * low:.0f} to {100 * high:.0f} %)")
+    right, trials = _values("right", measured), np.nan_to_num(_values("trials", measured), nan=1.0)
+    if (known := np.isfinite(right)).any():
+        count, of = round((right * trials)[known].sum()), round(trials[known].sum())
+        low, high = wilson(count, of)
+        parts.append(f"right {count} of {of} ({100 * low:.0f} to {100 * high:.0f} %)")
     if (wrong := _known("accepted_wrong", measured)).size:
         parts.append(f"wrong accepted {wrong.sum():.0f}")
     if (seconds := _known("wrong_s", measured)).size:
@@ -122,6 +139,8 @@ def also(measured: Measured) -> str:
         parts.append(f"contacts {precision} / {recall} of {reported.sum():.0f} / {touched.sum():.0f}")
     if (bones := _known("bone_mm", measured)).size:
         parts.append(f"bones {np.median(bones):.0f} mm, {100 * _known('bone_cover', measured).mean():.0f} % in band")
+    if (skin := _known("skin_mm", measured)).size:
+        parts.append(f"skin {skin.mean():.1f} mm, {100 * _known('skin_near', measured).mean():.0f} % within 12 mm")
     if refused := sum(one.get("refused", 0.0) for one in measured):
         parts.append(f"refused {refused:.0f}")
     return "; ".join(parts)

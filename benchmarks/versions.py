@@ -14,6 +14,7 @@ from recordings import DIGITS
 
 REPOSITORY: Final = Path(__file__).resolve().parents[1]
 NOT_MEASURED: Final = ("research/", "simulate/")  # parts of the package that no result depends on
+ARCHIVED: Final = ("src", "benchmarks", "tests/builders")  # a probe may use a builder of the tests
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,7 @@ def at_commit(commit: str, cache: Path) -> Version:
     root = cache / "versions" / name
     if not root.exists():
         root.mkdir(parents=True)
-        with tarfile.open(fileobj=io.BytesIO(_git("archive", name, "src", "benchmarks"))) as archive:
+        with tarfile.open(fileobj=io.BytesIO(_git("archive", name, *ARCHIVED))) as archive:
             archive.extractall(root, filter="data")
     return Version(name, root, _digest(root / "src"))
 

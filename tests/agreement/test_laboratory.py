@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
-from laboratory import Laboratory, make_laboratory, missed
+from laboratory_builder import Laboratory, make_laboratory, missed
 
 from anchorpose.agreement.clock import Clock
 from anchorpose.agreement.evaluating import ReferenceSettings, compare_with_reference

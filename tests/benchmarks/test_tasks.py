@@ -12,7 +12,8 @@ from session_builder import measured
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-from tasks import Compared, compare_swings, reaches, rises, stances, summary_lines, swing_line
+from measure_scores import compare, compare_swings
+from tasks import reaches, rises, stances, task_recordings
 
 from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, UPRIGHT_EPISODE, Episode, Measure
 from anchorpose.results.tables import JointTable
@@ -71,30 +72,29 @@ def test_swings_are_paired_by_foot_and_time():
         swing(STEP_LEFT, 3.0, 3.6),
         swing(UPRIGHT_EPISODE, 0.0, 4.0),
     ]
-    swings = compare_swings(found, true)
-    assert np.array(swings.late_s) == pytest.approx(np.array([[0.1, -0.1], [0.0, 0.1]]))
-    assert (swings.missed, swings.extra) == (1, 1)
-    assert "2 found, 1 missed, 1 extra; foot off +0.050 s late" in swing_line([swings])
+    scores = compare_swings(found, true)
+    assert (scores["swings"], scores["missed"], scores["extra"]) == (2, 1, 1)
+    assert scores["foot_off_late_s"] == pytest.approx(0.05)
+    assert scores["foot_strike_late_s"] == pytest.approx(0.0)
 
 
-def row(value: float | None, sigma: float | None = None, measure: str = "swing_time_mean") -> Measure:
-    return Measure(measure=measure, value=value, unit="s", sigma=sigma, frames=1, why=None if value else "unseen")
+def row(value: float | None, sigma: float | None = None) -> Measure:
+    why = None if value else "unseen"
+    return Measure(measure="swing_time_mean", value=value, unit="s", sigma=sigma, frames=1, why=why)
 
 
-def test_a_measure_is_within_when_it_is_no_farther_than_its_range_and_a_count_when_equal():
-    assert Compared(row(1.1, 0.06), row(1.0)).verdict == "within"
-    assert Compared(row(1.2, 0.06), row(1.0)).verdict == "outside"
-    assert Compared(row(3.0), row(3.0)).verdict == "within"
-    assert Compared(row(3.0), row(4.0)).verdict == "outside"
-    assert Compared(row(None), row(None)).verdict == "neither"
+def test_a_measure_is_in_band_when_it_is_no_farther_than_its_range_and_a_count_when_equal():
+    assert compare(row(1.1, 0.06), row(1.0))["in_band"] == 1.0
+    assert compare(row(1.2, 0.06), row(1.0))["in_band"] == 0.0
+    assert compare(row(3.0), row(3.0))["in_band"] == 1.0
+    assert compare(row(3.0), row(4.0))["in_band"] == 0.0
 
 
-def test_the_summary_counts_what_only_one_of_the_two_has():
-    pairs = [
-        Compared(row(1.1, 0.06), row(1.0)),
-        Compared(row(1.3, 0.08), row(1.0)),
-        Compared(row(None), row(1.0)),
-        Compared(row(1.0, 0.1), row(None)),
-        Compared(row(1.0, 0.1), row(None)),
-    ]
-    assert summary_lines(pairs)[2:] == ["| swing_time_mean, s | 1 | 1 | 1 | 2 | 0 | 0.2, 0.3 | 0.07 |"]
+def test_a_measure_that_one_of_the_two_refuses_has_no_error():
+    assert compare(row(None), row(1.0)) == compare(row(1.0, 0.1), row(None)) == {"one_refuses": 1.0}
+    assert compare(row(None), row(None)) == {}
+
+
+def test_each_recording_has_a_name_and_a_seed_of_its_own():
+    found = list(task_recordings(71_000))
+    assert len({recording.name for recording in found}) == len({recording.config.seed for recording in found}) == 20

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from recording_builder import HEIGHT, WIDTH, depth_grey, write_recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from fuzz_recordings import outcome
+from fuzz import recording_outcome
 from spoil_recording import spoil
 
 from anchorpose.calibration.marker_layout import read_marker_layout
@@ -172,4 +172,4 @@ def test_a_recording_spoilt_in_any_way_is_read_or_refused_in_one_sentence(tmp_pa
     bad = tmp_path_factory.mktemp("spoilt") / "bad"
     shutil.copytree(folder, bad)
     spoil(bad, number)
-    assert outcome(bad) in ("read", "refused")
+    assert recording_outcome(bad) in ("read", "refused")

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from long_results_builder import repeat_results
 from viewer_builder import FRAMES, viewer_of, write_small_recording, write_small_results
 from viewer_page import opened, position, until
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from long_results import repeat_results
 
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.stored_frames import StoredFrames

@@ -1,0 +1,262 @@
+"""Does the evidence win over a wrong prediction?
+
+In the middle of a simulated recording the tracker's pose is spoilt (``spoilt_poses.Kind``): an arm is put into the
+trunk, the arms are exchanged, a leg is put onto the other, the body is turned round. The tracker is as confident of it
+as it was of the right pose, its past is spoilt alike (``kidnap``), and it goes on. It is right again when, 0.5 s later
+at the latest and until 1 s, every joint of the limbs concerned is within 100 mm of the truth, or within 50 mm more than
+the error of the undisturbed tracker: by its pose, also of joints that it calls lost. Only frames count in which one
+camera sees most of each of these limbs for that second. The recording is tracked forward and backward in time.
+
+Scores of each kind: how many trials there were, the share that was right again, the median time until they were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from kidnap import Past, kidnap
+from probe import Row, Scene, answer
+from spoilt_poses import Kind, Spoil, spoilt
+
+from anchorpose.body.pose import Pose
+from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
+from anchorpose.recording.reader import open_recording, read_frame
+from anchorpose.recording.recording import FrameSet
+from anchorpose.results.evaluate_confidence import LIMBS_JUDGED, in_plain_view
+from anchorpose.results.truth import Truth, read_truth
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.passes import learn_on, plan_route
+from anchorpose.tracker.patient import PatientTracker
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.run import Run
+from anchorpose.tracker.start import NoStart, find_start
+from anchorpose.tracking.motion_file import load_motions
+
+Choice = TypeVar("Choice")
+RIGHT_M, EXCESS_M = 0.10, 0.05  # of the truth; more than the undisturbed tracker's error
+WITHIN_S, UNTIL_S = 0.5, 1.0  # after the spoiling: when a limb must be right again, and until when it must stay so
+EPSILON_S: Final = 1e-6  # times are sums of frame periods
+SPOILT_M: Final = 0.15  # off the truth by less, a limb is not spoilt: an arm that lay on the belly anyhow
+HEIGHTS: Final = (0.2, 0.75)  # of a hand in the trunk: from the belly to the chest
+LEAST_LIMBS: Final = 3  # of a body that was turned round, in plain view, the trunk among them
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimePass:
+    """A pass through a recording in one direction of time: positions of its frames, and the learnt body."""
+
+    run: Run
+    shape: FittedShape
+    positions: Sequence[int]
+
+    @property
+    def body(self) -> Body:
+        """The patient's body."""
+        return build_body(body_points(), self.shape)
+
+    def read(self, place: int) -> FrameSet:
+        """Return the frame at a place of ``positions``; the last ones are kept."""
+        return _read(self.run, self.positions[place])
+
+    def trackers(self) -> Iterator[tuple[int, PatientTracker, Estimate]]:
+        """Yield after each estimate how many frames were read, the tracker, not to be changed, and the estimate.
+
+        Ends where the patient is not found or lost.
+        """
+        initial = self.run.room.initial_frame
+        start = None if initial is None else find_start(self.read(0), self.run, initial.choice, self.shape)
+        if start is None or isinstance(start, NoStart):
+            return
+        tracker = PatientTracker(self.run, start)
+        yield 1, tracker, tracker.first
+        for place in range(1, len(self.positions)):
+            estimate = tracker.step(self.read(place))
+            if estimate is not None:
+                yield place + 1, tracker, estimate
+            if tracker.last.gone_s > self.run.config.follow.lost_after_s:
+                return
+
+
+@lru_cache(maxsize=64)
+def _read(run: Run, position: int) -> FrameSet:
+    return read_frame(run.room.recording, position)
+
+
+def passes_through(scene: Scene) -> tuple[TimePass, ...]:
+    """Return the passes to the farther end of a recording and back from there; none where nobody is found."""
+    recording, config = open_recording(scene.recording), TrackConfig()
+    room = prepare_room(recording, config)
+    run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
+    route = plan_route(room, config, lambda: None)
+    learnt = learn_on(route, run)
+    longer = max(route.forward, route.backward, key=len)
+    if learnt is None or len(longer) < 2:
+        return ()
+    return TimePass(run, learnt.shape, longer), TimePass(run, learnt.shape, longer[::-1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Undisturbed:
+    """The tracker without spoiling, by frame in the order of tracking; joints_m (21, 3) also where they are lost."""
+
+    joints_m: dict[int, np.ndarray]
+    poses: dict[int, Pose]
+
+
+def undisturbed(time_pass: TimePass) -> Undisturbed:
+    """Track the pass once."""
+    found = Undisturbed({}, {})
+    for _, tracker, estimate in time_pass.trackers():
+        found.joints_m[estimate.frame_set.frame] = tracker.body.joints(tracker.belief.pose)
+        found.poses[estimate.frame_set.frame] = tracker.belief.pose
+    return found
+
+
+@dataclass(slots=True)
+class Judge:
+    """Judges poses as they come, whatever the states of their joints; ``done`` as soon as the outcome is certain.
+
+    began_s: time of the spoilt frame. joints (k,): those that count. truth_m, undisturbed_m: joints (21, 3) by frame
+    number. right_since_s: None while some joint is wrong.
+    """
+
+    began_s: float
+    joints: np.ndarray
+    truth_m: Callable[[int], np.ndarray]
+    undisturbed_m: Callable[[int], np.ndarray]
+    done: bool = False
+    right_since_s: float | None = None
+
+    def take(self, frame: int, time_s: float, joints_m: np.ndarray) -> None:
+        """Judge the next frame in the order of tracking by the joints (21, 3) of the tracker's pose."""
+        after_s = abs(time_s - self.began_s)
+        if after_s > UNTIL_S + EPSILON_S:
+            self.done = True
+            return
+        truth_m = self.truth_m(frame)[self.joints]
+        error_m = np.linalg.norm(joints_m[self.joints] - truth_m, axis=1)
+        usual_m = np.linalg.norm(self.undisturbed_m(frame)[self.joints] - truth_m, axis=1)
+        if (error_m > np.maximum(RIGHT_M, usual_m + EXCESS_M)).any():
+            self.right_since_s = None
+        elif self.right_since_s is None:
+            self.right_since_s = after_s
+        since_s = after_s if self.right_since_s is None else self.right_since_s
+        self.done = since_s > WITHIN_S + EPSILON_S
+
+    @property
+    def recovered_s(self) -> float:
+        """When it was right for good, infinite where that was too late."""
+        since_s = self.right_since_s
+        return since_s if since_s is not None and since_s <= WITHIN_S + EPSILON_S else float("inf")
+
+
+def draw_spoil(kind: Kind, seed: int, frame: int) -> Spoil:
+    """Draw side and height, the same for the same frame."""
+    rng = np.random.default_rng([seed, frame, list(Kind).index(kind)])
+    return Spoil(kind, ("Left", "Right")[rng.integers(2)], float(rng.uniform(*HEIGHTS)))
+
+
+def judged_joints(spoil: Spoil, visible: Mapping[str, Any]) -> np.ndarray | None:
+    """Return the joints (k,) that count; None where too little is in plain view. visible: each limb, all the time."""
+    limbs = [limb for limb in spoil.limbs if visible[limb]]
+    enough = len(limbs) == len(spoil.limbs)
+    if spoil.kind is Kind.TURNED_ROUND:
+        enough = "trunk_and_head" in limbs and len(limbs) >= LEAST_LIMBS
+    return np.concatenate([LIMBS_JUDGED[limb] for limb in limbs]) if enough else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chance:
+    """A frame that may be spoilt, and the joints (k,) that count."""
+
+    frame: int
+    spoil: Spoil
+    joints: np.ndarray
+
+
+def chances(time_pass: TimePass, alone: Undisturbed, truth: Truth, kind: Kind, seed: int) -> Iterator[Chance]:
+    """Yield the frames in which this kind can be tried: in plain view all the time, right before, wrong after."""
+    body, frames, visible = time_pass.body, list(alone.poses), in_plain_view(truth)
+    after = int(np.ceil(UNTIL_S / float(np.median(np.diff(truth.time_s)))))
+    for place in range(time_pass.run.config.follow.history, len(frames) - after):
+        frame, then = frames[place], frames[place : place + after + 1]
+        spoil = draw_spoil(kind, seed, frame)
+        joints = judged_joints(spoil, {limb: seen[then].all() for limb, seen in visible.items()})
+        if joints is None:
+            continue
+        true_m, wrong = truth.position_m[frame, joints], body.joints(spoilt(body, alone.poses[frame], spoil))
+        usual_m, wrong_m = (np.linalg.norm(at[joints] - true_m, axis=1).max() for at in (alone.joints_m[frame], wrong))
+        if usual_m < RIGHT_M and wrong_m > SPOILT_M:
+            yield Chance(frame, spoil, joints)
+
+
+def spread(choices: Sequence[Choice], count: int) -> list[Choice]:
+    """Return ``count`` of the choices, evenly spread; all of them where there are no more."""
+    if count >= len(choices):
+        return list(choices)
+    return [choices[int((k + 0.5) * len(choices) / count)] for k in range(count)]
+
+
+def outcomes(
+    time_pass: TimePass, alone: Undisturbed, truth: Truth, chosen: Sequence[Chance]
+) -> Iterator[tuple[Kind, float]]:
+    """Yield when each chosen trial was right again, while the pass is tracked once more."""
+    past: Past | None = None
+    for read, tracker, _ in time_pass.trackers():
+        if past is None:
+            past = Past.of(tracker)
+        else:
+            past.note(tracker)
+        frame_set = tracker.window[0].frame_set
+        for chance in (chance for chance in chosen if chance.frame == frame_set.frame):
+            judge = Judge(frame_set.time_s, chance.joints, truth.position_m.__getitem__, alone.joints_m.__getitem__)
+            _go_on(time_pass, kidnap(tracker, past, chance.spoil), read, judge)
+            yield chance.spoil.kind, judge.recovered_s
+
+
+def _go_on(time_pass: TimePass, kidnapped: PatientTracker, place: int, judge: Judge) -> None:
+    """Track on from the frame at a place of the pass until the outcome is certain."""
+    estimates = (kidnapped.step(time_pass.read(later)) for later in range(place, len(time_pass.positions)))
+    for estimate in chain(estimates, kidnapped.finish()):
+        if estimate is not None:
+            seen = estimate.frame_set
+            judge.take(seen.frame, seen.time_s, kidnapped.body.joints(kidnapped.belief.pose))
+        if judge.done:
+            return
+
+
+def measure(scene: Scene) -> Iterator[Row]:
+    """Try as many frames of each kind as asked for, as far as the recording has chances for them."""
+    truth, seed = read_truth(scene.truth), scene.simulated.seed
+    passes = [(time_pass, undisturbed(time_pass)) for time_pass in passes_through(scene)]
+    chosen: list[list[Chance]] = [[] for _ in passes]
+    for kind in Kind:
+        found = [
+            (number, chance)
+            for number, (time_pass, alone) in enumerate(passes)
+            for chance in chances(time_pass, alone, truth, kind, seed)
+        ]
+        for number, chance in spread(found, scene.options["trials"]):
+            chosen[number].append(chance)
+    tried = [
+        trial
+        for (time_pass, alone), some in zip(passes, chosen, strict=True)
+        if some
+        for trial in outcomes(time_pass, alone, truth, some)
+    ]
+    for kind in Kind:
+        recovered_s = np.array([seconds for of, seconds in tried if of is kind])
+        right = np.isfinite(recovered_s)
+        share = float(right.mean()) if right.size else float("nan")
+        median_s = float(np.median(recovered_s[right])) if right.any() else float("nan")
+        yield str(kind), {"trials": float(right.size), "right": share, "recovery_s": median_s}
+
+
+if __name__ == "__main__":
+    answer(measure, trials=24)

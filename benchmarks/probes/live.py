@@ -1,0 +1,50 @@
+"""How much less accurate live tracking is than ``track``.
+
+The recording is tracked, and played at its own pace to live tracking with a look-ahead of 0 and of 1 frame. Errors are
+those after the first seconds, from which live tracking learns the body; frames that it drops are not counted.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Event
+
+from probe import Row, Scene, answer
+
+from anchorpose.live.first_seconds import LiveOptions, User
+from anchorpose.live.playback import Playback
+from anchorpose.live.session import track_live
+from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.recording.reader import open_recording
+from anchorpose.results.evaluate import evaluate
+
+LEARNT_S = 6.0
+
+
+def measure(scene: Scene) -> Iterator[Row]:
+    """Track three times."""
+
+    def mean_mm(results: Path) -> float:
+        return evaluate(results, scene.truth, LEARNT_S).overall.mean_mm or float("nan")
+
+    with TemporaryDirectory() as work:
+        results = Path(work) / "track"
+        results.mkdir()
+        track_recording(scene.recording, results, TrackConfig(), lambda done, total: None)
+        yield "track", {"error_mm": mean_mm(results)}
+        for part, wait_frames in (("live", 0), ("live, one frame later", 1)):
+            results = Path(work) / part
+            results.mkdir()
+            options = LiveOptions(config=TrackConfig(), wait_frames=wait_frames, start_s=LEARNT_S)
+            user = User(lambda sentence: print(sentence, file=sys.stderr), Event())
+            latency = track_live([Playback(open_recording(scene.recording))], results, options, [], user)
+            dropped = latency.dropped / max(1, latency.count + latency.dropped)
+            delay = {"delay_ms": 1e3 * latency.median_s, "delay_p99_ms": 1e3 * latency.p99_s}
+            yield part, {"error_mm": mean_mm(results), "dropped": dropped, **delay}
+
+
+if __name__ == "__main__":
+    answer(measure)

@@ -1,0 +1,53 @@
+"""The command line of every probe: PROBE RECORDING TRUTH [--config JSON] [--OPTION VALUE]... --out JSON.
+
+A probe measures with inner parts of the program, so it runs under the version that is measured and imports nothing but
+that version and its neighbours in this folder. It answers with pairs of a part's name and that part's scores by name.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.threads import one_thread
+
+Row = tuple[str, dict[str, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What is measured. config: the settings of a simulated scene; options: the probe's own, by name."""
+
+    recording: Path
+    truth: Path
+    config: SimulationConfig | None
+    options: dict[str, Any]
+
+    @property
+    def simulated(self) -> SimulationConfig:
+        """The settings, which this probe needs."""
+        assert self.config is not None, "this probe measures simulated scenes"
+        return self.config
+
+
+def answer(measure: Callable[[Scene], Iterable[Row]], **options: float | str) -> None:
+    """Measure the scene of the command line and write the rows; options: of this probe, with their defaults."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("recording", type=Path)
+    parser.add_argument("truth", type=Path)
+    parser.add_argument("--config", type=TypeAdapter(SimulationConfig).validate_json)
+    parser.add_argument("--out", type=Path, required=True)
+    for name, default in options.items():
+        parser.add_argument(f"--{name}", type=type(default), default=default)
+    chosen = parser.parse_args()
+    scene = Scene(chosen.recording, chosen.truth, chosen.config, {name: getattr(chosen, name) for name in options})
+    with one_thread():
+        rows = list(measure(scene))
+    chosen.out.write_text(json.dumps(rows), encoding="utf-8")
