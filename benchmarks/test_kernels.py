@@ -32,8 +32,7 @@ from anchorpose.surface.border import Border, border
 from anchorpose.surface.denoise import denoise, drop_flying_pixels, estimate_noise
 from anchorpose.surface.fusion import fuse
 from anchorpose.surface.links import pieces
-from anchorpose.surface.mesh import build_surface, faces
-from anchorpose.surface.normals import estimate_normals
+from anchorpose.surface.mesh import build_surface, estimate_normals, faces
 from anchorpose.surface.patient_surface import patient_surface
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig
 

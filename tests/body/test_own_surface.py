@@ -30,9 +30,8 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.tips import anchor_points
-from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors, no_anchors
+from anchorpose.geodesics.anchors import Anchors, SeenGeodesics, anchor_descriptor, find_anchors, no_anchors
 from anchorpose.geodesics.extrema import Cap
-from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.joints import JOINT_INDEX
 
 BODY = adult_body()

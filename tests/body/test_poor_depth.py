@@ -16,7 +16,7 @@ from anchorpose.body.poor_depth import PoorDepth, PoorKind, missing_share, poor_
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import joint_sigma, smeared_sigma
-from anchorpose.isolation.detail import LIMB_M, DepthDetail
+from anchorpose.isolation.depth_noise import LIMB_M, DepthDetail
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX, JointState
 from anchorpose.simulate.render import TrueImage

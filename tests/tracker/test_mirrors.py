@@ -9,8 +9,8 @@ import pytest
 from room_builder import FRONT, ROOM, body, picture
 
 from anchorpose.isolation.empty_room import learn_background
-from anchorpose.isolation.gaps import find_walls
 from anchorpose.isolation.people import PatientChoice, Person
+from anchorpose.isolation.room_planes import find_walls
 from anchorpose.isolation.scene import Scene, find_pieces, set_scene
 from anchorpose.recording.equipment import Box
 from anchorpose.recording.recording import FrameSet

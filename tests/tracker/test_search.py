@@ -9,8 +9,7 @@ import pytest
 from room_builder import FRONT, ROOM, body, built_scene, picture
 
 from anchorpose.isolation.bystander_memory import empty_memory, update_memory
-from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.people import PatientChoice, find_people
+from anchorpose.isolation.people import IsolationConfig, PatientChoice, find_people
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel, View

@@ -15,10 +15,8 @@ from anchorpose.body.limb_proposals import CHAINS, Chain, LimbPath, limb_poses
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.body.tips import anchor_points
-from anchorpose.geodesics.anchors import Anchors
-from anchorpose.geodesics.center import center_field
-from anchorpose.geodesics.limb_paths import limb_path
-from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.geodesics.anchors import Anchors, SeenGeodesics
+from anchorpose.geodesics.center import center_field, limb_path
 from anchorpose.joints import ANCHOR_NAMES
 
 CONTRADICTED_M: Final = 0.15  # from an anchor to the tip of its limb: worth a proposal once limbs are looked for

@@ -25,8 +25,7 @@ from anchorpose.body.pose import DEGREE, Pose
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
 from anchorpose.body.tips import anchor_constraints
-from anchorpose.geodesics.anchors import Anchors
-from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.geodesics.anchors import Anchors, SeenGeodesics
 from anchorpose.surface.surface import Surface
 
 _Turns = Mapping[str, tuple[float, float, float]]

@@ -23,7 +23,7 @@ from anchorpose.body.own_poses import poses_of_own_surface
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, descend, posterior
 from anchorpose.body.skin_points import Body, pose_points
-from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.geodesics.anchors import SeenGeodesics
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
 

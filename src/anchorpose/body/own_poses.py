@@ -13,7 +13,7 @@ from anchorpose.body.fit import damped_step
 from anchorpose.body.own_surface import LEAST_NODES, match_skin
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
-from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.geodesics.anchors import SeenGeodesics
 
 MATCH_SIGMA_M: Final = 0.05  # of a match, as of an anchor (``initial.anchor_constraints``)
 MATCH_SCALES_M: Final = (0.5, 0.5, 0.5, 0.5, 0.15, 0.15, 0.15, 0.15)  # of each step: limbs come from far at first

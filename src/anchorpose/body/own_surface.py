@@ -21,8 +21,8 @@ from scipy.sparse.csgraph import dijkstra
 from anchorpose.body.constraints import thin
 from anchorpose.body.skin_points import Body
 from anchorpose.body.tips import anchor_points
+from anchorpose.geodesics.anchors import SeenGeodesics
 from anchorpose.geodesics.paths import unfolded
-from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.joints import ANCHOR_NAMES
 
 NODES: Final = 400  # of the frame, 5 cm apart; 250 do almost as well

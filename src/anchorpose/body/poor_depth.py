@@ -12,7 +12,7 @@ import numpy as np
 from anchorpose.body.skin_points import PosedPoints
 from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
-from anchorpose.isolation.detail import LIMB_M, DepthDetail
+from anchorpose.isolation.depth_noise import LIMB_M, DepthDetail
 from anchorpose.isolation.view import View
 
 MOST_MISSING: Final = 0.5  # of the skin turned to a camera: more of it without a reading than with one

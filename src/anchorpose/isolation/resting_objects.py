@@ -15,10 +15,10 @@ import numpy as np
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.background import BackgroundModel, RestingLayer, foreground
 from anchorpose.isolation.components import JUMP_GATE, label_components
+from anchorpose.isolation.depth_noise import smeared
 from anchorpose.isolation.people import FAINT, PERSON_RADIUS_M
 from anchorpose.isolation.resting import MOST_OF_ROOM, SWAYS_TIMES, WIDEST_M, sway
 from anchorpose.isolation.scene import FLATTEST, LEAST_M2
-from anchorpose.isolation.smear import smeared
 
 LEAST_S: Final = 1.0  # that an object rests: a person who turns back stands still for half a second
 LEAST_SAMPLES: Final = 6  # that show it at rest: its sway is measured on them

@@ -28,8 +28,8 @@ from anchorpose.body.shape_prior import child_belief, shape_of_height
 from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
-from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
+from anchorpose.isolation.people import IsolationConfig
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View

@@ -13,7 +13,7 @@ from anchorpose.calibration.camera_to_camera import PlacingConfig
 from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.calibration.equipment_pose import EquipmentPoseConfig
 from anchorpose.geodesics.anchors import AnchorConfig
-from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.people import IsolationConfig
 from anchorpose.results.contact_intervals import ContactConfig
 from anchorpose.settings import Count, Positive, settings
 from anchorpose.surface.surface import SurfaceConfig

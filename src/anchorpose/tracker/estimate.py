@@ -27,7 +27,7 @@ from anchorpose.body.uncertainty import (
     unexplained_sigma,
 )
 from anchorpose.body.visibility import joint_states
-from anchorpose.isolation.detail import DepthDetail
+from anchorpose.isolation.depth_noise import DepthDetail
 from anchorpose.isolation.view import View
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.recording import FrameSet

@@ -10,9 +10,8 @@ import numpy as np
 
 from anchorpose.body.skin_points import body_points
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
-from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
-from anchorpose.isolation.people import PatientChoice, find_people
+from anchorpose.isolation.people import IsolationConfig, PatientChoice, find_people
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel, View

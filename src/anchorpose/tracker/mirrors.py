@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
-from anchorpose.isolation.gaps import Wall, find_walls, with_wall
 from anchorpose.isolation.people import PatientChoice
+from anchorpose.isolation.room_planes import Wall, find_walls, with_wall
 from anchorpose.isolation.scene import Scene
 from anchorpose.tracker.patient_choice import BEFORE_M, CHEST_M
 from anchorpose.tracker.sighting import SeenPerson, Sighting

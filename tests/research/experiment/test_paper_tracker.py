@@ -12,8 +12,7 @@ from anchorpose.body.belief import vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.registration import node_parts
 from anchorpose.body.skin_points import pose_points
-from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
-from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.geodesics.anchors import SeenGeodesics, anchor_descriptor, find_anchors
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.framework import NEVER_M, paper_config

@@ -23,7 +23,7 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, posterior
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.body.tips import anchor_points
-from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.geodesics.anchors import SeenGeodesics
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.recording.recording import FrameSet
 from anchorpose.research.experiment.config import Form
