@@ -21,11 +21,11 @@ from scipy.spatial.transform import Rotation
 from surface import visible_limbs
 from true_body import TrueBody
 
-from anchorpose.body.body_map import map_body
+from anchorpose.body.constraints import anchor_points
 from anchorpose.body.kinematics import BodyMesh
+from anchorpose.body.own_surface import map_body
 from anchorpose.body.pose import MOVING_BONES, descendants
 from anchorpose.body.skin_points import FittedShape, body_points, build_body, even_clothes
-from anchorpose.body.tips import anchor_points
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX

@@ -28,7 +28,7 @@ from anchorpose.simulate import config as presets
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.pose_agreement import CameraPair, SeenPast, doubt_of, seen_past
+from anchorpose.tracker.given_poses import CameraPair, SeenPast, doubt_of, seen_past
 from anchorpose.tracker.preparation import settle
 
 SENSORS: Final[tuple[presets.Sensor, ...]] = (

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from spoilt_poses import Spoil, spoilt
 
+from anchorpose.body.contact_regions import StandingFeet
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
@@ -24,7 +25,6 @@ from anchorpose.tracker.estimate import estimate_of
 from anchorpose.tracker.isolating import isolate
 from anchorpose.tracker.observation import Observation, observe
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.standing_feet import StandingFeet
 from anchorpose.tracker.window import Window
 
 SEEN_AGAIN: Final = 3

@@ -18,7 +18,7 @@ from anchorpose.threads import one_thread
 from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.journal import Journal
-from anchorpose.tracker.learning import LearntPatient
+from anchorpose.tracker.learning_pass import LearntPatient
 from anchorpose.tracker.passes import learn_on, plan_route, track_on
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.prior_shape import is_human

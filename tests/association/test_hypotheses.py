@@ -19,7 +19,7 @@ from anchorpose.association.hypotheses import (
     match_hypotheses,
     nearest_hypotheses,
 )
-from anchorpose.association.voxels import sort_into_voxels
+from anchorpose.body.nearest_skin import sort_into_voxels
 from anchorpose.surface.mesh import keep_nodes
 
 ALL = anchor_subsets(np.ones(5, bool))

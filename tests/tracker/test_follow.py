@@ -26,8 +26,7 @@ from anchorpose.tracker.frame_record import label_pictures
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run, Stopwatch
-from anchorpose.tracker.smoothed_explanation import explain_smoothed, labelled_views
-from anchorpose.tracker.smoothing import pass_result
+from anchorpose.tracker.smoothing import explain_smoothed, labelled_views, pass_result
 
 FPS, FRAMES = 8.0, 20
 APPEARS, VANISHES, RETURNS = 2, 8, 15  # frames: the room is empty, he is there, the camera is blind, he is there again

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from body_builder import FRONT, LEFT, adult, adult_body, hide_bones, seen_body, standing
 
-from anchorpose.body.belief import vague_belief
+from anchorpose.body.pose import vague_belief
 from anchorpose.isolation.people import PatientChoice, Person
 from anchorpose.tracker import initial_frame
 from anchorpose.tracker.initial_frame import TRIES, WELL, best_of, rank_initial_frames

@@ -15,7 +15,7 @@ from anchorpose.isolation.scene import Scene, find_pieces, set_scene
 from anchorpose.recording.equipment import Box
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.mirrors import find_mirrors, through_a_gap, with_mirrors
+from anchorpose.tracker.look import find_mirrors, through_a_gap, with_mirrors
 from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 
 WALL_M = -2.0  # x of the front of the room's wall

@@ -15,7 +15,7 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.isolation.scene import Scene, find_all_pieces, set_scene
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.recording import FrameSet
-from anchorpose.tracker.pose_agreement import CameraPair, SeenPast, compare_cameras, doubt_of, seen_past
+from anchorpose.tracker.given_poses import CameraPair, SeenPast, compare_cameras, doubt_of, seen_past
 
 WALL_M, PERSON_M, RADIUS_M, HALF_TALL_M = 3.0, 2.2, 0.2, 0.6
 NOISE_PER_M = 0.001

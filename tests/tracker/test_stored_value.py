@@ -18,11 +18,11 @@ from anchorpose.body.asset import BodyAsset
 from anchorpose.body.skin_points import SkinPoints
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_record import Kept
-from anchorpose.tracker.learning import LearntPatient
+from anchorpose.tracker.journal import read_value, write_value
+from anchorpose.tracker.learning_pass import LearntPatient
 from anchorpose.tracker.passes import _PassState
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.stored_value import read_value, write_value
 
 
 class Colour(StrEnum):

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from anchorpose.association.voxels import Voxels
+from anchorpose.body.nearest_skin import Voxels
 
 
 class Target(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.body.poor_depth import MOST_MISSING
+from anchorpose.body.visibility import MOST_MISSING
 from anchorpose.calibration.noise import noise_per_m, step_per_m
 from anchorpose.calibration.origin import USUAL_DISTANCE_M, people_only
 from anchorpose.camera import Camera

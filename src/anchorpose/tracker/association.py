@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.association.hypotheses import Feature, Matcher, anchor_subsets, match_hypotheses, nearest_hypotheses
-from anchorpose.body.constraints import Constraints, join, place_constraints
+from anchorpose.body.constraints import Constraints, anchor_constraints, join, place_constraints
 from anchorpose.body.nearest_skin import Oriented
 from anchorpose.body.part_registration import register_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import node_parts
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints
-from anchorpose.body.tips import anchor_constraints
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracking.tree import Support, TrackResult, best_branches

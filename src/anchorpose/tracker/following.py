@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from anchorpose.body.poor_depth import PoorDepth, too_coarse
 from anchorpose.body.skin_points import FittedShape
+from anchorpose.body.visibility import PoorDepth, too_coarse
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet

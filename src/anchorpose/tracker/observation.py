@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from anchorpose.body.evidence import Evidence, gather_evidence
-from anchorpose.body.missing import missing_anchors
+from anchorpose.body.kinematics import missing_anchors
 from anchorpose.geodesics.anchors import Anchors, SeenGeodesics, anchor_descriptor, find_anchors
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
 from anchorpose.isolation.bystander_memory import BystanderMemory

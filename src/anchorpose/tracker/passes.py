@@ -18,15 +18,15 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 from anchorpose.tracker.frame_record import Kept, TrackedFrame, label_pictures, record_of, smoothed_record
 from anchorpose.tracker.journal import Blocks, Journal
-from anchorpose.tracker.learning import LearntPatient, Stretch, learn_patient
+from anchorpose.tracker.learning_pass import LearntPatient, Stretch, learn_patient
 from anchorpose.tracker.looking_back import Passed, Waiting
 from anchorpose.tracker.room import Room, held_joints
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.smoothed_explanation import explain_smoothed
 from anchorpose.tracker.smoothing import (
     PassResult,
     Smoothing,
     course_of,
+    explain_smoothed,
     pass_result,
     smooth,
     smoothed_result,

@@ -9,10 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, Pace, PoseBelief
-from anchorpose.body.body_map import map_body
-from anchorpose.body.constraints import Constraints, no_constraints
-from anchorpose.body.explained import Explanation
+from anchorpose.body.constraints import Constraints, anchor_points, no_constraints
+from anchorpose.body.contact_regions import StandingFeet
+from anchorpose.body.explanation import Explanation
 from anchorpose.body.inverse_kinematics import (
     CorrectedJoints,
     apply_corrections,
@@ -20,11 +19,11 @@ from anchorpose.body.inverse_kinematics import (
     pose_from_joints,
     relax_limbs,
 )
+from anchorpose.body.own_surface import map_body
 from anchorpose.body.part_registration import ITERATIONS, joints_of_parts
-from anchorpose.body.pose import Pose
+from anchorpose.body.pose import PATIENT_PACE, UNSEEN_S, Pace, Pose, PoseBelief
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
-from anchorpose.body.tips import anchor_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import BodyMap, ExpectedSkin
@@ -38,7 +37,6 @@ from anchorpose.tracker.observation import Expectation, Isolated, Observation, g
 from anchorpose.tracker.rivals import Rival, follow_rivals
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
-from anchorpose.tracker.standing_feet import StandingFeet
 from anchorpose.tracker.start import Start
 from anchorpose.tracker.window import Window
 from anchorpose.tracking.motion import predict_joints

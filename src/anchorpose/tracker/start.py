@@ -7,11 +7,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from anchorpose.body.belief import PoseBelief, vague_belief
-from anchorpose.body.explained import explain
+from anchorpose.body.explanation import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose, likely_headings
 from anchorpose.body.limb_search import rarity
-from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
+from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, PoseBelief, vague_belief
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.isolation.people import PatientChoice

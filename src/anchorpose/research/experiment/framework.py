@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.association.hypotheses import GateConfig, HypothesisConfig
-from anchorpose.body.belief import PoseBelief, vague_belief
+from anchorpose.body.pose import PoseBelief, vague_belief
 from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.research.experiment.config import Form

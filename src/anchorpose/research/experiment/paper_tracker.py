@@ -9,20 +9,16 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.anchor_limbs import CONTRADICTED_M, contradicted_by
-from anchorpose.body.belief import PoseBelief
-from anchorpose.body.body_map import map_body
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.constraints import join, place_constraints
+from anchorpose.body.constraints import anchor_points, join, place_constraints
 from anchorpose.body.fit import damped_step, pose_equations, range_information
 from anchorpose.body.inverse_kinematics import pose_from_joints
-from anchorpose.body.limb_proposals import CHAINS
-from anchorpose.body.own_surface import match_skin
+from anchorpose.body.limb_proposals import CHAINS, CONTRADICTED_M, contradicted_by
+from anchorpose.body.own_surface import map_body, match_skin
 from anchorpose.body.part_registration import ITERATIONS, joints_of_parts
-from anchorpose.body.pose import Pose
+from anchorpose.body.pose import Pose, PoseBelief
 from anchorpose.body.registration import Registration, posterior
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_points, build_body, pose_points
-from anchorpose.body.tips import anchor_points
 from anchorpose.geodesics.anchors import SeenGeodesics
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.recording.recording import FrameSet

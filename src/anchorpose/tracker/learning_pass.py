@@ -1,4 +1,4 @@
-"""Learning the patient's body on a first pass, from all that it shows."""
+"""Learn the patient's body on a first pass, from all that it shows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well a pose explains a frame, judged by the depth images alone: a prediction has no part in it.
+"""Measure how well a pose explains a frame, from its depth images alone: a prediction has no part in it.
 
 Two things show that a limb is elsewhere: seen skin of the patient that no part of the body covers, and skin of the body
 in front of something that a camera sees. The first is an area, the second a share of each limb.
