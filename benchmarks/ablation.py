@@ -22,10 +22,10 @@ from typing import Final
 
 from accuracy import DEFAULT_SCENES, SCENES, track_simulated
 
+from anchorpose.motion.prediction import MotionConfig, MotionRule
 from anchorpose.research.experiment.methods.references import ABLATION
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import Method, TrackConfig
-from anchorpose.tracking.motion import MotionConfig, MotionRule
 
 VARIANTS: Final[Mapping[str, TrackConfig]] = {
     "**everything**": TrackConfig(),

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from anchorpose.association.hypotheses import GateConfig
 from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX
@@ -28,6 +27,7 @@ from anchorpose.surface.border import Border, border
 from anchorpose.surface.fusion import fuse
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.surface import Surface
+from anchorpose.track_tree.hypotheses import GateConfig
 
 UP, FACING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 SAME_POINT_M = 0.010  # half a mesh cell and the noise that is left; a node farther from the skin point is another one

@@ -31,24 +31,25 @@ import numpy as np
 from cached_recordings import KEPT, cached_recording
 from paired_variants import ALWAYS, GEODESIC, NEITHER, POSITION, Score, compare, score, table
 
-from anchorpose.association.hypotheses import Feature, HypothesisConfig
 from anchorpose.body.config import LearningConfig, RegistrationConfig
 from anchorpose.body.skin_points import body_points, build_body
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import JOINT_COUNT
+from anchorpose.motion.database_file import load_motions
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.results.truth import read_truth
 from anchorpose.simulate import config as presets
 from anchorpose.threads import one_thread
+from anchorpose.track_tree.hypotheses import Feature, HypothesisConfig
 from anchorpose.tracker import start as starting
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.following import follow_patient
-from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.observation import Observation, Start
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.run import Run, Stopwatch
-from anchorpose.tracker.start import Start, find_start
-from anchorpose.tracking.motion_file import load_motions
+from anchorpose.tracker.room import Run
+from anchorpose.tracker.start import find_start
+from anchorpose.tracker.stopwatch import Stopwatch
 
 VARIANTS: Final[Mapping[str, Callable[[TrackConfig], TrackConfig]]] = {
     GEODESIC: lambda config: config,

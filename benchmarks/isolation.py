@@ -25,6 +25,7 @@ from anchorpose.isolation.people import find_people
 from anchorpose.isolation.scene import find_all_pieces
 from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.motion.database_file import load_motions
 from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording, read_frame, read_frames
 from anchorpose.recording.recording import Recording
@@ -37,9 +38,7 @@ from anchorpose.threads import one_thread
 from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import Room
-from anchorpose.tracker.run import Run
-from anchorpose.tracking.motion_file import load_motions
+from anchorpose.tracker.room import Room, Run
 
 ON_IT_M: Final = 0.03
 COLUMNS: Final = ("equipment removed %", "patient lost to it %", "kept %", "others taken %", "kept, held %",

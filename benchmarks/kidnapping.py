@@ -22,10 +22,9 @@ from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import estimate_of
-from anchorpose.tracker.isolating import isolate
-from anchorpose.tracker.observation import Observation, observe
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.observing import Window, isolate, observe
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.window import Window
 
 SEEN_AGAIN: Final = 3
 """Frames before the last estimated one that are looked at again: what isolation remembers of other people then comes

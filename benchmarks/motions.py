@@ -19,11 +19,11 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.motion.database import MotionDatabase
+from anchorpose.motion.database_file import DERIVED, SHIPPED, ReferenceClips, read_motions, read_skeletons
+from anchorpose.motion.prediction import MotionConfig, MotionRule, joint_database, predict_joints
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import MOTIONS, SimulationConfig
-from anchorpose.tracking.motion import MotionConfig, MotionRule, joint_database, predict_joints
-from anchorpose.tracking.motion_database import MotionDatabase
-from anchorpose.tracking.motion_file import DERIVED, SHIPPED, ReferenceClips, read_motions, read_skeletons
 
 RATE_HZ: Final = 30.0
 AHEAD: Final = np.array([1, 3, 10])

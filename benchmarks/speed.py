@@ -26,6 +26,7 @@ import numpy as np
 
 from anchorpose.body.skin_points import FittedShape, body_points, even_clothes
 from anchorpose.calibration.clocks import ClockConfig
+from anchorpose.motion.database_file import load_motions
 from anchorpose.pipeline import TrackConfig
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.write import simulate_recording
@@ -34,8 +35,8 @@ from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.journal import Journal
 from anchorpose.tracker.passes import plan_route, track_on
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.run import Run, Stopwatch
-from anchorpose.tracking.motion_file import load_motions
+from anchorpose.tracker.room import Run
+from anchorpose.tracker.stopwatch import Stopwatch
 
 ONE_THREAD: Final = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 SCENES: Final = {1: presets.single, 3: presets.clinic}

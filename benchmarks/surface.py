@@ -21,6 +21,7 @@ from true_body import TrueBody, limb_of_bones
 from anchorpose.body.skin_points import body_points
 from anchorpose.geodesics.anchors import anchor_descriptor
 from anchorpose.joints import ANCHOR_NAMES
+from anchorpose.motion.database_file import load_motions
 from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate.clinic import draw_clinic, random_stream
@@ -31,13 +32,11 @@ from anchorpose.simulate.shoot import Shot, Studio, set_up
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.threads import one_thread
 from anchorpose.tracker.following import follow_patient
-from anchorpose.tracker.isolating import isolate
-from anchorpose.tracker.observation import Observation, observe
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.observing import isolate, observe
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import Room
-from anchorpose.tracker.run import Run
-from anchorpose.tracking.motion_file import load_motions
+from anchorpose.tracker.room import Room, Run
 
 ALONE: Final = {"equipment": "none", "stool": False, "therapists": 0}
 SCENES: Final = {

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from anchorpose.motion.database_file import load_motions
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.simulate.config import clinic, holes
 from anchorpose.simulate.write import simulate_recording
-from anchorpose.tracker import association
+from anchorpose.track_tree import global_hypothesis
+from anchorpose.track_tree.tree import Support, TreeConfig, best_branches
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.run import Run
-from anchorpose.tracking.motion_file import load_motions
-from anchorpose.tracking.tree import Support, TreeConfig, best_branches
+from anchorpose.tracker.room import Run
 
 SCENES = {"holes": holes(101, 0.15, 1.5), "clinic": clinic(101, 1.5)}
 UNLIMITED = TreeConfig(max_branches=10**9)
@@ -45,12 +45,12 @@ def windows(request, tmp_path_factory) -> list[Window]:
     motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
     met: list[Window] = []
 
-    def noted(matches, positions_m, predicted_m, tree):
+    def noted(matches, positions_m, predicted_m, tree, costs_m):
         met.append(Window(list(matches), list(positions_m), predicted_m))
-        return best_branches(matches, positions_m, predicted_m, tree)
+        return best_branches(matches, positions_m, predicted_m, tree, costs_m)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(association, "best_branches", noted)
+        patch.setattr(global_hypothesis, "best_branches", noted)
         for _ in follow_patient(Run(room, config, motions), read_frames(recording), None):
             pass
     return [window for window in met if len(window.matches) == 3]

@@ -33,7 +33,7 @@ from anchorpose.track_inputs import TrackInputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.learning_pass import LearntPatient
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 
 
 def write_results(

@@ -14,8 +14,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from geodesics_worth import SITUATIONS, VARIANTS
 from paired_variants import ALWAYS, GEODESIC, MISSING_MM, NEITHER, POSITION, compare, score, table
 
-from anchorpose.association.hypotheses import Feature, HypothesisConfig
 from anchorpose.joints import JOINT_COUNT
+from anchorpose.track_tree.hypotheses import Feature, HypothesisConfig
 from anchorpose.tracker.config import TrackConfig
 
 

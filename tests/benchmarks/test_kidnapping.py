@@ -23,7 +23,7 @@ from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import FollowConfig, TrackConfig
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 
 FRAMES = 11
 CONFIG = TrackConfig(follow=FollowConfig(history=SEEN_AGAIN + 2))

@@ -10,8 +10,8 @@ from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.people import IsolationConfig
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.surface.surface import ExpectedSkin
-from anchorpose.tracker.isolating import LOOSEST_SKIN_M, UNFITTED_M, patient_likelihood
 from anchorpose.tracker.observation import Expectation
+from anchorpose.tracker.observing import LOOSEST_SKIN_M, UNFITTED_M, patient_likelihood
 
 CONFIG, BODY = IsolationConfig(), adult_body()
 

@@ -16,7 +16,7 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import WALK_M_S, LastSeen, Search, seen_as_strip
 from anchorpose.tracker.start import NoStart
 

@@ -57,15 +57,14 @@ def cast_shadow(
     bend: np.ndarray,
     chain: np.ndarray,
     node: int,
-    edge: tuple[int, int],
-    share: float,
-    linked: bool,
+    edge: tuple[int, int, float, bool],
 ) -> None:
-    """Where the node lies in the plane of its path, if that bends; its path comes from between the ends of an edge.
+    """Find where the node lies in the plane of its path, if that bends; the path comes from between an edge's ends.
 
-    is_open (n,) bool: rim nodes around which the triangles do not close; hole (n, 3) float64: the way out from them.
+    edge: its ends a and b, the share of the way from a to b, and whether it is a link; is_open
+    (n,) bool: rim nodes around which the triangles do not close; hole (n, 3) float64: the way out from them.
     """
-    a, b = edge
+    a, b, share, linked = edge
     if chain[a, CORNER] == -2 or chain[b, CORNER] == -2:
         if chain[a if share <= 0.5 else b, CORNER] == -2:
             chain[node, CORNER] = -2
@@ -254,7 +253,7 @@ def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np
             comes = a >= 0 and not (linked and chain[a, CORNER] == -1)
             _set_heading(skin, bend, node, (a, b), share, comes and not linked)
             if comes:
-                cast_shadow(skin, is_open, hole, distance, bend, chain, node, (a, b), share, linked)
+                cast_shadow(skin, is_open, hole, distance, bend, chain, node, (a, b, share, linked))
             found[node] = _detour_of(distance, found, bend, chain, node, a if share <= 0.5 else b)
             if a == b and a >= 0 and is_open[a] and is_open[node] and is_bare(ring, node, a):
                 found[node], chain[node, CORNER] = np.inf, -2

@@ -83,10 +83,10 @@ def _plane_normals(
             sums[LIMIT + k] = slope * z[own, at + k] + spread * z[own, at + k] * z[own, at + k]
         for i in range(-radius, radius + 1):
             for j in range(-radius, radius + 1, 2):
-                apart, further = max(1, abs(i), abs(j)), max(1, abs(i), abs(j + 1))
-                near, nearer = _tap_weight(i, j, radius), _tap_weight(i, j + 1, radius)
+                apart = np.float32(max(1, abs(i), abs(j))), np.float32(max(1, abs(i), abs(j + 1)))
+                weight = _tap_weight(i, j, radius), _tap_weight(i, j + 1, radius)
                 tap = np.uint64(np.int64(own) + i), np.uint64(np.int64(at) + j)
-                _add_taps(window, sums, (own, at), tap, count, np.float32(apart), np.float32(further), near, nearer)
+                _add_taps(window, sums, (own, at), tap, count, apart, weight)
         _solve(window, sums, own, at, count)
         for k in range(node, end):
             spot = np.uint64(pixel[k, 1] - first)
@@ -108,15 +108,15 @@ def _add_taps(
     own_place: Any,
     tap_place: Any,
     count: Any,
-    apart_a: Any,
-    apart_b: Any,
-    weight_a: Any,
-    weight_b: Any,
+    apart: Any,
+    weight: Any,
 ) -> None:
     """Two neighbours of each pixel, about that pixel's own ray and inverse depth, which keeps float32 exact.
 
     own_place, tap_place: row and column of the tile's first pixel, and of its first neighbour a; b is one to the right.
+    apart, weight: of a and of b: distance in pixels, for the jump limit, and weight.
     """
+    (apart_a, apart_b), (weight_a, weight_b) = apart, weight
     z, inverse, u, v = window
     row, at = own_place
     i, there = tap_place

@@ -22,7 +22,7 @@ from anchorpose.results.tables import AnchorFrame, JointFrame
 from anchorpose.rotations import quaternions
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import PassResult
 
 LEAST_BONE_M: Final = 1e-6  # a missing one has no length

@@ -17,9 +17,10 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.recording.subject import Subject
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
+from anchorpose.tracker.observation import Start
 from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likeliest
-from anchorpose.tracker.run import Run
-from anchorpose.tracker.start import LEAST_EXPLAINED, Start
+from anchorpose.tracker.room import Run
+from anchorpose.tracker.start import LEAST_EXPLAINED
 
 CANDIDATES: Final = 2  # times as many frames are kept of a window as it is learnt from: those with different poses are
 

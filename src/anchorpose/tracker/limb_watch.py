@@ -31,11 +31,10 @@ from anchorpose.surface.surface import Surface
 from anchorpose.threads import each
 from anchorpose.tracker.bystanders import COARSE, unconnected_surface
 from anchorpose.tracker.continuity import limb_borders, relabelled_limb
-from anchorpose.tracker.isolating import relabelled
 from anchorpose.tracker.observation import Isolated, Observation
+from anchorpose.tracker.observing import Window, relabelled
 from anchorpose.tracker.rivals import Rival
-from anchorpose.tracker.run import Run
-from anchorpose.tracker.window import Window
+from anchorpose.tracker.room import Run
 
 EXPLAINED_M: Final = 0.07  # from a bystander's rough body: clothes, and a body of ordinary shape
 HIDDEN_SHARE: Final = 0.15  # a limb with less of its end's skin on seen nodes is nowhere seen

@@ -20,8 +20,8 @@ from anchorpose.tracker.frame_record import Kept, TrackedFrame, label_pictures, 
 from anchorpose.tracker.journal import Blocks, Journal
 from anchorpose.tracker.learning_pass import LearntPatient, Stretch, learn_patient
 from anchorpose.tracker.looking_back import Passed, Waiting
-from anchorpose.tracker.room import Room, held_joints
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.observation import Start
+from anchorpose.tracker.room import Room, Run, held_joints
 from anchorpose.tracker.smoothing import (
     PassResult,
     Smoothing,
@@ -31,7 +31,7 @@ from anchorpose.tracker.smoothing import (
     smooth,
     smoothed_result,
 )
-from anchorpose.tracker.start import Start, find_start, turn_round
+from anchorpose.tracker.start import find_start, turn_round
 
 BLOCK: Final = 48
 """Frames that are stored at once: two to six seconds of work. What goes on from there is ten to fifty megabytes."""

@@ -27,8 +27,7 @@ from anchorpose.results.people_labels import LabelImage, decode_labels
 from anchorpose.surface.patient_surface import blank_view, patient_surface
 from anchorpose.surface.surface import seen_part
 from anchorpose.tracker.estimate import Estimate
-from anchorpose.tracker.room import Room
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Room, Run
 
 SPINE_BASE: Final = JOINT_INDEX["SpineBase"]  # of the trunk, and not of a limb
 FIRST_SPEED_M_S: Final = 1.0  # standard deviation of a joint's velocity before anything is known of it

@@ -22,9 +22,9 @@ from anchorpose.body.visibility import joint_states
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import Intrinsics
+from anchorpose.motion.database_file import SHIPPED, load_motions
+from anchorpose.motion.prediction import MotionConfig, predict_joints
 from anchorpose.surface.surface import Surface
-from anchorpose.tracking.motion import MotionConfig, predict_joints
-from anchorpose.tracking.motion_file import SHIPPED, load_motions
 
 RATE_HZ: Final = 15.0
 CAMERA: Final = Camera(

@@ -17,7 +17,7 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.framework import NEVER_M, paper_config
 from anchorpose.research.experiment.paper_tracker import bring_limbs_back, filter_matches
-from anchorpose.tracking.tree import TreeConfig
+from anchorpose.track_tree.tree import TreeConfig
 
 BODY = adult_body()
 RAISED = standing(LeftArm=(30.0, 0.0, 0.0), RightArm=(-15.0, 0.0, 25.0), RightForeArm=(0.0, -30.0, 20.0))

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from surface_builder import flat_grid
 
-from anchorpose.association.hypotheses import Feature, HypothesisConfig
 from anchorpose.results.run_record import MatchedShares
-from anchorpose.tracker.association import GlobalHypothesis, link
-from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracking.tree import TreeConfig, best_branches
+from anchorpose.track_tree.global_hypothesis import GlobalHypothesis, link
+from anchorpose.track_tree.hypotheses import Feature, GateConfig, HypothesisConfig
+from anchorpose.track_tree.tree import TreeConfig, best_branches
 
 PLACES_M = np.array([[0, 0.3, 0], [0, 0, 0.4], [0, 0, -0.5], [0, -0.5, 0.1], [0, -0.6, -0.3]])
 
@@ -31,9 +30,9 @@ def seen(found: list[int]):
 @pytest.mark.parametrize("common", [[0, 1, 2, 3, 4], [0, 2, 3, 4], [1, 3, 4], [2, 4], [3], []])
 @pytest.mark.parametrize("size", [3, 5])
 def test_there_is_one_hypothesis_for_each_subset_of_the_anchors_that_both_frames_show(common, size):
-    config = TrackConfig(hypotheses=HypothesisConfig(subset_size=size))
+    config = HypothesisConfig(subset_size=size)
     only_now = [anchor for anchor in range(5) if anchor not in common][:1]
-    links = link(seen(common + only_now), seen(common), config)
+    links = link(seen(common + only_now), seen(common), config, GateConfig())
     expected = list(combinations(common, min(size, len(common)))) if common else []
     assert [tuple(subset) for subset in links.subsets.tolist()] == expected
     assert links.all().match.shape == (120, len(expected))
@@ -41,8 +40,8 @@ def test_there_is_one_hypothesis_for_each_subset_of_the_anchors_that_both_frames
 
 
 def test_without_the_descriptor_no_anchor_is_needed():
-    config = TrackConfig(hypotheses=HypothesisConfig(feature=Feature.POSITION))
-    links = link(seen([]), seen([]), config)
+    config = HypothesisConfig(feature=Feature.POSITION)
+    links = link(seen([]), seen([]), config, GateConfig())
     np.testing.assert_array_equal(links.all().match[:, 0], np.arange(120))
 
 
@@ -51,7 +50,7 @@ def test_a_hypothesis_that_no_anchor_supports_says_so_and_the_run_counts_it():
     nodes = now.surface.points_m.astype(np.float64)
     shares = []
     for common in ([0, 1, 2, 3, 4], []):
-        links = link(now, seen(common), TrackConfig())
+        links = link(now, seen(common), HypothesisConfig(), GateConfig())
         tree = best_branches([links.all().match], [now.surface.points_m], nodes[:, None], TreeConfig())
         where = np.arange(len(nodes))
         hypothesis = GlobalHypothesis(where, where, where, np.full_like(nodes, np.nan), nodes[:, None], tree)

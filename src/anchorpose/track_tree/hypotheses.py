@@ -13,10 +13,10 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import KDTree
 
-from anchorpose.association.matching import Target, hold_subset, match_all, sort_balls
 from anchorpose.body.nearest_skin import sort_into_voxels
 from anchorpose.settings import Count, NotNegative, Positive, settings
 from anchorpose.surface.surface import Surface
+from anchorpose.track_tree.matching import Target, hold_subset, match_all, sort_balls
 
 
 class Feature(StrEnum):

@@ -1,4 +1,4 @@
-"""Scaled motion dynamics: the next joints, from the most similar movements at any speed (paper, Section IV)."""
+"""Predict the next joints by scaled motion dynamics: the most similar movements at any speed (paper, Section IV)."""
 
 from __future__ import annotations
 
@@ -10,15 +10,9 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import Field
 
+from anchorpose.motion.database import COMPARED, MotionDatabase, build_database, joints_after, pose_vectors
+from anchorpose.motion.sublists import Matches, best_sublists
 from anchorpose.settings import Count, NotNegative, Positive, settings
-from anchorpose.tracking.motion_database import (
-    COMPARED,
-    MotionDatabase,
-    build_database,
-    joints_after,
-    pose_vectors,
-)
-from anchorpose.tracking.sublists import Matches, best_sublists
 
 SPANS: Final = (1, 2, 4)  # frames over which the patient's velocity is measured
 DAMPING: Final = 0.85  # of the velocity, after each frame: a limb reverses within a few tenths of a second

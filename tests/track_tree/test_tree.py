@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from anchorpose.tracking.tree import Support, TreeConfig, best_branches
+from anchorpose.track_tree.tree import Support, TreeConfig, best_branches
 
 
 def small_tree(seed: int, nodes: int = 6, subsets: int = 4, depth: int = 3):

@@ -10,28 +10,26 @@ from scipy.spatial.transform import Rotation
 from surface_builder import no_links
 
 from anchorpose.body.nearest_skin import Oriented
-from anchorpose.body.part_kernels import (
-    ALIKE,
-    LEAST_PAIRS,
-    LEAST_SCALE_M,
-    PAIR_ROUNDS,
-    SHIFT_SIGMA_M,
-    SURFACE_SIGMA_M,
-    TURN_SIGMA,
-    fit_pairs,
-)
-from anchorpose.body.part_registration import (
-    ITERATIONS,
-    REACH_M,
-    PartRegistration,
-    fit_rigid_transform,
-    joints_of_parts,
-    register_parts,
-)
 from anchorpose.body.skin_points import pose_points
 from anchorpose.camera import transform_points
 from anchorpose.errors import DegenerateGeometry
+from anchorpose.rotations import fit_rigid_transform
 from anchorpose.surface.surface import Surface
+from anchorpose.track_tree.parts import (
+    ALIKE,
+    ITERATIONS,
+    LEAST_PAIRS,
+    LEAST_SCALE_M,
+    PAIR_ROUNDS,
+    REACH_M,
+    SHIFT_SIGMA_M,
+    SURFACE_SIGMA_M,
+    TURN_SIGMA,
+    PartRegistration,
+    fit_pairs,
+    joints_of_parts,
+    register_parts,
+)
 
 IDENTITY = np.tile(np.eye(4), (3, 1, 1))
 

@@ -1,19 +1,24 @@
-"""The compiled parts of ``part_registration``: the fit to pairs and the step of ICP, of all parts at once.
+"""Register every body part on its own, by ICP from the predicted pose, as the paper has it (Section IV).
 
 The rows of a part stand one after another; those of part k are start[k] to start[k + 1], start (k + 1,) int64.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numba import njit
+from scipy.spatial import cKDTree
 
+from anchorpose.body.asset import BodyAsset, joint_bones
+from anchorpose.body.kinematics import BodyMesh
 from anchorpose.body.nearest_skin import Oriented
+from anchorpose.camera import transform_points
+from anchorpose.rotations import COLLINEAR_RATIO, ONE_PLACE_M2, rotate, rotation_matrices
+from anchorpose.surface.surface import Surface
 
-COLLINEAR_RATIO: Final = 1e-3
-ONE_PLACE_M2: Final = 1e-12  # far above the rounding of points in one place, far below a spread over millimetres
 LEAST_PAIRS: Final = 6  # below that a rigid motion follows the noise of single nodes
 PAIR_ROUNDS: Final = 8  # of reweighting the pairs; their fit settles in five
 LEAST_SCALE_M: Final = 0.01  # pairs within a node's spacing of their fit are as good as each other
@@ -164,3 +169,80 @@ def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.
         matrix[axis, axis] += 1.0 / TURN_SIGMA**2
         matrix[3 + axis, 3 + axis] += 1.0 / SHIFT_SIGMA_M**2
     step[:] = np.linalg.solve(matrix, right)
+
+
+ITERATIONS: Final = 5  # of ICP after the pairs
+REACH_M: Final = 0.06  # a limb's radius: farther nodes belong to the next limb
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartRegistration:
+    """T_next_now (b, 4, 4) of every bone's part; registered (b,) bool: False where the prediction was kept."""
+
+    T_next_now: np.ndarray
+    registered: np.ndarray
+
+
+def register_parts(
+    skin: Oriented,
+    part: np.ndarray,
+    matched_m: np.ndarray,
+    surface: Surface,
+    T_predicted: np.ndarray,
+    iterations: int = ITERATIONS,
+    robust: bool = True,
+) -> PartRegistration:
+    """tau-hat = ICP(tau, phi): pairs of the global hypothesis start each part, the nearest nodes end it.
+
+    skin: points of the body's skin in frame t; part (n,): their bone index; matched_m (n, 3): where the tree puts them
+    in t+1, NaN where it found nothing; surface: that of t+1; T_predicted (b, 4, 4): predicted motion of each part;
+    iterations: of ICP after the pairs; robust: whether pairs that do not fit lose their influence.
+    The skin is registered, not the last frame's nodes, whose error would add up.
+    A part of which too little is seen keeps its prediction and reports it.
+    """
+    order = np.argsort(part, kind="stable")
+    bones, first = np.unique(part[order], return_index=True)
+    start, matched_m = np.append(first, len(part)), matched_m[order]
+    own_skin = Oriented(*(np.ascontiguousarray(one[order], np.float64) for one in skin))
+    paired = np.flatnonzero(np.isfinite(matched_m).all(axis=1))
+    transforms, registered = T_predicted.copy(), np.zeros(len(T_predicted), dtype=bool)
+    own = transforms[bones]
+    registered[bones] = fit_pairs(
+        own_skin.places_m[paired], matched_m[paired], np.searchsorted(paired, start), own, robust
+    )
+    registered[bones] |= _refine(own_skin, start, surface, own, iterations)
+    transforms[bones] = own
+    return PartRegistration(transforms, registered)
+
+
+def _refine(skin: Oriented, start: np.ndarray, surface: Surface, transforms: np.ndarray, iterations: int) -> np.ndarray:
+    """(k,) bool: the parts, whose rows begin at start (k + 1,), that ICP moved from where transforms (k, 4, 4) have
+    them, which it changes.
+
+    A part stays where it is from the first step on that has too few nodes near it.
+    """
+    tree, nodes = cKDTree(surface.points_m), Oriented(surface.points_m, surface.normals)
+    refined, active = np.zeros(len(transforms), bool), np.ones(len(transforms), bool)
+    for _ in range(iterations):
+        moved = carry(skin, start, transforms)
+        distance, nearest = tree.query(moved.places_m, distance_upper_bound=REACH_M)
+        change, centre = plane_steps(moved, start, nodes, nearest, np.isfinite(distance))
+        active &= np.isfinite(change).all(axis=1)
+        step = np.tile(np.eye(4), (active.sum(), 1, 1))
+        step[:, :3, :3] = rotation_matrices(change[active, :3])
+        step[:, :3, 3] = centre[active] - rotate(step[:, :3, :3], centre[active]) + change[active, 3:]
+        transforms[active] = step @ transforms[active]
+        refined |= active
+    return refined
+
+
+def joints_of_parts(asset: BodyAsset, body: BodyMesh, T_world_rest: np.ndarray) -> np.ndarray:
+    """The rule J: each joint is the node between two adjacent parts, the mean of where both put it. (21, 3) metres."""
+    bones = joint_bones(asset)
+    rest = body.rest_joints()
+    places = []
+    for joint, bone in enumerate(bones):
+        parent = asset.bone_parents[bone]
+        adjacent = [bone] if parent < 0 or asset.bone_names[bone] == "Head" else [bone, parent]
+        places.append(np.mean([transform_points(T_world_rest[b], rest[joint]) for b in adjacent], axis=0))
+    return np.array(places)

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.tracking.motion import (
+from anchorpose.motion.database import COMPARED, heading_rad, joints_after, pose_vectors, poses_at
+from anchorpose.motion.database_file import read_skeletons
+from anchorpose.motion.prediction import (
     DAMPING,
     SPANS,
     MotionConfig,
@@ -21,9 +23,7 @@ from anchorpose.tracking.motion import (
     span_shares,
     velocity,
 )
-from anchorpose.tracking.motion_database import COMPARED, heading_rad, joints_after, pose_vectors, poses_at
-from anchorpose.tracking.motion_file import read_skeletons
-from anchorpose.tracking.sublists import best_sublists
+from anchorpose.motion.sublists import best_sublists
 
 UIPRMD = Path(__file__).parents[3] / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
 BODY = np.random.default_rng(4).normal(0, 0.4, (21, 3))

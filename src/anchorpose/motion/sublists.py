@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from anchorpose.tracking.motion_database import COLUMNS, MotionDatabase, SubLists, poses_at
+from anchorpose.motion.database import COLUMNS, MotionDatabase, SubLists, poses_at
 
 _SEEDS: Final = 16  # segments searched first, for a cost to beat
 _ROUNDED: Final = np.float32(0.9999)  # bounds are kept in single precision, which may round up ...

@@ -1,22 +1,31 @@
-"""From two to four frames' surfaces to pairs: hypotheses, track tree, global hypothesis (paper, Section IV)."""
+"""Find the pairs of the best branches over two to four frames, and what they say about the pose (paper, Section IV)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from anchorpose.association.hypotheses import Feature, Matcher, anchor_subsets, match_hypotheses, nearest_hypotheses
 from anchorpose.body.constraints import Constraints, anchor_constraints, join, place_constraints
 from anchorpose.body.nearest_skin import Oriented
-from anchorpose.body.part_registration import register_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import node_parts
-from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints
-from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.observation import Observation
-from anchorpose.tracking.tree import Support, TrackResult, best_branches
+from anchorpose.body.skin_points import Body, PosedPoints, pose_points
+from anchorpose.geodesics.anchors import Anchors
+from anchorpose.surface.surface import Surface
+from anchorpose.track_tree.hypotheses import (
+    Feature,
+    GateConfig,
+    HypothesisConfig,
+    Matcher,
+    anchor_subsets,
+    match_hypotheses,
+    nearest_hypotheses,
+)
+from anchorpose.track_tree.parts import ITERATIONS, joints_of_parts, register_parts
+from anchorpose.track_tree.tree import Support, TrackResult, TreeConfig, best_branches
 
 PART_REACH_M = 0.08  # a node farther from the skin moves with no part
 PAIR_SIGMA_M = 0.04  # the descriptor's own error: 17 to 40 mm with the best subset
@@ -44,24 +53,31 @@ class GlobalHypothesis:
         return float((self.tree.support == Support.MATCHED).mean()) if len(self.node) else 0.0
 
 
-Associate = Callable[[Observation, Observation, TrackConfig], Matcher]
-"""Decides which nodes of a frame and the next are the same place of the skin; by default ``link``."""
+class SeenFrame(Protocol):
+    """A frame as the tree looks at it; descriptor (n, 5): of the nodes of its surface, as in ``anchor_descriptor``."""
+
+    @property
+    def surface(self) -> Surface: ...
+    @property
+    def anchors(self) -> Anchors: ...
+    @property
+    def descriptor(self) -> np.ndarray: ...
 
 
-def link(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: GateConfig) -> Matcher:
     """The hypotheses of a frame's nodes in the next, a column for each subset of the anchors found in both.
 
     With all five anchors and three in a subset that is ten; with fewer anchors than a subset needs, the one subset of
     all of them; with none, no column.
     """
-    if config.hypotheses.feature is Feature.POSITION:
-        nearest = nearest_hypotheses(now.surface, following.surface, config.gate)
+    if config.feature is Feature.POSITION:
+        nearest = nearest_hypotheses(now.surface, following.surface, gate)
         return Matcher(nearest.match.__getitem__, len(now.surface), nearest.subsets)
-    subsets = anchor_subsets(now.anchors.found & following.anchors.found, config.hypotheses.subset_size)
+    subsets = anchor_subsets(now.anchors.found & following.anchors.found, config.subset_size)
 
     def find(nodes: np.ndarray) -> np.ndarray:
         source, places = now.descriptor[nodes], now.surface.points_m[nodes]
-        return match_hypotheses(source, following.surface, following.descriptor, subsets, places, config.gate).match
+        return match_hypotheses(source, following.surface, following.descriptor, subsets, places, gate).match
 
     return Matcher(find, len(now.surface), subsets)
 
@@ -70,23 +86,25 @@ def global_hypothesis(
     body: Body,
     pose: Pose,
     predicted: Sequence[Pose],
-    window: Sequence[Observation],
+    window: Sequence[SeenFrame],
     links: Sequence[Matcher],
-    config: TrackConfig,
+    node_count: int,
+    config: TreeConfig,
 ) -> GlobalHypothesis:
     """Build, score and search the tree from the first frame of the window over the others.
 
-    predicted: one pose for each frame after the first. A node moves with the part that it lies on.
+    predicted: one pose for each frame after the first; node_count: source nodes of the tree. A node moves with the part
+    that it lies on.
     """
     source = window[0].surface
-    chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), config.follow.tree_nodes)).astype(np.int64))
+    chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), node_count)).astype(np.int64))
     nodes = source.points_m[chosen].astype(np.float64)
     point, part = node_parts(body, pose, nodes, PART_REACH_M)
     on_body = part >= 0
     chosen, nodes, point, part = chosen[on_body], nodes[on_body], point[on_body], part[on_body]
     places = carried(body, pose, predicted, nodes, part)
     matches, costs = _reached(chosen, links)
-    tree = best_branches(matches, [seen.surface.points_m for seen in window[1:]], places, config.tree, costs)
+    tree = best_branches(matches, [seen.surface.points_m for seen in window[1:]], places, config, costs)
     matched = np.full((len(chosen), 3), np.nan)
     found = tree.match >= 0
     matched[found] = window[1].surface.points_m[tree.match[found]]
@@ -120,19 +138,16 @@ def part_motion(T_world_rest_now: np.ndarray, T_world_rest_next: np.ndarray) -> 
 
 
 def held_by(
-    points: SkinPoints,
-    now: PosedPoints,
-    hypothesis: GlobalHypothesis,
-    window: Sequence[Observation],
-    T_next_now: np.ndarray,
+    body: Body, pose: Pose, predicted: Pose, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame]
 ) -> Constraints:
-    """Rows for the registration: the tree's pairs and the anchors."""
-    pairs = pairs_of(now, hypothesis, window, T_next_now)
-    return join([pairs, anchor_constraints(points, window[1].anchors, ANCHOR_SIGMA_M)])
+    """Return the tree's pairs and the anchors as rows of the registration to the second frame of the window."""
+    now = pose_points(body, pose)
+    pairs = pairs_of(now, hypothesis, window, part_motion(now.transforms, body.transforms(predicted)))
+    return join([pairs, anchor_constraints(body.points, window[1].anchors, ANCHOR_SIGMA_M)])
 
 
 def pairs_of(
-    now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[Observation], T_next_now: np.ndarray
+    now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> Constraints:
     """The tree's pairs as rows, carried from the node to the skin point beside it."""
     found = np.isfinite(hypothesis.matched_m).all(axis=1)
@@ -143,7 +158,7 @@ def pairs_of(
 
 
 def skin_places(
-    now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[Observation], T_next_now: np.ndarray
+    now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> np.ndarray:
     """(m, 3) where the skin point beside each node goes: to the node's match, less their distance along the skin.
 
@@ -156,20 +171,22 @@ def skin_places(
     return np.asarray(hypothesis.matched_m + np.einsum("mij,mj->mi", T_next_now[hypothesis.part, :3, :3], along))
 
 
-def parts_by_icp(
-    now: PosedPoints,
+def joints_by_parts(
+    body: Body,
+    pose: Pose,
+    predicted: Pose,
     hypothesis: GlobalHypothesis,
-    window: Sequence[Observation],
-    T_predicted: np.ndarray,
-    iterations: int,
+    window: Sequence[SeenFrame],
+    iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> np.ndarray:
-    """(b, 4, 4) T_next_now of every part by the paper's ICP; parts without evidence keep their prediction.
+    """Return the joints (21, 3) in the second frame, every part registered by the paper's ICP and the rule J.
 
-    The points of the skin go to their ``skin_places``.
+    The points of the skin go to their ``skin_places``. Parts without evidence keep their predicted motion.
     """
-    point, part = hypothesis.point, hypothesis.part
-    skin, normals = now.points_m[point], now.normals[point]
+    now, point, part = pose_points(body, pose), hypothesis.point, hypothesis.part
+    T_predicted = part_motion(now.transforms, body.transforms(predicted))
     matched = skin_places(now, hypothesis, window, T_predicted)
-    skin_points, surface = Oriented(skin, normals), window[1].surface
-    return register_parts(skin_points, part, matched, surface, T_predicted, iterations, robust).T_next_now
+    skin = Oriented(now.points_m[point], now.normals[point])
+    found = register_parts(skin, part, matched, window[1].surface, T_predicted, iterations, robust)
+    return joints_of_parts(body.points.asset, body.mesh, found.T_next_now @ now.transforms)

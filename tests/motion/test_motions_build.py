@@ -12,9 +12,8 @@ from anchorpose.cli import main
 from anchorpose.collecting import clips_of_results
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
-from anchorpose.tracking.motion import MotionConfig, MotionRule
-from anchorpose.tracking.motion_database import pose_vectors
-from anchorpose.tracking.motion_file import (
+from anchorpose.motion.database import pose_vectors
+from anchorpose.motion.database_file import (
     DERIVED,
     SHIPPED,
     ReferenceClips,
@@ -23,6 +22,7 @@ from anchorpose.tracking.motion_file import (
     read_skeletons,
     write_motions,
 )
+from anchorpose.motion.prediction import MotionConfig, MotionRule
 
 UIPRMD = Path(__file__).parents[3] / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
 BONES = (

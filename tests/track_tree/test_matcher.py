@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from surface_builder import flat_grid
 
-from anchorpose.association.hypotheses import Matcher, anchor_subsets, match_hypotheses
+from anchorpose.track_tree.hypotheses import Matcher, anchor_subsets, match_hypotheses
 
 ALL = anchor_subsets(np.ones(5, bool))
 PLACES_M = np.array([[0, 0.3, 0], [0, 0, 0.4], [0, 0, -0.5], [0, -0.5, 0.1], [0, -0.6, -0.3]])

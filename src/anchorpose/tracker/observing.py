@@ -1,14 +1,19 @@
-"""Who is who in a frame: from nothing but the patient's place, or from what was expected and the frame before."""
+"""Observe a frame: who is who in it, the patient's surface, the anchors; and hold the frames of the look-ahead."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import compress
+from itertools import compress, pairwise
 
 import numpy as np
 
-from anchorpose.body.skin_points import body_points
+from anchorpose.body.evidence import gather_evidence
+from anchorpose.body.kinematics import missing_anchors
+from anchorpose.body.pose import Pose
+from anchorpose.body.skin_points import Body, body_points
+from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.people import IsolationConfig, PatientChoice, find_people
@@ -16,6 +21,11 @@ from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
+from anchorpose.surface.border import Border, border
+from anchorpose.surface.patient_surface import blank_view, patient_surface
+from anchorpose.surface.surface import seen_part
+from anchorpose.track_tree.global_hypothesis import GlobalHypothesis, global_hypothesis, link
+from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.bystanders import (
     Bystanders,
     bystander_likelihood,
@@ -23,8 +33,9 @@ from anchorpose.tracker.bystanders import (
     follow_bystanders,
     label_by_bodies,
 )
-from anchorpose.tracker.observation import Expectation, Isolated, Observation, observe
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.observation import AnchorDistances, Expectation, Isolated, Observation, SeenSurface
+from anchorpose.tracker.room import FACING, UP, Run
 from anchorpose.tracker.sighting import IN_EACH_OTHER_M
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
@@ -146,3 +157,127 @@ def _isolated(
     with run.stage("isolation"):
         memory = update_memory(before, pieces, views, run.room.cameras, elapsed_s)
     return Isolated(tuple(pieces), tuple(views), memory, bystanders)
+
+
+def observe(
+    frame_set: FrameSet, isolated: Isolated, expected: Expectation | None, height_m: float, run: Run
+) -> Observation:
+    """Surface and anchors of a frame whose people are isolated. height_m: what the anchors' distances are scaled by."""
+    surface = see_surface(isolated, expected, run)
+    anchors = see_anchors(surface, expected, height_m, run)
+    return gather(frame_set, expected, isolated, surface, anchors, run)
+
+
+def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> SeenSurface:
+    """The patient's surface from the patient's pixels; the expected skin says where it is cut and closed."""
+    cameras = run.room.cameras
+    shown = [blank_view(camera) if view is None else view for view, camera in zip(isolated.views, cameras, strict=True)]
+    with run.stage("surface"):
+        whole = patient_surface(shown, cameras, None if expected is None else expected.skin, run.config.surface)
+        kind = border(whole, shown)
+        seen = seen_part(whole)
+    with run.stage("registration"):
+        evidence = gather_evidence(seen, isolated.views, cameras, run.room.calibration.floor_height_m)
+    return SeenSurface(whole, kind, evidence)
+
+
+def see_anchors(surface: SeenSurface, expected: Expectation | None, height_m: float, run: Run) -> Anchors:
+    """Head, hands and feet, as the picture shows them."""
+    with run.stage("geodesics"):
+        facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
+        cut = surface.border == Border.CUT
+        missing = missing_anchors(run.room.recording.subject.missing)
+        return find_anchors(surface.whole, UP, facing, height_m, cut, places, run.config.anchors, missing)
+
+
+def gather(
+    frame_set: FrameSet,
+    expected: Expectation | None,
+    isolated: Isolated,
+    surface: SeenSurface,
+    anchors: Anchors,
+    run: Run,
+) -> Observation:
+    """The stages' results of one frame in one value."""
+    return Observation(
+        frame_set,
+        expected,
+        surface.evidence,
+        surface.whole,
+        anchors,
+        AnchorDistances(surface, anchors, run.config.hypotheses.trusted_only, run.stopwatch),
+        surface.border[: len(surface.evidence.surface)],
+        isolated.pieces,
+        isolated.memory,
+        isolated.bystanders,
+    )
+
+
+Associate = Callable[[Observation, Observation, TrackConfig], Matcher]
+"""Decides which nodes of a frame and the next are the same place of the skin; by default ``link``."""
+
+
+class Window:
+    """The frame last registered, then the later ones, of which those are observed that were asked for.
+
+    frames: of all of them; seen: the observations of the first ones. Frames are matched when the tree asks for it.
+    """
+
+    run: Run
+    frames: deque[FrameSet]
+    seen: deque[Observation]
+    _matchers: deque[Matcher | None]
+
+    def __init__(self, first: Observation, run: Run) -> None:
+        self.run = run
+        self.frames = deque([first.frame_set])
+        self.seen = deque([first])
+        self._matchers = deque()
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without matches, which are found again where they are asked for."""
+        return {**self.__dict__, "_matchers": deque([None] * len(self._matchers))}
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, number: int) -> Observation:
+        return self.seen[number]
+
+    def append(self, frame_set: FrameSet) -> None:
+        """One more frame of the look-ahead."""
+        self.frames.append(frame_set)
+
+    def see(self, seen: Observation) -> None:
+        """The observation of the first frame that has none."""
+        self._matchers.append(None)
+        self.seen.append(seen)
+
+    def replace_next(self, seen: Observation) -> None:
+        """Another observation of the frame after the last registered one."""
+        self.seen[1] = seen
+        for number in range(min(2, len(self._matchers))):
+            self._matchers[number] = None
+
+    def move_on(self) -> None:
+        """The frame after the last registered one is registered."""
+        for held in (self.frames, self.seen, self._matchers):
+            held.popleft()
+
+    def matchers(self) -> list[Matcher]:
+        """For every subset of anchors, the node of the next frame that each node of a frame matches; per pair of
+        observed frames."""
+        associate = self.run.associate or (lambda now, later, config: link(now, later, config.hypotheses, config.gate))
+        found = [
+            associate(now, following, self.run.config) if matcher is None else matcher
+            for matcher, (now, following) in zip(self._matchers, pairwise(self.seen), strict=True)
+        ]
+        self._matchers = deque(found)
+        return found
+
+    def global_hypothesis(self, body: Body, pose: Pose, predicted: Sequence[Pose]) -> GlobalHypothesis:
+        """Search the track tree over all observed frames; pose: in the first, predicted: in each of the others."""
+        config = self.run.config
+        return global_hypothesis(
+            body, pose, predicted, list(self.seen), self.matchers(), config.follow.tree_nodes, config.tree
+        )

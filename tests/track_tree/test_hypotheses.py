@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from surface_builder import flat_grid
 
-from anchorpose.association.hypotheses import (
+from anchorpose.body.nearest_skin import sort_into_voxels
+from anchorpose.surface.mesh import keep_nodes
+from anchorpose.track_tree.hypotheses import (
     GateConfig,
     HypothesisConfig,
     anchor_subsets,
@@ -19,8 +21,6 @@ from anchorpose.association.hypotheses import (
     match_hypotheses,
     nearest_hypotheses,
 )
-from anchorpose.body.nearest_skin import sort_into_voxels
-from anchorpose.surface.mesh import keep_nodes
 
 ALL = anchor_subsets(np.ones(5, bool))
 
