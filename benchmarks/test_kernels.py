@@ -15,9 +15,8 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
-from anchorpose.body.body_map import map_body
 from anchorpose.body.kinematics import shape_body
+from anchorpose.body.own_surface import map_body
 from anchorpose.body.segments import load_body_asset
 from anchorpose.body.skin_points import FittedShape, build_body, even_clothes, skin_points
 from anchorpose.camera import Camera
@@ -32,10 +31,10 @@ from anchorpose.surface.border import Border, border
 from anchorpose.surface.denoise import denoise, drop_flying_pixels, estimate_noise
 from anchorpose.surface.fusion import fuse
 from anchorpose.surface.links import pieces
-from anchorpose.surface.mesh import build_surface, faces
-from anchorpose.surface.normals import estimate_normals
+from anchorpose.surface.mesh import build_surface, estimate_normals, faces
 from anchorpose.surface.patient_surface import patient_surface
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig
+from anchorpose.track_tree.hypotheses import anchor_subsets, match_hypotheses
 
 UP, FACING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 HEIGHT_M = 1.7

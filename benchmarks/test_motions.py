@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anchorpose.tracking.motion import MotionConfig, joint_database, predict_joints
-from anchorpose.tracking.motion_database import pose_vectors
-from anchorpose.tracking.motion_file import SHIPPED, load_motions, read_skeletons, write_motions
-from anchorpose.tracking.sublists import best_sublists
+from anchorpose.motion.database import pose_vectors
+from anchorpose.motion.database_file import SHIPPED, load_motions, read_skeletons, write_motions
+from anchorpose.motion.prediction import MotionConfig, joint_database, predict_joints
+from anchorpose.motion.sublists import best_sublists
 
 ASKED, FRAMES = 7, 100_000
 CONFIG = MotionConfig()

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "anchorpose"
 
 FLOW = (
-    "recording", "calibration", "isolation", "surface", "geodesics", "association", "tracking", "body", "results",
+    "recording", "calibration", "isolation", "surface", "geodesics", "motion", "body", "track_tree", "results",
     "report",
 )  # fmt: skip
 VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings", "threads")

@@ -16,7 +16,7 @@ from anchorpose.threads import each, worker_threads
 from anchorpose.tracker.config import FollowConfig, TrackConfig
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 
 FRAMES = 5
 

@@ -1,4 +1,4 @@
-"""Build ``src/anchorpose/tracking/data/motions.npz``: the reference movements of the scaled motion dynamics.
+"""Build ``src/anchorpose/motion/data/motions.npz``: the reference movements of the scaled motion dynamics.
 
     python tools/build_motion_database.py
 
@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from anchorpose.motion.database_file import SHIPPED, ReferenceClips, write_motions
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import MOTIONS, SimulationConfig
-from anchorpose.tracking.motion_file import SHIPPED, ReferenceClips, write_motions
 
 RATE_HZ = 15.0
 SECONDS = 4.0

@@ -9,10 +9,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.array_file import read_arrays
-from anchorpose.results.own_tables import require_own
-from anchorpose.results.tables import JOINTS_FILE, read_joints
-from anchorpose.tracking.motion_file import (
+from anchorpose.motion.database_file import (
     FORMAT,
     ReferenceClips,
     join_clips,
@@ -20,6 +17,9 @@ from anchorpose.tracking.motion_file import (
     read_skeletons,
     write_motions,
 )
+from anchorpose.recording.array_file import read_arrays
+from anchorpose.results.own_tables import require_own
+from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 SUFFIX = ".npz"
 SHORTEST_S: Final = 0.5  # the motion history, the frames that check it and one predicted step, at 30 Hz

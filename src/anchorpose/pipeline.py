@@ -12,19 +12,20 @@ from dataclasses import replace
 from pathlib import Path
 
 from anchorpose.body.skin_points import body_points
+from anchorpose.motion.database_file import load_motions
 from anchorpose.recording.recording import Recording
 from anchorpose.results.unfinished import begin_journal, end_journal
 from anchorpose.threads import one_thread
 from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.journal import Journal
-from anchorpose.tracker.learning import LearntPatient
+from anchorpose.tracker.learning_pass import LearntPatient
 from anchorpose.tracker.passes import learn_on, plan_route, track_on
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.prior_shape import is_human
-from anchorpose.tracker.run import Run, Stopwatch
+from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import NoStart
-from anchorpose.tracking.motion_file import load_motions
+from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.writing import write_results
 
 __all__ = ["TrackConfig", "track_recording"]
@@ -69,7 +70,14 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
         room = prepare_room(recording, config, inputs.review)
     run, route = Run(room, config, motions, stopwatch), plan_route(room, config, _counter(progress, work))
     points = body_points()
-    shared = {"run": run, "room": room, "config": config, "points": points, "asset": points.asset}
+    shared = {
+        "run": run,
+        "room": room,
+        "config": config,
+        "stopwatch": stopwatch,
+        "points": points,
+        "asset": points.asset,
+    }
     journal = Journal(begun, shared)
 
     # body: the patient's own shape, from a first pass over the first seconds

@@ -5,11 +5,18 @@ Compiled where tracking asks for a few bones at once: scipy's Rotation would che
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numba import njit
 
+from anchorpose.errors import DegenerateGeometry
+
 FORWARD, UP, RIGHT = np.eye(3)
 """Axes of the body and of the world that it stands in."""
+
+COLLINEAR_RATIO: Final = 1e-3  # of the second singular value to the first; below it points are nearly on a line
+ONE_PLACE_M2: Final = 1e-12  # far above the rounding of points in one place, far below a spread over millimetres
 
 
 def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -130,3 +137,25 @@ def inverse_left_jacobian(vector: np.ndarray, change: np.ndarray) -> None:
         j, k = (i + 1) % 3, (i + 2) % 3
         change[j, k] += vector[i] / 2.0
         change[k, j] -= vector[i] / 2.0
+
+
+def fit_rigid_transform(source_m: np.ndarray, target_m: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+    """Rigid motion that best maps source_m onto target_m, least squares.
+
+    source_m, target_m : (n, 3) float64, metres. Row i of one matches row i of the other. weight (n,) not negative, of
+    each row; None = all equal.
+    Returns T_target_source : (4, 4). Raises DegenerateGeometry when the points are collinear or fewer than three.
+    Source: Arun et al. 1987 (doi:10.1109/TPAMI.1987.4767965), reflections excluded.
+    """
+    if len(source_m) < 3:
+        raise DegenerateGeometry(f"{len(source_m)} points do not determine a rigid motion")
+    share = np.full(len(source_m), 1.0 / len(source_m)) if weight is None else weight / weight.sum()
+    source_mean, target_mean = share @ source_m, share @ target_m
+    u, spread, vt = np.linalg.svd((share[:, None] * (target_m - target_mean)).T @ (source_m - source_mean))
+    if spread[1] <= max(COLLINEAR_RATIO * spread[0], ONE_PLACE_M2):
+        raise DegenerateGeometry(f"{len(source_m)} points are collinear; rotation undefined")
+    handedness = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
+    T_target_source = np.eye(4)
+    T_target_source[:3, :3] = u @ handedness @ vt
+    T_target_source[:3, 3] = target_mean - T_target_source[:3, :3] @ source_mean
+    return T_target_source

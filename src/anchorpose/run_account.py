@@ -40,9 +40,8 @@ from anchorpose.results.run_record import (
 )
 from anchorpose.results.tables import JointTable
 from anchorpose.track_inputs import ReviewFile, TrackInputs
-from anchorpose.tracker.learning import LearntPatient
-from anchorpose.tracker.room import Room
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.learning_pass import LearntPatient
+from anchorpose.tracker.room import Room, Run
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,7 +36,7 @@ def settings(cls: type[Class]) -> type[Class]:
     Raises pydantic's ValidationError, a ValueError, on an unknown name, a wrong type or an impossible value.
     ``replace``, ``asdict`` and ``fields`` of dataclasses work as usual.
     """
-    return cast(type[Class], dataclass(frozen=True, kw_only=True, config=STRICT)(cls))
+    return cast("type[Class]", dataclass(frozen=True, kw_only=True, config=STRICT)(cls))
 
 
 class Unfit(ValueError):
@@ -143,7 +143,7 @@ def _classes_in(hint: Any) -> list[type]:
 def _fields(owner: type) -> dict[str, Any]:
     """The annotation of every field, by its name in the file."""
     hints = get_type_hints(owner, include_extras=True)
-    names = owner.model_fields if issubclass(owner, BaseModel) else [field.name for field in fields(cast(Any, owner))]
+    names = owner.model_fields if issubclass(owner, BaseModel) else [field.name for field in fields(cast("Any", owner))]
     return {_stated(hints[name], "alias") or name: hints[name] for name in names}
 
 

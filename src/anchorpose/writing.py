@@ -32,8 +32,8 @@ from anchorpose.run_account import Written, account_of, outcome_of
 from anchorpose.track_inputs import TrackInputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_record import TrackedFrame
-from anchorpose.tracker.learning import LearntPatient
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.learning_pass import LearntPatient
+from anchorpose.tracker.room import Run
 
 
 def write_results(

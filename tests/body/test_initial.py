@@ -9,12 +9,12 @@ import pytest
 from body_builder import FRONT, adult, adult_body, asset, joint_errors_m, joints_of, points, seen_body, standing
 
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.explained import seen_past
+from anchorpose.body.constraints import anchor_constraints, anchor_points
+from anchorpose.body.explanation import seen_past
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose, find_rough_pose
 from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import build_body, pose_points
-from anchorpose.body.tips import anchor_constraints, anchor_points
 from anchorpose.geodesics.anchors import Anchors, no_anchors
 from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX
 from anchorpose.tracker.bystanders import ROUGHLY

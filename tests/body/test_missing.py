@@ -10,8 +10,8 @@ import pytest
 from body_builder import adult, asset, points, random_pose
 
 from anchorpose.body.evidence import separation_rows
+from anchorpose.body.kinematics import missing_anchors, missing_joints, missing_points, stump_of
 from anchorpose.body.learning import bone_lengths
-from anchorpose.body.missing import missing_anchors, missing_joints, missing_points, stump_of
 from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import build_body, pose_points, skin_points
 from anchorpose.body.standing_off import patches_of

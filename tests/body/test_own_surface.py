@@ -20,19 +20,26 @@ from body_builder import (
 )
 
 from anchorpose.body import own_surface as matching
-from anchorpose.body.anchor_limbs import CONTRADICTED_M, anchor_paths, anchor_poses
 from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.constraints import anchor_points
 from anchorpose.body.initial import FirstShape, find_first_pose
-from anchorpose.body.limb_proposals import CHAINS
-from anchorpose.body.own_poses import neutral, poses_of_own_surface, settle_on
-from anchorpose.body.own_surface import MIRRORED, PAIRS, match_skin, own_surface, skin_distance, turns
+from anchorpose.body.limb_proposals import CHAINS, CONTRADICTED_M, anchor_paths, anchor_poses
+from anchorpose.body.own_surface import (
+    MIRRORED,
+    PAIRS,
+    match_skin,
+    neutral,
+    own_surface,
+    poses_of_own_surface,
+    settle_on,
+    skin_distance,
+    turns,
+)
 from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import pose_points
-from anchorpose.body.tips import anchor_points
-from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors, no_anchors
+from anchorpose.geodesics.anchors import Anchors, SeenGeodesics, anchor_descriptor, find_anchors, no_anchors
 from anchorpose.geodesics.extrema import Cap
-from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.joints import JOINT_INDEX
 
 BODY = adult_body()

@@ -27,10 +27,9 @@ from body_builder import (
     turned_about_y,
 )
 
-from anchorpose.body.belief import PATIENT_PACE, PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
+from anchorpose.body.pose import DEGREE, PATIENT_PACE, POSE_SIZE, Pose, PoseBelief, vague_belief
 from anchorpose.body.registration import LEAST_EXPLAINED, Registration, node_parts, posterior, register
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import joint_sigma

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from anchorpose.body.stature import stature_m
+from anchorpose.tracker.prior_shape import stature_m
 
 
 def test_children_grow_and_adults_do_not():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from body_builder import adult_body, joints_of, points, seen_body, standing
 
-from anchorpose.body.explained import explain
+from anchorpose.body.explanation import explain
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import unexplained_sigma
 from anchorpose.joints import JOINT_INDEX

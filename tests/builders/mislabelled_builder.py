@@ -10,8 +10,7 @@ from body_builder import FRONT, LEFT, adult_body, asset, before_wall, evidence_o
 from anchorpose.body.pose import Pose
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.components import JumpLimit
-from anchorpose.isolation.depth_noise import neighbour_noise
-from anchorpose.isolation.detail import DepthDetail
+from anchorpose.isolation.depth_noise import DepthDetail, neighbour_noise
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.tracker.bystanders import Bystanders

@@ -12,10 +12,9 @@ from scipy.spatial.distance import cdist
 from surface_builder import flat_grid, grid_surface, no_links, star, with_links
 
 from anchorpose.errors import DegenerateGeometry
-from anchorpose.geodesics.center import center_field
+from anchorpose.geodesics.center import axis_m, center_field, limb_path
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
-from anchorpose.geodesics.limb_paths import axis_m, limb_path
 from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import HIDDEN_SKIN
 

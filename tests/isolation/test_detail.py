@@ -7,7 +7,7 @@ import pytest
 from room_builder import FRONT, ROOM, filtered, picture, shot
 
 from anchorpose.calibration.noise import noise_per_m, step_per_m
-from anchorpose.isolation.detail import LIMB_M, DepthDetail
+from anchorpose.isolation.depth_noise import LIMB_M, DepthDetail
 from anchorpose.isolation.empty_room import learn_background
 
 DETAIL = DepthDetail(edge_px=12.0, focal_px=303.0, step_per_m=0.003)

@@ -11,9 +11,8 @@ from room_builder import FRONT, KNEE_BAR, ROOM, body, built_scene, camera_at, in
 from scipy.spatial import cKDTree
 
 from anchorpose.calibration.world import find_world
-from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.empty_room import learn_background
-from anchorpose.isolation.people import PatientChoice, find_columns, find_people
+from anchorpose.isolation.people import IsolationConfig, PatientChoice, find_columns, find_people
 from anchorpose.isolation.scene import find_pieces, set_scene
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel

@@ -9,7 +9,6 @@ import pytest
 from room_builder import FRONT, ROOM, body, built_scene, in_front, picture
 
 from anchorpose.isolation.bystander_memory import MEMORY_S, empty_memory, update_memory
-from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.ownership import (
     CELL_M,
     SAMPLING_M,
@@ -17,7 +16,7 @@ from anchorpose.isolation.ownership import (
     decide_ownership,
     sort_likelihood,
 )
-from anchorpose.isolation.people import PatientChoice, find_people
+from anchorpose.isolation.people import IsolationConfig, PatientChoice, find_people
 from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate, separate_initial

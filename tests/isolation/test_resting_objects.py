@@ -11,9 +11,9 @@ from room_builder import FRONT, ROOM, body, in_front, picture
 
 from anchorpose.isolation.background import RestingLayer, foreground, room_at
 from anchorpose.isolation.empty_room import learn_background
-from anchorpose.isolation.resting_objects import resting_objects
 from anchorpose.recording.equipment import Box, Cylinder
 from anchorpose.rotations import UP, turns_about
+from anchorpose.tracker.resting_objects import resting_objects
 
 COUNT, RATE = 24, 6.0
 TIMES = [k / RATE for k in range(COUNT)]

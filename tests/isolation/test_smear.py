@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from room_builder import FRONT, ROOM, filtered, picture, shot
 
+from anchorpose.isolation.depth_noise import smear_px, smeared
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.scene import find_pieces, set_scene
-from anchorpose.isolation.smear import smear_px, smeared
 from anchorpose.isolation.view import PixelLabel
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from room_builder import FRONT, ROOM, body, built_scene, picture
 
+from anchorpose.isolation.patient_label import without_strays
 from anchorpose.isolation.scene import Pieces, find_pieces
-from anchorpose.isolation.stray_pieces import without_strays
 from anchorpose.isolation.view import PixelLabel
 
 SCENE = built_scene()

@@ -11,12 +11,13 @@ from body_builder import FRONT, adult_body, asset, before_wall, photograph, poin
 
 from anchorpose.body.contact_regions import (
     HAND_M,
+    REGION_BONES,
+    REGIONS,
     Nearness,
     area_of_point,
     find_nearness,
     region_of_points,
 )
-from anchorpose.body.regions import REGION_BONES, REGIONS
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.visibility import VisibilityConfig
 from anchorpose.errors import InputError

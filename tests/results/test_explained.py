@@ -12,7 +12,7 @@ import pytest
 from results_builder import explained_frames, standing_joints, write_results
 from results_builder import make_frame as joint_frame
 
-from anchorpose.body.explained import Explanation
+from anchorpose.body.explanation import Explanation
 from anchorpose.body.pose import LIMB_OF_BONES, MOVING_BONES, PARTS
 from anchorpose.results.explained import (
     EXPLAINED_FILE,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from anchorpose.body.poor_depth import PoorDepth, PoorKind
+from anchorpose.body.visibility import PoorDepth, PoorKind
 from anchorpose.results.poor_intervals import PoorInterval, note_poor
 from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE, RunRecord, write_run_record

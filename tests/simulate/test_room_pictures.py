@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
-from anchorpose.isolation.smear import smear_px
+from anchorpose.isolation.depth_noise import smear_px
 from anchorpose.lens import Intrinsics
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.clinic import draw_clinic, look_at

@@ -13,16 +13,15 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from trousers_builder import AWAY_M, CAMERA, CROTCH_M, expected_legs, legs_depth
 
-from anchorpose.body.body_map import map_body
+from anchorpose.body.own_surface import map_body
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface import contacts
 from anchorpose.surface.contacts import cut_contacts
-from anchorpose.surface.hidden import add_hidden_skin
+from anchorpose.surface.hidden import add_hidden_skin, assign_skin, find_ambiguous_skin
 from anchorpose.surface.links import links
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.patient_surface import patient_surface
-from anchorpose.surface.shown_skin import assign_skin, find_ambiguous_skin
 from anchorpose.surface.surface import HIDDEN_SKIN, geodesic_lower_bound, seen_part
 
 BAR = np.s_[62:74]  # rows that a bar hides, 6.5 cm of both legs

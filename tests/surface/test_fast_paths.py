@@ -15,9 +15,9 @@ from anchorpose.geodesics.anchors import find_anchors
 from anchorpose.geodesics.extrema import surface_center
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.surface.border import SUPPORT, _disc, _rims, _supported, _within_reach
+from anchorpose.surface.hidden import MAX_TURN_DEG, OFF_PLANE_WEIGHT, REACH_M, assign_skin, find_ambiguous_skin
 from anchorpose.surface.links import add_links
 from anchorpose.surface.mesh import build_surface
-from anchorpose.surface.shown_skin import MAX_TURN_DEG, OFF_PLANE_WEIGHT, REACH_M, assign_skin, find_ambiguous_skin
 from anchorpose.surface.surface import HIDDEN_SKIN, BodyMap, ExpectedSkin
 
 CAMERA = kinect(90, 70)

@@ -10,8 +10,7 @@ from surface_builder import flat_grid, kinect, plane_depth, sphere_depth, with_l
 
 from anchorpose.surface.denoise import denoise, drop_flying_pixels, estimate_noise, extent, jump_coefficients
 from anchorpose.surface.links import pieces
-from anchorpose.surface.mesh import build_surface, edges, keep_nodes
-from anchorpose.surface.normals import estimate_normals
+from anchorpose.surface.mesh import build_surface, edges, estimate_normals, keep_nodes
 from anchorpose.surface.surface import SurfaceConfig
 
 CAMERA = kinect(90, 70)

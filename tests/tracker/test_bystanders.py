@@ -25,7 +25,7 @@ from anchorpose.tracker.bystanders import (
     unconnected_surface,
 )
 from anchorpose.tracker.config import FollowConfig, TrackConfig
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 
 CAMERAS = (FRONT, LEFT)
 A_FRAME_S = 1.0 / 15.0

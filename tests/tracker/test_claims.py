@@ -17,16 +17,15 @@ from body_builder import (
 )
 from mislabelled_builder import OTHER, pieces_of, seen
 
-from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.explained import explain
-from anchorpose.body.pose import Pose
+from anchorpose.body.explanation import explain
+from anchorpose.body.pose import Pose, PoseBelief, vague_belief
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
 from anchorpose.camera import transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.tracker.claims import claim_limb, hidden_limbs, limbs_in_doubt, spread_out
+from anchorpose.tracker.limb_watch import claim_limb, hidden_limbs, limbs_in_doubt, spread_out
 
 BODY = adult_body()
 TRUTH = standing(LeftUpLeg=(0.0, 0.0, 35.0), LeftLeg=(0.0, 0.0, -25.0), RightArm=(-20.0, 0.0, 0.0))

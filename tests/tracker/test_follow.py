@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from body_builder import true_shape
 
-from anchorpose.association.hypotheses import HypothesisConfig
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
@@ -19,15 +18,15 @@ from anchorpose.recording.reader import open_recording, read_frame, read_frames
 from anchorpose.results.explained import SEEN_PAST
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.track_tree.hypotheses import HypothesisConfig
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, nobody_found
 from anchorpose.tracker.following import FIRST_PAUSE, Follower, follow_patient
 from anchorpose.tracker.frame_record import label_pictures
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import Room
-from anchorpose.tracker.run import Run, Stopwatch
-from anchorpose.tracker.smoothed_explanation import explain_smoothed, labelled_views
-from anchorpose.tracker.smoothing import pass_result
+from anchorpose.tracker.room import Room, Run
+from anchorpose.tracker.smoothing import explain_smoothed, labelled_views, pass_result
+from anchorpose.tracker.stopwatch import Stopwatch
 
 FPS, FRAMES = 8.0, 20
 APPEARS, VANISHES, RETURNS = 2, 8, 15  # frames: the room is empty, he is there, the camera is blind, he is there again

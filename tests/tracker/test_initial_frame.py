@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from body_builder import FRONT, LEFT, adult, adult_body, hide_bones, seen_body, standing
 
-from anchorpose.body.belief import vague_belief
+from anchorpose.body.pose import vague_belief
 from anchorpose.isolation.people import PatientChoice, Person
 from anchorpose.tracker import initial_frame
 from anchorpose.tracker.initial_frame import TRIES, WELL, best_of, rank_initial_frames
+from anchorpose.tracker.observation import Start
 from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
-from anchorpose.tracker.start import Start
 
 
 def patient(explained=1.0, area_m2=0.8, x=0.0) -> SeenPerson:

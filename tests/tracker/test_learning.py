@@ -16,11 +16,10 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import ShapeBelief, adult_belief
 from anchorpose.body.skin_points import FittedShape, even_clothes
 from anchorpose.recording.subject import UNKNOWN
-from anchorpose.tracker import learning
+from anchorpose.tracker import learning_pass
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.learning import LearntPatient, Stretch, learn_patient
-from anchorpose.tracker.room import NO_REVIEW, Review
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.learning_pass import LearntPatient, Stretch, learn_patient
+from anchorpose.tracker.room import NO_REVIEW, Review, Run
 
 ROOM = SimpleNamespace(recording=SimpleNamespace(subject=UNKNOWN), initial_frame=None, review=NO_REVIEW)
 START = FittedShape(np.zeros(asset().shape_count), even_clothes(0.006))
@@ -86,8 +85,8 @@ class Pass:
         room: SimpleNamespace = ROOM,
         stretches: int = 1,
     ) -> LearntPatient | None:
-        monkeypatch.setattr(learning, "follow_openly", self.follow)
-        monkeypatch.setattr(learning, "learn_body", self.learn)
+        monkeypatch.setattr(learning_pass, "follow_openly", self.follow)
+        monkeypatch.setattr(learning_pass, "learn_body", self.learn)
         run = Run(room, replace(TrackConfig(), learning=config or LearningConfig()))
         return learn_patient(run, [Stretch(None, None, [])] * stretches)
 

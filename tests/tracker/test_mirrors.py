@@ -9,13 +9,13 @@ import pytest
 from room_builder import FRONT, ROOM, body, picture
 
 from anchorpose.isolation.empty_room import learn_background
-from anchorpose.isolation.gaps import find_walls
 from anchorpose.isolation.people import PatientChoice, Person
+from anchorpose.isolation.room_planes import find_walls
 from anchorpose.isolation.scene import Scene, find_pieces, set_scene
 from anchorpose.recording.equipment import Box
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.mirrors import find_mirrors, through_a_gap, with_mirrors
+from anchorpose.tracker.look import find_mirrors, through_a_gap, with_mirrors
 from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 
 WALL_M = -2.0  # x of the front of the room's wall

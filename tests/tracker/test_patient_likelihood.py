@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from body_builder import adult_body, points, standing
 
-from anchorpose.body.body_map import map_body
+from anchorpose.body.own_surface import map_body
 from anchorpose.body.skin_points import pose_points
-from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.people import IsolationConfig
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.surface.surface import ExpectedSkin
-from anchorpose.tracker.isolating import LOOSEST_SKIN_M, UNFITTED_M, patient_likelihood
 from anchorpose.tracker.observation import Expectation
+from anchorpose.tracker.observing import LOOSEST_SKIN_M, UNFITTED_M, patient_likelihood
 
 CONFIG, BODY = IsolationConfig(), adult_body()
 

@@ -9,11 +9,10 @@ from body_builder import adult_body, photograph, skin_in, standing, stepped
 from room_builder import FRONT, ROOM, picture
 
 from anchorpose.isolation.empty_room import learn_background
-from anchorpose.isolation.resting_objects import resting_objects
 from anchorpose.isolation.scene import set_scene
 from anchorpose.recording.equipment import Box, EquipmentModel
 from anchorpose.recording.recording import FrameSet
-from anchorpose.tracker.resting_objects import with_resting_objects
+from anchorpose.tracker.resting_objects import resting_objects, with_resting_objects
 
 COUNT, RATE, ARRIVES = 24, 6.0, 10
 SEATED = standing(LeftUpLeg=(0, 0, 90), RightUpLeg=(0, 0, 90))

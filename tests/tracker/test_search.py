@@ -9,15 +9,14 @@ import pytest
 from room_builder import FRONT, ROOM, body, built_scene, picture
 
 from anchorpose.isolation.bystander_memory import empty_memory, update_memory
-from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.people import PatientChoice, find_people
+from anchorpose.isolation.people import IsolationConfig, PatientChoice, find_people
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import WALK_M_S, LastSeen, Search, seen_as_strip
 from anchorpose.tracker.start import NoStart
 

@@ -12,8 +12,7 @@ from room_builder import FRONT, ROOM, built_scene, camera_at, picture
 
 from anchorpose.body.shape_prior import child_belief, standing_height
 from anchorpose.body.skin_points import Body, body_points, build_body, even_clothes
-from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.people import PERSON_AREA_M2, PatientChoice, find_people
+from anchorpose.isolation.people import PERSON_AREA_M2, IsolationConfig, PatientChoice, find_people
 from anchorpose.isolation.scene import find_all_pieces
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel, View

@@ -13,16 +13,15 @@ from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 import numpy as np
 import pytest
 
-from anchorpose.association.hypotheses import Matcher
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.skin_points import SkinPoints
+from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_record import Kept
-from anchorpose.tracker.learning import LearntPatient
+from anchorpose.tracker.journal import read_value, write_value
+from anchorpose.tracker.learning_pass import LearntPatient
 from anchorpose.tracker.passes import _PassState
-from anchorpose.tracker.room import Room
-from anchorpose.tracker.run import Run
-from anchorpose.tracker.stored_value import read_value, write_value
+from anchorpose.tracker.room import Room, Run
 
 
 class Colour(StrEnum):

@@ -13,10 +13,9 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.part_registration import fit_rigid_transform
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.kinematics.definition import Axes, pelvis_axes, trunk_axes
-from anchorpose.rotations import rotation_matrices, rotation_vectors, unit
+from anchorpose.rotations import fit_rigid_transform, rotation_matrices, rotation_vectors, unit
 
 ROUNDS: Final = 15
 LEAST_FRAMES: Final = 10

@@ -10,9 +10,9 @@ from anchorpose.agreement.clock import NoCommonMovement, find_clock
 from anchorpose.agreement.placement import moved
 from anchorpose.agreement.reference import Reference, exchanged
 from anchorpose.agreement.signals import common_signals, resampled
-from anchorpose.body.part_registration import fit_rigid_transform
 from anchorpose.errors import DegenerateGeometry, InputError
 from anchorpose.results.tables import AngleTable, JointTable
+from anchorpose.rotations import fit_rigid_transform
 
 CLEARLY_BETTER: Final = 0.7
 """Ratio of two misfits from which on the smaller is the right one. In six simulated laboratories it was at most 0.1."""

@@ -1,18 +1,19 @@
-"""Constraints that depth puts on the body: where points of its skin lie, along which direction, how precisely."""
+"""Build constraints of skin points on places and surfaces, among them the anchors at the body's tips."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
 
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.nearest_skin import Oriented, facing_rows
-from anchorpose.body.skin_points import PosedPoints
+from anchorpose.body.skin_points import PosedPoints, SkinPoints
 from anchorpose.camera import Camera
+from anchorpose.geodesics.anchors import Anchors
 from anchorpose.surface.surface import Surface
 
 NORMAL_WEIGHT_M: Final = 0.10  # 60 degrees between normals count like 10 cm
@@ -114,3 +115,32 @@ def thin(count: int, wanted: int) -> np.ndarray:
     if count <= wanted:
         return np.arange(count)
     return np.linspace(0, count - 1, wanted).astype(np.int64)
+
+
+_ANCHOR_SIGMA_M: Final = 0.05  # the paper's bound on the localisation of anchors (Section V)
+
+
+@cache
+def anchor_points(points: SkinPoints) -> np.ndarray:
+    """(5,) skin points at the tips that the anchors lie on, in the order of ``ANCHOR_NAMES``."""
+    place = points.asset.vertices[points.vertex]
+    names = np.array(points.asset.bone_names)[points.part]
+    tips = []
+    for words, axis in (
+        (("Head",), (0, 1, 0)),
+        (("LeftHand", "LeftFingerBase", "LeftHandFinger1"), None),
+        (("RightHand", "RightFingerBase", "RightHandFinger1"), None),
+        (("LeftFoot", "LeftToeBase"), (1, 0, 0)),
+        (("RightFoot", "RightToeBase"), (1, 0, 0)),
+    ):
+        own = np.flatnonzero(np.isin(names, words))
+        sideways = np.abs(place[own] @ np.array([0.4, -0.4, 0.0])) + np.abs(place[own, 2])
+        reach = place[own] @ np.array(axis) if axis else sideways
+        tips.append(own[reach.argmax()])
+    return np.array(tips)
+
+
+def anchor_constraints(points: SkinPoints, anchors: Anchors, sigma_m: float = _ANCHOR_SIGMA_M) -> Constraints:
+    """The anchors that were found hold the tips."""
+    found = anchors.found
+    return place_constraints(anchor_points(points)[found], anchors.position_m[found], sigma_m, 5.0 * sigma_m)

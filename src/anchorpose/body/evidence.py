@@ -13,7 +13,7 @@ from numba import njit
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints, join, surface_constraints
 from anchorpose.body.fit import pose_equations
-from anchorpose.body.missing import missing_points
+from anchorpose.body.kinematics import missing_points
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.body.visibility import Projection, pixels_of, projection_of

@@ -15,18 +15,16 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.constraints import Constraints, join, no_constraints, surface_constraints
+from anchorpose.body.constraints import Constraints, anchor_constraints, join, no_constraints, surface_constraints
 from anchorpose.body.evidence import Evidence, evidence_cost, evidence_rows, unexplained_node_cost
-from anchorpose.body.explained import seen_past
+from anchorpose.body.explanation import seen_past
 from anchorpose.body.fit import damped_step, limited, pose_equations, solve_damped
 from anchorpose.body.learning import ShapeFrame, learn_shape_step
-from anchorpose.body.own_poses import poses_of_own_surface
+from anchorpose.body.own_surface import poses_of_own_surface
 from anchorpose.body.pose import DEGREE, Pose
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
-from anchorpose.body.tips import anchor_constraints
-from anchorpose.geodesics.anchors import Anchors
-from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.geodesics.anchors import Anchors, SeenGeodesics
 from anchorpose.surface.surface import Surface
 
 _Turns = Mapping[str, tuple[float, float, float]]

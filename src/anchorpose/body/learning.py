@@ -15,7 +15,7 @@ from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints
 from anchorpose.body.evidence import Evidence, evidence_rows
 from anchorpose.body.fit import limited, pose_equations
-from anchorpose.body.missing import missing_joints
+from anchorpose.body.kinematics import missing_joints
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body, pose_points, skin_points

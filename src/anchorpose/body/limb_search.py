@@ -12,18 +12,16 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.anchor_limbs import anchor_poses
-from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_cost
-from anchorpose.body.explained import Explanation, explain
+from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.fit import prior_equations
-from anchorpose.body.limb_proposals import exchanged, limb_poses, uncovered_paths
-from anchorpose.body.own_poses import poses_of_own_surface
-from anchorpose.body.pose import Pose
+from anchorpose.body.limb_proposals import anchor_poses, exchanged, limb_poses, uncovered_paths
+from anchorpose.body.own_surface import poses_of_own_surface
+from anchorpose.body.pose import UNSEEN_S, Pose, PoseBelief
 from anchorpose.body.registration import Registration, descend, posterior
 from anchorpose.body.skin_points import Body, pose_points
-from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.geodesics.anchors import SeenGeodesics
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
 

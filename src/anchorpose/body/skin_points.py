@@ -9,8 +9,15 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset
-from anchorpose.body.kinematics import BodyMesh, joint_derivative, joint_frames, shape_body, skin
-from anchorpose.body.missing import missing_points, without_parts
+from anchorpose.body.kinematics import (
+    BodyMesh,
+    joint_derivative,
+    joint_frames,
+    missing_points,
+    shape_body,
+    skin,
+    without_parts,
+)
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 from anchorpose.body.segments import load_body_asset
 

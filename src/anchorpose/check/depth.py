@@ -8,14 +8,13 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.body.poor_depth import MOST_MISSING
+from anchorpose.body.visibility import MOST_MISSING
 from anchorpose.calibration.noise import noise_per_m, step_per_m
 from anchorpose.calibration.origin import USUAL_DISTANCE_M, people_only
 from anchorpose.camera import Camera
 from anchorpose.check.finding import Finding, Level, OfCamera, level_of, of_cameras
 from anchorpose.check.material import Material
-from anchorpose.isolation.detail import LIMB_M, SHARP_EDGE_PX, DepthDetail
-from anchorpose.isolation.smear import smear_px
+from anchorpose.isolation.depth_noise import LIMB_M, SHARP_EDGE_PX, DepthDetail, smear_px
 from anchorpose.isolation.view import View
 
 KINECT_V1_PER_M: Final = 1.425e-3  # Khoshelham and Elberink 2012: the noisiest camera that is common in clinics

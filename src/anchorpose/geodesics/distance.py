@@ -1,20 +1,188 @@
-"""Geodesic distance on a surface by fast marching with unfolding (paper, gd of Section III): 3 to 9 mm off on average.
+"""Compute geodesic distances on a surface by fast marching with unfolding (paper, gd of Section III).
 
-A front leaves the source and reaches the nodes in the order of distance. A node takes its distance from the triangle of
-two reached neighbours by laying both and their distances flat, which is exact where the surface is flat; across a link
-it takes the link's length. ``front`` and ``fans`` say how.
+The result is 3 to 9 mm off on average. A front leaves the source and reaches the nodes in the order of distance. A node
+takes its distance from the triangle of two reached neighbours by laying both and their distances flat, which is exact
+where the surface is flat; across a link it takes the link's length; see ``fans``.
+
+A heap fixes one node after the other, and nothing in that order can be computed side by side. Here every node that
+fell below the round's threshold computes candidate distances for its ring, eight abreast in the processor's vector
+registers; a node that gets nearer by one waits for a later round, again if it was active before. The band is narrower
+than an edge, so that hardly 2 nodes in 100 are active twice. Within a round no node sees another's new distance, which
+makes the result independent of the order of the nodes.
+Source: the rounds after Kim 2001 (doi:10.1137/S1064827500367130); the candidate distances are those of ``fans``.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from anchorpose.geodesics.fans import AWAY
-from anchorpose.geodesics.front import Stop, march_on, new_front, start_at
+from anchorpose.geodesics.fans import (
+    AWAY,
+    CANDIDATE,
+    CANDIDATE_BEND,
+    LANES,
+    OWN,
+    OWN_BEND,
+    UPDATED,
+    Fans,
+    Rows,
+    empty_fans,
+    empty_rows,
+    fill_fans,
+    find_candidates,
+    gather,
+)
 from anchorpose.surface.surface import MeshArrays, Surface
+
+_BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
+SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)  # (256, 8): lanes of set bits first
+SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): how many
+
+
+class Front(NamedTuple):
+    """What a front has reached, and the memory that it works in.
+
+    distance (n + 1,) float32, ``AWAY`` where not reached; bend (n + 1,) float32: the distance at which the front last
+    turned around the surface's rim. queued (n + 1,) uint8: 1 for the nodes that wait; waiting (n + 9,) uint32: these
+    nodes, size (1,) int64 of them; active (n,) uint32: the nodes of a round.
+    """
+
+    distance: np.ndarray
+    bend: np.ndarray
+    queued: np.ndarray
+    waiting: np.ndarray
+    size: np.ndarray
+    active: np.ndarray
+    fans: Fans
+    rows: Rows
+
+
+class Stop(NamedTuple):
+    """Where a front stops: beyond ``reach`` metres, or at the first node within it, other than the sources, where field
+    (n,) float32 is ``level`` or more; a field of length 0 stops it nowhere."""
+
+    reach: float
+    field: np.ndarray
+    level: float
+
+
+@njit(cache=True)
+def new_front(count: int) -> Front:
+    """A front on a surface of count nodes that has reached nothing."""
+    distance, bend = np.full(count + 1, AWAY, np.float32), np.zeros(count + 1, np.float32)
+    queued, waiting = np.zeros(count + 1, np.uint8), np.empty(count + LANES + 1, np.uint32)
+    size, active = np.zeros(1, np.int64), np.empty(count, np.uint32)
+    return Front(distance, bend, queued, waiting, size, active, empty_fans(count), empty_rows(count))
+
+
+@njit(cache=True)
+def start_at(front: Front, sources: np.ndarray) -> None:
+    """Forget what was reached; the sources (s,) int32 wait at distance 0."""
+    front.distance[:] = AWAY
+    front.bend[:] = 0.0
+    front.queued[:] = 0
+    front.size[0] = 0
+    for source in sources:
+        if not front.queued[source]:
+            front.distance[source], front.queued[source], front.waiting[front.size[0]] = 0.0, 1, source
+            front.size[0] += 1
+
+
+@njit(cache=True)
+def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
+    """March until every node within reach has its distance, or a node of the stop's level is met; whether one was.
+
+    band: width in metres of the band of nodes that are active at once.
+    """
+    while front.size[0] > 0:
+        count, low = _next_round(front, band)
+        if low > stop.reach:
+            break
+        active = front.active[:count]
+        if len(stop.field) > 0 and _meets(stop, front.distance, active):
+            return True
+        fill_fans(mesh, active, front.fans)
+        gather(front.fans, front.distance, front.bend, active, front.rows)
+        find_candidates(front.rows.flat, count)
+        _update_rings(front, active)
+        if len(mesh.link_node) > 0:
+            _follow_links(mesh, front, active)
+    return False
+
+
+@njit(cache=True)
+def _next_round(front: Front, band: float) -> tuple:
+    """Make the waiting nodes within the band above the nearest active; their number, and the nearest distance."""
+    distance, waiting = front.distance, front.waiting
+    low, waits = AWAY, front.size[0]
+    for k in range(waits):
+        own = distance[waiting[k]]
+        low = own if own < low else low
+    threshold = low + np.float32(band)
+    count, left = np.int64(0), np.int64(0)
+    for k in range(waits):
+        node = waiting[k]
+        now = np.uint8(distance[node] <= threshold)
+        front.active[count] = node
+        waiting[left] = node
+        count += np.int64(now)
+        left += 1 - np.int64(now)
+        front.queued[node] = 1 - now
+    front.size[0] = left
+    return count, low
+
+
+@njit(cache=True)
+def _meets(stop: Stop, distance: np.ndarray, active: np.ndarray) -> bool:
+    met = False
+    for k in range(len(active)):
+        met |= stop.field[active[k]] >= stop.level and 0.0 < distance[active[k]] < stop.reach
+    return met
+
+
+@njit(cache=True)
+def _update_rings(front: Front, active: np.ndarray) -> None:
+    """Give the candidate distances to the rings; a node that gets nearer waits.
+
+    No branches: the processor would guess every second one wrong.
+    """
+    distance, bend, queued, table = front.distance, front.bend, front.queued, front.rows.table
+    end = front.size[0]
+    for k in range(len(active)):
+        updated = np.int64(table[k, UPDATED])
+        for spot in range(SET_COUNT[updated]):
+            lane = SET_LANES[updated, spot]
+            other = front.fans.near[active[k], lane]
+            candidate, turned = table[k, CANDIDATE + lane], table[k, CANDIDATE_BEND + lane]
+            before, before_bend, waits = distance[other], bend[other], queued[other]
+            nearer = np.uint8(candidate < before) | (np.uint8(candidate == before) & np.uint8(turned < before_bend))
+            distance[other] = min(candidate, before)
+            bend[other] = turned if nearer else before_bend
+            front.waiting[end] = other
+            end += np.int64(nearer & (waits ^ np.uint8(1)))
+            queued[other] = waits | nearer
+    front.size[0] = end
+
+
+@njit(cache=True)
+def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
+    """Along a link the path is as long as the link."""
+    distance, bend, table = front.distance, front.bend, front.rows.table
+    for k in range(len(active)):
+        node, own, turned = active[k], table[k, OWN], table[k, OWN_BEND]
+        for spot in range(mesh.link_start[node], mesh.link_start[node + 1]):
+            other = mesh.link_node[spot]
+            candidate = own + mesh.link_length_m[spot]
+            if candidate < distance[other] or (candidate == distance[other] and turned < bend[other]):
+                distance[other], bend[other] = candidate, turned
+                if not front.queued[other]:
+                    front.queued[other] = 1
+                    front.waiting[front.size[0]] = other
+                    front.size[0] += 1
+
 
 BAND: Final = 0.7  # of the mean edge: narrower has more rounds, wider more nodes active twice; flat in between
 SAMPLED_EDGES: Final = 128  # for the mean edge, which affects speed only

@@ -13,8 +13,7 @@ import numpy as np
 from numba import njit
 
 from anchorpose.errors import DegenerateGeometry
-from anchorpose.geodesics.distance import band_of, geodesic_distance
-from anchorpose.geodesics.front import Stop, march_on, new_front, start_at
+from anchorpose.geodesics.distance import Stop, band_of, geodesic_distance, march_on, new_front, start_at
 from anchorpose.surface.surface import MeshArrays, Surface
 
 FARTHEST: Final = 10  # nodes whose mean distance is the end: the single farthest is noise by half a centimetre

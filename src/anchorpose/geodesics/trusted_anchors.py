@@ -1,4 +1,7 @@
-"""Which anchors a node can trust: those whose shortest path does not bend around an occlusion's rim.
+"""Decide which anchor distances of a node can be trusted: holes that cast a shadow lengthen the paths behind them.
+
+Nodes behind a bend lie in the shadow of the rim. In its plane a path begins at the anchor, the origin, along the first
+axis; the way over the whole skin, were the hole filled flat, is the chord to the path's end.
 
 Tracking sees the surface with the hole only. Where the path from an anchor grazes the rim of what hides the skin and
 turns towards the hidden side, it is a detour: the node lies in the anchor's shadow (paper, Definition 5). The length of
@@ -13,20 +16,172 @@ from typing import Any, Final
 import numpy as np
 from numba import njit
 
-from anchorpose.geodesics.paths import adjoin, by_distance, came_from, is_bare, open_nodes
-from anchorpose.geodesics.shadows import (
-    BEND,
-    CHAIN,
-    CORNER,
-    HEADING,
-    NORMAL,
-    PLACE,
-    POINT,
-    SKIN,
-    cast_shadow,
-    hole_directions,
-)
+from anchorpose.geodesics.paths import adjoin, apart, by_distance, came_from, is_bare, open_nodes
 from anchorpose.surface.surface import MeshArrays, Surface
+
+POINT, NORMAL, SKIN = 0, 3, 6  # columns of skin: place, normal; width
+PLACE, HEADING, SIDE, BEND = 0, 2, 5, 6  # columns of bend: below; width
+CORNER, ROOT, CHAIN = 0, 1, 2  # columns of chain: below; width
+"""What the kernels know of the n nodes, in arrays of many columns instead of bundles of arrays.
+
+What is called for every node takes plain arrays and is inlined: counting the references to the arrays of a bundle at
+every call took four fifths of the time.
+
+skin (n, 6) float32: point and normal. bend (n, 6) float64: how the paths of one field bend around rims. Place: where a
+shadow node is in the plane that its path is laid out in, the anchor at the origin and the path's first piece along the
+first axis; heading: direction of the path's last piece; side: 1 or -1, to which side a rim node bends paths. chain
+(n, 2) int32. Corner: the rim node around which the path bends last, -1 in the light, -2 so deep in the shadow that it
+is not computed; root: the one around which it bends first, which names the plane.
+"""
+
+
+def hole_directions(surface: Surface, is_open: np.ndarray) -> np.ndarray:
+    """(n, 3) float64: at an open node, away from the neighbours it has."""
+    points, hole = surface.points_m, np.zeros((len(surface), 3))
+    nodes = np.flatnonzero(is_open)
+    for k in range(8):
+        other = surface.ring[nodes, k]
+        at, other = nodes[other >= 0], other[other >= 0]
+        x, y, z = (points[other].astype(np.float64) - points[at]).T
+        length = np.maximum(np.sqrt(x**2 + y**2 + z**2), 1e-9)
+        hole[at] -= (points[other] - points[at]) / length[:, None]
+    return hole
+
+
+@njit(cache=True, error_model="numpy")
+def cast_shadow(
+    skin: np.ndarray,
+    is_open: np.ndarray,
+    hole: np.ndarray,
+    distance: np.ndarray,
+    bend: np.ndarray,
+    chain: np.ndarray,
+    node: int,
+    edge: tuple[int, int, float, bool],
+) -> None:
+    """Find where the node lies in the plane of its path, if that bends; the path comes from between an edge's ends.
+
+    edge: its ends a and b, the share of the way from a to b, and whether it is a link; is_open
+    (n,) bool: rim nodes around which the triangles do not close; hole (n, 3) float64: the way out from them.
+    """
+    a, b, share, linked = edge
+    if chain[a, CORNER] == -2 or chain[b, CORNER] == -2:
+        if chain[a if share <= 0.5 else b, CORNER] == -2:
+            chain[node, CORNER] = -2
+            return
+        a = a if share <= 0.5 else b
+        b, share = a, 0.0
+    if is_open[b] and not is_open[a]:
+        a, b, share = b, a, 1.0 - share
+    if is_open[a] and not linked and (a == b or chain[b, CORNER] == a or is_open[b]):
+        if is_open[b] and share > 0.5:
+            a = b
+        turn = _turn(skin, hole, bend, a, node)
+        if turn != 0.0:
+            _around(distance, bend, chain, a, turn, node)
+            return
+        b, share = a, 0.0
+    if chain[a, CORNER] < 0 and chain[b, CORNER] < 0:
+        return
+    if chain[a, CORNER] < 0:  # a is the one in the shadow
+        a, b, share = b, a, 1.0 - share
+    last = np.int64(chain[a, CORNER])
+    if chain[b, CORNER] >= 0 and chain[b, ROOT] == chain[a, ROOT] and distance[chain[b, CORNER]] > distance[last]:
+        last = np.int64(chain[b, CORNER])
+    at_x, at_y = bend[a, PLACE], bend[a, PLACE + 1]
+    if share > 0.0 and (chain[b, CORNER] < 0 or chain[b, ROOT] == chain[a, ROOT]):
+        b_x, b_y = bend[b, PLACE], bend[b, PLACE + 1]
+        if chain[b, CORNER] < 0 and b != chain[a, ROOT]:
+            b_x, b_y = _third_corner(at_x, at_y, 0.0, 0.0, apart(skin, a, b), distance[b], bend[chain[a, ROOT], SIDE])
+        from_a, from_b = apart(skin, a, node), apart(skin, b, node)
+        away = np.sign((b_x - at_x) * (at_y - bend[last, PLACE + 1]) - (b_y - at_y) * (at_x - bend[last, PLACE]))
+        at_x, at_y = _third_corner(at_x, at_y, b_x, b_y, from_a, from_b, away)
+    _behind(distance, bend, chain, node, last, chain[a, ROOT], at_x, at_y)
+
+
+@njit(cache=True, error_model="numpy")
+def _behind(
+    distance: np.ndarray,
+    bend: np.ndarray,
+    chain: np.ndarray,
+    node: int,
+    last: Any,
+    first: int,
+    at_x: float,
+    at_y: float,
+) -> None:
+    """The path comes from behind the last corner, or behind the one before it that it still bends around.
+
+    at_x, at_y: where the path leads through, seen from the corners; first: the corner around which it bends first.
+    """
+    while last >= 0:
+        x, y = at_x - bend[last, PLACE], at_y - bend[last, PLACE + 1]
+        in_x, in_y = _arrival(last, bend, chain)
+        length = np.sqrt(x * x + y * y)
+        if (in_x * y - in_y * x) * bend[last, SIDE] > 0.0 and length > 0.0:
+            reach = distance[node] - distance[last]
+            bend[node, PLACE] = bend[last, PLACE] + reach * x / length
+            bend[node, PLACE + 1] = bend[last, PLACE + 1] + reach * y / length
+            chain[node, CORNER], chain[node, ROOT] = last, first
+            return
+        last = np.int64(chain[last, CORNER])
+
+
+@njit(cache=True, error_model="numpy")
+def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, turn: float, node: int) -> None:
+    """The path bends at a rim node by ``turn`` and reaches the node from there."""
+    x, y = _arrival(at, bend, chain)
+    reach = distance[node] - distance[at]
+    bend[node, PLACE] = bend[at, PLACE] + reach * (x * np.cos(turn) - y * np.sin(turn))
+    bend[node, PLACE + 1] = bend[at, PLACE + 1] + reach * (x * np.sin(turn) + y * np.cos(turn))
+    chain[node, CORNER], bend[at, SIDE] = at, np.sign(turn)
+    chain[node, ROOT] = chain[at, ROOT] if chain[at, CORNER] >= 0 else at
+
+
+@njit(cache=True, error_model="numpy")
+def _arrival(at: Any, bend: np.ndarray, chain: np.ndarray) -> tuple[float, float]:
+    """The direction in which the path comes to a rim node, in the plane."""
+    before = chain[at, CORNER]
+    if before < 0:
+        return 1.0, 0.0
+    x, y = bend[at, PLACE] - bend[before, PLACE], bend[at, PLACE + 1] - bend[before, PLACE + 1]
+    length = max(np.sqrt(x * x + y * y), 1e-9)
+    return x / length, y / length
+
+
+@njit(cache=True, error_model="numpy")
+def _third_corner(
+    a_x: float, a_y: float, b_x: float, b_y: float, from_a: float, from_b: float, side: float
+) -> tuple[float, float]:
+    """The point at two distances from a and b; left of the way from a to b for side 1, right of it for -1."""
+    x, y = b_x - a_x, b_y - a_y
+    length = max(np.sqrt(x * x + y * y), 1e-9)
+    along = (from_a * from_a - from_b * from_b + length * length) / (2.0 * length)
+    across = side * np.sqrt(max(from_a * from_a - along * along, 0.0))
+    return a_x + (x * along - y * across) / length, a_y + (y * along + x * across) / length
+
+
+@njit(cache=True, error_model="numpy")
+def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: int) -> float:
+    """The angle between the path's pieces to and from a rim node, seen along the normal; 0 unless towards the hole."""
+    cosine, sine, side, up_in, up_out = 0.0, 0.0, 0.0, 0.0, 0.0
+    for axis in range(3):
+        out = np.float64(skin[node, POINT + axis]) - skin[at, POINT + axis]
+        up_in += bend[at, HEADING + axis] * skin[at, NORMAL + axis]
+        up_out += out * skin[at, NORMAL + axis]
+        cosine += bend[at, HEADING + axis] * out
+    cosine -= up_in * up_out
+    for axis in range(3):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        in_i, in_j = bend[at, HEADING + i], bend[at, HEADING + j]
+        out_i = skin[node, POINT + i] - skin[at, POINT + i]
+        out_j = skin[node, POINT + j] - skin[at, POINT + j]
+        sine += skin[at, NORMAL + axis] * (in_i * out_j - in_j * out_i)
+        side += skin[at, NORMAL + axis] * (in_i * hole[at, j] - in_j * hole[at, i])
+    if sine * side <= 0.0:
+        return 0.0
+    return np.arctan2(sine, cosine)
+
 
 TOLERANCE_M: Final = 0.010
 """A detour that tracking may ignore: half of what the gate allows for the anchors' jitter."""
@@ -98,7 +253,7 @@ def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np
             comes = a >= 0 and not (linked and chain[a, CORNER] == -1)
             _set_heading(skin, bend, node, (a, b), share, comes and not linked)
             if comes:
-                cast_shadow(skin, is_open, hole, distance, bend, chain, node, (a, b), share, linked)
+                cast_shadow(skin, is_open, hole, distance, bend, chain, node, (a, b, share, linked))
             found[node] = _detour_of(distance, found, bend, chain, node, a if share <= 0.5 else b)
             if a == b and a >= 0 and is_open[a] and is_open[node] and is_bare(ring, node, a):
                 found[node], chain[node, CORNER] = np.inf, -2

@@ -13,8 +13,7 @@ from numba import njit
 from anchorpose.calibration.equipment_render import EquipmentCaster
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.isolation.components import JUMP_GATE, JumpLimit, jump_limit, without_flying_pixels
-from anchorpose.isolation.depth_noise import DepthNoise
-from anchorpose.isolation.detail import SHARP_EDGE_PX, DepthDetail
+from anchorpose.isolation.depth_noise import SHARP_EDGE_PX, DepthDetail, DepthNoise
 from anchorpose.recording.equipment import EquipmentModel
 
 BACKGROUND_GATE: Final = 2.0  # sigmas of a pixel, for a 3x3 median, whose deviation is 0.4 of that: five of its own

@@ -1,4 +1,4 @@
-"""The label "patient" mended: parts with another label are given back, and who stands apart is split off."""
+"""Correct the label of the patient's pixels: parts labelled as others, strays of others, and whoever stands apart."""
 
 from __future__ import annotations
 
@@ -9,12 +9,49 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from anchorpose.isolation.bystander_memory import SAMPLE_PX
-from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.components import label_components
 from anchorpose.isolation.ownership import NOBODY, OwnershipLikelihood
-from anchorpose.isolation.people import PERSON_AREA_M2, find_columns, find_people, ground_distance
+from anchorpose.isolation.people import PERSON_AREA_M2, IsolationConfig, find_columns, find_people, ground_distance
 from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel
+
+LEAST_CONTACT_M: Final = 0.05  # a wrist's width
+LEAST_CONTACT: Final = 1.0  # of a piece's width: half a head goes on along its longest side, a held forearm does not
+LARGEST_M2: Final = 0.03  # a head; a leg below a bar is larger, and those who kneel before it border on all of it
+
+
+def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Owners (n,) uint8 of each camera, with stray pieces of the patient's pixels given to the person they continue.
+
+    A stray piece is no larger than a head, connected to nothing else of the patient's in this camera, and goes on
+    without a crease as another person's surface: half a therapist's head where the patient's hand was expected. A
+    forearm beyond a bar, which a hand may hold, stays the patient's.
+    """
+    return [_without_strays(pixels, owner) for pixels, owner in zip(shown, owners, strict=True)]
+
+
+def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
+    others = owner >= PixelLabel.OTHER_PERSON
+    mask = np.zeros(pixels.depth_m.shape, dtype=bool)
+    mine = owner == PixelLabel.PATIENT
+    mask[pixels.row[mine], pixels.column[mine]] = True
+    if not others.any() or not mine.any():
+        return owner
+    piece_of, count = label_components(pixels.depth_m, mask, pixels.limit)
+    if count < 2:
+        return owner
+    piece = piece_of[pixels.row, pixels.column]
+    area = np.bincount(piece[mine], pixels.area_m2[mine], minlength=count + 1)
+    which = np.where(mine, piece, np.where(others, 0, -1))  # 0: anybody else
+    contact_m = smooth_contact_m(pixels, which, count + 1)[0]
+    stray = contact_m > np.maximum(LEAST_CONTACT_M, LEAST_CONTACT * np.sqrt(area))
+    stray &= area < LARGEST_M2
+    stray[[0, int(area.argmax())]] = False
+    if not stray.any():
+        return owner
+    return grow_regions(pixels, np.where(mine & stray[piece], np.uint8(NOBODY), owner))
+
 
 TRUNK_RADIUS_M: Final = 0.15  # half a trunk's depth and some clothes: what stands there is this person
 OWN_COLUMN: Final = 0.5  # of a column beside the patient's: with so much of it on their expected skin, it is theirs

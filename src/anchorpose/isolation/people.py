@@ -1,4 +1,4 @@
-"""Who is in the room: people as upright columns over the ground."""
+"""Find people in the foreground of all cameras by their trunks."""
 
 from __future__ import annotations
 
@@ -10,9 +10,18 @@ import cv2
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.region_growing import smooth_contact_m
 from anchorpose.isolation.scene import Pieces
+from anchorpose.settings import Positive, settings
+
+
+@settings
+class IsolationConfig:
+    """How far people reach, and how closely their skin follows its prediction."""
+
+    reach_m: Positive = 0.90  # from the body's axis to an outstretched hand
+    skin_sigma_m: Positive = 0.02  # clothes and shape, for the patient's predicted skin
+
 
 PERSON_AREA_M2: Final = 0.12  # what must be seen of a person: a fifth of an adult's frontal area
 PERSON_RADIUS_M: Final = 0.25  # half a shoulder breadth (95th percentile of men 0.26 m)

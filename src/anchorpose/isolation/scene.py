@@ -22,9 +22,7 @@ from anchorpose.isolation.background import (
     room_at,
 )
 from anchorpose.isolation.components import JUMP_GATE, JumpLimit, label_components
-from anchorpose.isolation.depth_noise import DepthNoise
-from anchorpose.isolation.detail import DepthDetail
-from anchorpose.isolation.smear import smeared
+from anchorpose.isolation.depth_noise import DepthDetail, DepthNoise, smeared
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from anchorpose.isolation.bystander_memory import BystanderMemory
-from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.ownership import (
     NOBODY,
     LikelihoodGrid,
@@ -25,11 +24,18 @@ from anchorpose.isolation.patient_label import (
     one_patient,
     sampled,
     without_parts,
+    without_strays,
 )
-from anchorpose.isolation.people import PERSON_AREA_M2, PatientChoice, People, find_people, ground_distance
+from anchorpose.isolation.people import (
+    PERSON_AREA_M2,
+    IsolationConfig,
+    PatientChoice,
+    People,
+    find_people,
+    ground_distance,
+)
 from anchorpose.isolation.region_growing import grow_regions
 from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
-from anchorpose.isolation.stray_pieces import without_strays
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 

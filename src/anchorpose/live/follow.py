@@ -23,7 +23,7 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 from anchorpose.tracker.frame_record import FrameRecord, TrackedFrame, label_pictures, record_of
 from anchorpose.tracker.journal import Blocks
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 
 BLOCK: Final = 48  # frames that are stored at once
 ROUNDING_S: Final = 1e-5  # recorded times have six decimals

@@ -23,8 +23,8 @@ from anchorpose.results.run_record import as_json
 from anchorpose.results.unfinished import FIRST_SECONDS, JOURNAL, LIVE, begin_journal
 from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.journal import Blocks, Journal
-from anchorpose.tracker.learning import LearntPatient
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.learning_pass import LearntPatient
+from anchorpose.tracker.room import Run
 
 SESSION_FILE: Final = "session.json"
 LEARNT: Final = "learnt"

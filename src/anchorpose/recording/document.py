@@ -107,7 +107,7 @@ def read_document(path: Path, kind: type[Document]) -> Document:
 def validate(path: Path, kind: type[Document], values: Any) -> Document:
     """``values`` of the file ``path`` as ``kind``, nothing rounded or converted from text; raises InputError."""
     try:
-        found: Document = _adapter(cast(Any, kind)).validate_json(json.dumps(values, default=str), strict=True)
+        found: Document = _adapter(cast("Any", kind)).validate_json(json.dumps(values, default=str), strict=True)
     except ValidationError as error:
         raise InputError(path, *explain(error, kind)) from None
     except RecursionError:

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.regions import REGIONS
+from anchorpose.body.contact_regions import REGIONS
 from anchorpose.joints import JointState
 from anchorpose.report.chart import Column, Mark, Reading, Row, heading
 from anchorpose.report.curves import step_path

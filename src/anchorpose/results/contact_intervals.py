@@ -8,8 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.contact_regions import Nearness
-from anchorpose.body.regions import REGIONS
+from anchorpose.body.contact_regions import REGIONS, Nearness
 from anchorpose.results.records import Contact
 from anchorpose.settings import NotNegative, Positive, settings
 

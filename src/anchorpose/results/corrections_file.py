@@ -183,7 +183,7 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
 
 def parse_correction(path: Path, values: dict[str, Any]) -> Correction:
     """One correction as in the file; raises InputError with the name ``path``."""
-    found: Correction = validate(path, cast(Any, AnyCorrection), values)
+    found: Correction = validate(path, cast("Any", AnyCorrection), values)
     return found
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.body.regions import REGION_BONES, REGIONS
+from anchorpose.body.contact_regions import REGION_BONES, REGIONS
 from anchorpose.results.records import Contact
 from anchorpose.results.truth import TrueTouch
 

@@ -14,7 +14,7 @@ from anchorpose.results.frame_time import worst_rows
 from anchorpose.results.parquet import TRACK_AGAIN
 
 if TYPE_CHECKING:  # what reads results needs no kernels
-    from anchorpose.body.explained import Explanation
+    from anchorpose.body.explanation import Explanation
 
 PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk with the head."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from anchorpose.body.poor_depth import PoorDepth, PoorKind
+from anchorpose.body.visibility import PoorDepth, PoorKind
 
 _WHERE_ONLY: Final = "joints show where the patient is, not the posture"
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 import pyarrow as pa
 
 from anchorpose import __version__
-from anchorpose.body.regions import REGIONS
+from anchorpose.body.contact_regions import REGIONS
 from anchorpose.errors import InputError
 from anchorpose.joints import JointState
 from anchorpose.recording.json_text import parse_json

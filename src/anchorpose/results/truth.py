@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.body.regions import REGION_BONES
+from anchorpose.body.contact_regions import REGION_BONES
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.recording.array_file import read_arrays

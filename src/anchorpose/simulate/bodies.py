@@ -8,8 +8,7 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 
-from anchorpose.body.kinematics import BodyMesh
-from anchorpose.body.missing import below, stump_of
+from anchorpose.body.kinematics import BodyMesh, below, stump_of
 from anchorpose.recording.subject import MissingPart
 from anchorpose.settings import settings
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.body.missing import missing_joints
+from anchorpose.body.kinematics import missing_joints
 from anchorpose.camera import Camera
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.simulate.captured_patient import draw_captured

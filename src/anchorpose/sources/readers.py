@@ -55,7 +55,7 @@ def open_source(path: Path) -> Source:
 def _readers() -> Iterator[Reader]:
     """Imported one by one: a reader that is not asked costs nothing."""
     for name in READERS:
-        yield cast(Reader, import_module(f"anchorpose.sources.{name}"))
+        yield cast("Reader", import_module(f"anchorpose.sources.{name}"))
 
 
 def _head(path: Path) -> bytes:

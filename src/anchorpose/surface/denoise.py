@@ -144,8 +144,8 @@ def _bilateral(
                 low, high = max(first, -j), min(last, width - j)
                 near = spatial[i - row + radius, j + radius]
                 count = np.uint64(max(high - low, 0))
-                at, there = np.uint64(low), np.uint64(low + j)
-                _add_tap(depth, np.uint64(row), np.uint64(i), at, there, count, near, inverse, total, weights)
+                own, tap = (np.uint64(row), np.uint64(low)), (np.uint64(i), np.uint64(low + j))
+                _add_tap(depth, own, tap, count, near, inverse, total, weights)
         for col in range(first, last):
             if depth[row, col] > 0.0:
                 smooth[row, col] = depth[row, col] + total[col] / weights[col]
@@ -155,17 +155,20 @@ def _bilateral(
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _add_tap(
     depth: np.ndarray,
-    row: Any,
-    i: Any,
-    at: Any,
-    there: Any,
+    own_place: Any,
+    tap_place: Any,
     count: Any,
     near: Any,
     inverse: np.ndarray,
     total: np.ndarray,
     weights: np.ndarray,
 ) -> None:
-    """One neighbour of each pixel of a row; unsigned, so that no index can mean one from the end."""
+    """Add one neighbour of each pixel of a row; unsigned, so that no index can mean one from the end.
+
+    own_place, tap_place: row and column of the first pixel, and of its neighbour.
+    """
+    row, at = own_place
+    i, there = tap_place
     zero, one = np.float32(0.0), np.float32(1.0)
     for k in range(count):
         z = depth[i, there + k]

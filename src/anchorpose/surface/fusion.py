@@ -1,4 +1,4 @@
-"""Several cameras' meshes as one surface: one layer where they see the same skin, linked where one ends.
+"""Fuse the meshes of all cameras into one surface.
 
 Of two nodes on the same skin the one goes that its camera sees less squarely or from farther off. A border of two rings
 stays, and there every node is linked to the corners of the other camera's cell that it falls into.
@@ -14,9 +14,9 @@ import numpy as np
 from numba import njit
 
 from anchorpose.camera import Camera
+from anchorpose.surface.hidden import Pinhole, into_camera, pinhole
 from anchorpose.surface.links import add_links
 from anchorpose.surface.mesh import keep_nodes
-from anchorpose.surface.pinhole import Pinhole, into_camera, pinhole
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geodesic_lower_bound
 
 MAX_OFF_PLANE_M: Any = np.float32(0.015)  # along the normal: clothes and noise; an arm before the trunk is farther

@@ -10,10 +10,9 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.contacts import cut_contacts
 from anchorpose.surface.fusion import fuse
-from anchorpose.surface.hidden import add_hidden_skin
+from anchorpose.surface.hidden import add_hidden_skin, assign_skin, find_ambiguous_skin
 from anchorpose.surface.joins import join_pieces, join_rest
 from anchorpose.surface.mesh import build_surface
-from anchorpose.surface.shown_skin import assign_skin, find_ambiguous_skin
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig
 from anchorpose.threads import each
 

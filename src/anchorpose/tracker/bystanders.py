@@ -15,21 +15,20 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-from anchorpose.body.belief import Pace, PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, evidence_cost
-from anchorpose.body.explained import seen_past
+from anchorpose.body.explanation import seen_past
 from anchorpose.body.initial import find_rough_pose
 from anchorpose.body.limb_search import search_limbs
-from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pose
+from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pace, Pose, PoseBelief, vague_belief
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.shape_prior import child_belief, shape_of_height
 from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
-from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
+from anchorpose.isolation.people import IsolationConfig
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View

@@ -7,19 +7,19 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from anchorpose.association.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.body.config import LearningConfig, RegistrationConfig, UncertaintyConfig, VisibilityConfig
 from anchorpose.calibration.camera_to_camera import PlacingConfig
 from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.calibration.equipment_pose import EquipmentPoseConfig
 from anchorpose.geodesics.anchors import AnchorConfig
-from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.people import IsolationConfig
+from anchorpose.motion.database_file import SHIPPED
+from anchorpose.motion.prediction import MotionConfig
 from anchorpose.results.contact_intervals import ContactConfig
 from anchorpose.settings import Count, Positive, settings
 from anchorpose.surface.surface import SurfaceConfig
-from anchorpose.tracking.motion import MotionConfig
-from anchorpose.tracking.motion_file import SHIPPED
-from anchorpose.tracking.tree import TreeConfig
+from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig
+from anchorpose.track_tree.tree import TreeConfig
 
 HEIGHTS_M: Final = (1.2, 2.2)  # of adults: beyond these the shape model does not reach, and the unit is probably wrong
 

@@ -8,26 +8,25 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.belief import PoseBelief
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.explained import Explanation, explain
+from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.inverse_kinematics import CorrectedJoints
-from anchorpose.body.missing import missing_joints
-from anchorpose.body.poor_depth import PoorDepth, distance_of, poor_depth
-from anchorpose.body.pose import Pose
+from anchorpose.body.kinematics import missing_joints
+from anchorpose.body.pose import Pose, PoseBelief
 from anchorpose.body.registration import Registration
-from anchorpose.body.sensor_noise import finest_patch_m, noise_covariance
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_points
 from anchorpose.body.uncertainty import (
     before_lost_ends,
+    finest_patch_m,
     foreshortened_sigma,
     joint_sigma,
     lost_ends,
+    noise_covariance,
     smeared_sigma,
     unexplained_sigma,
 )
-from anchorpose.body.visibility import joint_states
-from anchorpose.isolation.detail import DepthDetail
+from anchorpose.body.visibility import PoorDepth, distance_of, joint_states, poor_depth
+from anchorpose.isolation.depth_noise import DepthDetail
 from anchorpose.isolation.view import View
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.recording import FrameSet

@@ -6,16 +6,17 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from anchorpose.body.poor_depth import PoorDepth, too_coarse
 from anchorpose.body.skin_points import FittedShape
+from anchorpose.body.visibility import PoorDepth, too_coarse
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import Estimate, nobody_found
+from anchorpose.tracker.observation import Start
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import Search
-from anchorpose.tracker.start import NoStart, Start, find_start
+from anchorpose.tracker.start import NoStart, find_start
 
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15  # frames between searches that fail, doubled each time: one costs thirty frames
 

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.contact_regions import Nearness, find_nearness
-from anchorpose.body.explained import Explanation
-from anchorpose.body.poor_depth import PoorDepth
+from anchorpose.body.explanation import Explanation
 from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.body.skin_points import Body, pose_points
+from anchorpose.body.visibility import PoorDepth
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import JointState
 from anchorpose.recording.recording import FrameSet
@@ -22,7 +22,7 @@ from anchorpose.results.tables import AnchorFrame, JointFrame
 from anchorpose.rotations import quaternions
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import PassResult
 
 LEAST_BONE_M: Final = 1e-6  # a missing one has no length

@@ -18,11 +18,11 @@ from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.reader import read_frame
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.observation import Start
 from anchorpose.tracker.patient_choice import GIVEN_M, Patient, choose_patient, distance_m
-from anchorpose.tracker.room import InitialFrame, Room
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import SeenPerson, Sighting
-from anchorpose.tracker.start import NoStart, Start, find_start, quality
+from anchorpose.tracker.start import NoStart, find_start, quality
 
 CROWDED_M: Final = 1.0  # from axis to axis: an outstretched arm and half a trunk
 MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be taken for one

@@ -7,27 +7,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.association.hypotheses import Hypotheses
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.isolation.scene import Scene
+from anchorpose.motion.database_file import load_motions
 from anchorpose.recording.recording import FrameSet, Recording
-from anchorpose.tracker.association import GlobalHypothesis
+from anchorpose.track_tree.global_hypothesis import GlobalHypothesis
+from anchorpose.track_tree.hypotheses import Hypotheses
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.initial_frame import rank_initial_frames
-from anchorpose.tracker.isolating import observe_first
 from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.observing import observe_first
 from anchorpose.tracker.passes import Route, learn_on, plan_route
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.prior_shape import ORDINARY_HEIGHT_M, ordinary_height_m
-from anchorpose.tracker.room import InitialFrame, Room
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import sight_people
-from anchorpose.tracking.motion_file import load_motions
 
 MOST_FOLLOWED = 60  # frames, half a minute of work, from the recording's initial frame; farther away one nearby is used
 NEARBY, NEARBY_SAMPLES = 45, 10  # frames before the inspected one, and how many of them are tried as initial frame

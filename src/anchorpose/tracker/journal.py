@@ -1,4 +1,13 @@
-"""What a run has done so far, on disk: a run that was killed goes on from there and ends with the same bytes.
+"""Store the frames of a run as it goes, so that a killed run goes on: values as bytes, in blocks that are checked.
+
+Bytes name no code to run. Which class an object gets is stated by the annotation of the attribute that holds it, so
+that classes that are stored declare their attributes: dataclasses and named tuples anyway, others in their body.
+
+The tree has null, booleans, numbers and texts as they are, the value of an enumeration's member, a list for each
+container, and for all else an object with one key: ``{"Pose": {"root_m": ...}}`` an object of a class, ``{"again": 3}``
+the fourth of them once more, ``{"shared": "run"}`` an object that the reader has, ``{"array": 5}`` an array, ``number``
+and ``bytes`` a scalar of numpy and bytes that are stored as an array. Objects and arrays keep their identity within one
+value, containers do not.
 
 Each pass stores its frames in blocks and, with each block, what the next frame needs. A run always goes on with what it
 has just stored and read back, so that one that was killed has the same numbers as one that was not.
@@ -8,16 +17,178 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 import os
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from enum import Enum
+from functools import cache
+from io import BytesIO
+from itertools import repeat
 from pathlib import Path
-from typing import Any, Final, Generic, TypeVar
+from types import UnionType
+from typing import Any, Final, Generic, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.recording.json_text import parse_json
 from anchorpose.recording.regular_file import LARGEST_ARRAYS, is_there, read_whole
 from anchorpose.results.folder import naming_place
-from anchorpose.tracker.stored_value import read_value, write_value
+
+NUMBERS: Final = "biuf"  # kinds of dtype: boolean, integers, floats; all others are refused
+ALSO: Final = {
+    float: (int, np.floating, np.integer),
+    int: (np.integer,),
+    bool: (np.bool_,),
+}
+"""What stands in a field besides what it declares, as for type checkers."""
+
+
+def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) -> None:
+    """Writes a value at the end of ``stream``; shared: objects by name that are stored as these names."""
+    writer = _Writer(shared)
+    tree = np.frombuffer(json.dumps(writer.node(value), separators=(",", ":")).encode(), np.uint8)
+    for array in (tree, *writer.arrays):
+        np.lib.format.write_array(stream, array, allow_pickle=False)
+
+
+def read_value(stream: BytesIO, kind: Any, shared: Mapping[str, object]) -> Any:
+    """Reads what ``write_value`` wrote, from here to the end of ``stream``, as a value of the type ``kind``.
+
+    Raises ValueError where it holds no such value.
+    """
+    try:
+        tree, *arrays = _read_arrays(stream)
+        return _Reader(arrays, shared).value(parse_json(tree.tobytes()), kind)
+    except Exception as error:  # of json, of numpy, or of a tree that has something else at a place
+        raise ValueError(f"holds no value of the type {kind} ({error!r})") from error
+
+
+def _read_arrays(stream: BytesIO) -> list[np.ndarray]:
+    arrays, end = list[np.ndarray](), stream.getbuffer().nbytes
+    while stream.tell() < end:
+        array = np.lib.format.read_array(stream, allow_pickle=False)
+        if array.dtype.kind not in NUMBERS:
+            raise ValueError(f"has an array of {array.dtype}")
+        arrays.append(array)
+    return arrays
+
+
+class _Writer:
+    def __init__(self, shared: Mapping[str, object]) -> None:
+        self.arrays: list[np.ndarray] = []
+        self._known: dict[int, dict[str, Any]] = {id(value): {"shared": name} for name, value in shared.items()}
+        self._objects = 0
+
+    def node(self, value: Any) -> Any:
+        """The value as it stands in the tree."""
+        if value is None or type(value) in (bool, int, float, str):
+            return value
+        if isinstance(value, Enum):
+            return value.value  # a field may be declared as a number or a text, and hold a member that is one
+        if isinstance(value, dict):
+            return [[self.node(key), self.node(item)] for key, item in value.items()]
+        if isinstance(value, deque):
+            return [value.maxlen, *map(self.node, value)]
+        if isinstance(value, tuple | list | set | frozenset):
+            return [self.node(item) for item in value]
+        if isinstance(value, bytes):
+            return self._array("bytes", np.frombuffer(value, np.uint8))
+        if isinstance(value, np.generic):
+            return self._array("number", np.asarray(value))
+        if id(value) not in self._known:
+            return self._array("array", value) if isinstance(value, np.ndarray) else self._object(value)
+        return self._known[id(value)]  # met before, or shared
+
+    def _array(self, word: str, array: np.ndarray) -> dict[str, Any]:
+        self._known[id(array)] = node = {word: len(self.arrays)}
+        self.arrays.append(array)
+        return node
+
+    def _object(self, value: Any) -> dict[str, Any]:
+        self._known[id(value)] = {"again": self._objects}
+        self._objects += 1
+        if is_dataclass(value):
+            state = {field.name: getattr(value, field.name) for field in fields(value)}
+        else:
+            state = value.__getstate__()
+        return {type(value).__name__: {name: self.node(item) for name, item in state.items()}}
+
+
+class _Reader:
+    def __init__(self, arrays: list[np.ndarray], shared: Mapping[str, object]) -> None:
+        self._arrays, self._shared = arrays, shared
+        self._objects: list[object] = []
+
+    def value(self, node: Any, kind: Any) -> Any:
+        """The value of a node of the tree, of this type or, where it is a union, of one of its types."""
+        kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+        if isinstance(node, dict):
+            found = self._named(node, kinds)
+        elif isinstance(node, list):
+            found = self._container(node, kinds)
+        else:
+            found = next((each(node) for each in kinds if node is not None and _is(each, Enum)), node)
+        classes = tuple(get_origin(each) or each for each in kinds)
+        if not isinstance(found, classes + sum((ALSO.get(each, ()) for each in classes), ())):
+            raise ValueError(f"has a {type(found).__name__} in the place of {kind}")
+        if isinstance(found, bool) and bool not in classes:
+            raise ValueError(f"has a truth value in the place of {kind}")
+        return found
+
+    def _named(self, node: dict[str, Any], kinds: tuple[Any, ...]) -> Any:
+        ((word, item),) = node.items()
+        if word == "shared":
+            return self._shared[item]
+        if word == "again":
+            return self._objects[item]
+        if word == "array":
+            return self._arrays[item]
+        if word == "number":
+            return self._arrays[item][()]
+        if word == "bytes":
+            return self._arrays[item].tobytes()
+        return self._object(item, next(each for each in kinds if _is(each, object) and each.__name__ == word))
+
+    def _object(self, node: dict[str, Any], kind: type) -> object:
+        declared = _declared(kind)
+        if not declared or declared.keys() != node.keys():
+            raise ValueError(f"has a {kind.__name__} with the attributes {list(node)}")
+        made: object = object.__new__(kind)
+        self._objects.append(made)
+        for name, item in node.items():
+            object.__setattr__(made, name, self.value(item, declared[name]))
+        return made
+
+    def _container(self, node: list[Any], kinds: tuple[Any, ...]) -> Any:
+        kind = next(each for each in kinds if _is(get_origin(each) or each, (tuple, list, dict, set, frozenset, deque)))
+        make, of = get_origin(kind) or kind, get_args(kind)
+        if make is deque:
+            return deque(self._items(node[1:], repeat(of[0])), self.value(node[0], int | None))
+        if make is dict:
+            return {self.value(key, of[0]): self.value(item, of[1]) for key, item in node}
+        if make is tuple and of[-1] is not ...:
+            return tuple(self._items(node, of))
+        if _declared(make):  # a named tuple
+            return make(*self._items(node, _declared(make).values()))
+        return make(self._items(node, repeat(of[0])))
+
+    def _items(self, node: list[Any], kinds: Iterable[Any]) -> list[Any]:
+        """The values of a list's nodes; kinds: of each, or one for all."""
+        return [self.value(item, kind) for item, kind in zip(node, kinds, strict=not isinstance(kinds, repeat))]
+
+
+def _is(kind: Any, base: type | tuple[type, ...]) -> bool:
+    return isinstance(kind, type) and issubclass(kind, base)
+
+
+@cache
+def _declared(kind: type) -> dict[str, Any]:
+    """The types of a class's attributes by name."""
+    return get_type_hints(kind)
+
 
 Item = TypeVar("Item")
 

@@ -1,28 +1,274 @@
-"""Watches how well the pose explains each frame, and has limbs looked for again where it does not."""
+"""Watch how well the pose explains each frame, and find limbs again: on uncovered skin or on other people's pixels.
+
+A therapist who stands behind a patient's leg, or a person who walks past an arm, leaves pixels with a wrong label, and
+a wrong label is remembered. Where a limb of the patient is nowhere seen, or lies on pixels that continue another
+person, it is looked for on all skin of other people that their own bodies leave unexplained. It is claimed if it
+explains the frame better there and continues the patient rather than the other person.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from anchorpose.body.anchor_limbs import contradicted_by
-from anchorpose.body.belief import UNSEEN_S, PoseBelief
+import numpy as np
+from scipy.spatial import cKDTree
+
+from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
-from anchorpose.body.evidence import evidence_cost
-from anchorpose.body.explained import Explanation, explain
-from anchorpose.body.inverse_kinematics import exchange_crossed_legs
-from anchorpose.body.limb_proposals import Chain
-from anchorpose.body.limb_search import needs_search, search_limbs
-from anchorpose.body.pose import Pose
-from anchorpose.body.registration import Registration, register
+from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_cost
+from anchorpose.body.explanation import Explanation, explain, limb_of_points
+from anchorpose.body.inverse_kinematics import exchange_crossed_legs, pose_from_joints
+from anchorpose.body.limb_proposals import CHAINS, REACH_SLACK_M, Chain, contradicted_by, end_points, reaching
+from anchorpose.body.limb_search import MOST_UNUSUAL, TRIAL_NODES, needs_search, rarity, search_limbs
+from anchorpose.body.pose import TRUNK, UNSEEN_S, Pose, PoseBelief
+from anchorpose.body.registration import Registration, descend, register
 from anchorpose.body.skin_points import Body, pose_points
-from anchorpose.tracker.claims import claim_limb, hidden_limbs, limbs_in_doubt
-from anchorpose.tracker.isolating import relabelled
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.surface.surface import Surface
+from anchorpose.threads import each
+from anchorpose.tracker.bystanders import COARSE, unconnected_surface
+from anchorpose.tracker.continuity import limb_borders, relabelled_limb
 from anchorpose.tracker.observation import Isolated, Observation
+from anchorpose.tracker.observing import Window, relabelled
 from anchorpose.tracker.rivals import Rival
-from anchorpose.tracker.run import Run
-from anchorpose.tracker.window import Window
+from anchorpose.tracker.room import Run
+
+EXPLAINED_M: Final = 0.07  # from a bystander's rough body: clothes, and a body of ordinary shape
+HIDDEN_SHARE: Final = 0.15  # a limb with less of its end's skin on seen nodes is nowhere seen
+SEEN_SHARE: Final = 0.3  # an upper arm or thigh with so much skin on seen nodes says where elbow or knee is
+PLACES: Final = 20  # where the end of a limb is tried, spread over the free skin in its reach
+SHANK_SLACK_M: Final = 0.15  # of the end's distance from a known knee or elbow
+MIDDLES: Final = 8  # where elbow or knee is tried: the end leaves a circle for it, in steps of a limb's width
+MIDDLE_SLACK_M: Final = 0.10  # of the elbow's or knee's distance from shoulder or hip: skin, and a trunk that leans
+REACHES_M: Final = (0.20, 0.15, 0.10, 0.07, 0.06)  # of each step from a tried place on: places are 0.2 m apart
+ALONG_M: Final = 0.10  # free nodes so near the limb's skin are looked at
+CLAIMED_M: Final = 0.06  # pixels so near it are the limb's
+LEAST_COVERING: Final = 0.2  # share of the limb's end that must lie on free nodes: half of what one camera sees
+COMPARED_REACH_M: Final = 0.15  # at which poses are compared, as in a search for limbs
+LEAST_NODES: Final = 25  # of free skin on a limb: half a shank that one camera sees
+LEAST_GAIN_NODES: Final = 5  # that the limb must explain besides, after what a registered pose explains better
+REFINED: Final = 3  # of the places tried: registered once more with the free nodes near the limb as it lies then
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Claim:
+    """A limb found among other people's pixels: the pose, the belief it is to be judged by, and the new labels."""
+
+    pose: Pose
+    uncertain: PoseBelief
+    views: tuple[View | None, ...]
+
+
+def hidden_limbs(body: Body, explanation: Explanation) -> list[Chain]:
+    """The limbs of whose end nothing is seen."""
+    return [chain for chain in CHAINS if explanation.covering[end_points(body.points, chain)].mean() < HIDDEN_SHARE]
+
+
+def limbs_in_doubt(body: Body, pose: Pose, explanation: Explanation, seen: Observation) -> list[Chain]:
+    """The limbs that are nowhere seen, or that lie on pixels which continue another person."""
+    views = seen.evidence.views
+    if not any(view is not None and (view.labels >= PixelLabel.OTHER_PERSON).any() for view in views):
+        return []
+    borders, hidden = limb_borders(body, pose, seen.pieces, views), hidden_limbs(body, explanation)
+    return [chain for chain in CHAINS if chain in hidden or borders[chain].doubtful]
+
+
+def claim_limb(
+    body: Body,
+    limbs: Sequence[Chain],
+    found: Registration,
+    predicted: PoseBelief,
+    explanation: Explanation,
+    seen: Observation,
+    run: Run,
+) -> Claim | None:
+    """The limb of those in doubt that other people's unexplained skin shows most of; None without one."""
+    pose, config = found.belief.pose, run.config.registration
+    free = _free_surface(seen, run)
+    if len(free) < LEAST_NODES:
+        return None
+    uncertain = predicted.later(predicted.pose, UNSEEN_S)
+    trial = replace(config, reaches_m=REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
+    best: Claim | None = None
+    most = LEAST_GAIN_NODES * unexplained_node_cost(COMPARED_REACH_M, trial)
+    trying = _Trying(body, pose, uncertain, _open_to(seen.evidence, free), free, trial)
+    for chain in limbs:
+        for tried, gain in trying.best_of(chain, _starts(body, pose, chain, explanation, free)):
+            if gain <= most:
+                break
+            views = relabelled_limb(body, pose, tried, chain, seen)
+            if views is not None:
+                best, most = Claim(tried, replace(uncertain, pose=tried), views), gain
+                break
+    return best
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trying:
+    """What every trial of one frame needs."""
+
+    body: Body
+    pose: Pose
+    uncertain: PoseBelief
+    evidence: Evidence
+    free: Surface
+    config: RegistrationConfig
+
+    def best_of(self, chain: Chain, starts: Iterable[Pose]) -> list[tuple[Pose, float]]:
+        """The poses that explain most when registered, and how much more, the best first; a few are refined."""
+        tried = sorted(each(lambda start: self.settled(start, chain), starts), key=lambda one: -one[1])
+        refined = [
+            max((self.settled(pose, chain), (pose, gain)), key=lambda one: one[1]) for pose, gain in tried[:REFINED]
+        ]
+        return sorted(refined, key=lambda one: -one[1])
+
+    def settled(self, start: Pose, chain: Chain) -> tuple[Pose, float]:
+        """A pose registered, with the free nodes near the limb, and its ``gain_of``."""
+        near = self._near(start, chain, 2.0 * ALONG_M)
+        if len(near) < LEAST_NODES:
+            return start, -np.inf
+        evidence = _with_nodes(self.evidence, self.free, near)
+        tried = descend(self.body, start, replace(self.uncertain, pose=start), evidence, self.config)
+        return tried, self.gain_of(tried, chain)
+
+    def gain_of(self, tried: Pose, chain: Chain) -> float:
+        """How much more of the frame a pose explains than the present one.
+
+        Both are compared on the patient's nodes and the free ones along the new limb. -inf where too little of the limb
+        lies on free nodes, or the limb would be bent as people hardly bend.
+        """
+        along = self._near(tried, chain, ALONG_M)
+        if len(along) < LEAST_NODES or self._covering(tried, chain, along) < LEAST_COVERING:
+            return -np.inf
+        if rarity(self.body, tried) > rarity(self.body, self.pose) + MOST_UNUSUAL:
+            return -np.inf
+        evidence, reach_m = _with_nodes(self.evidence, self.free, along), COMPARED_REACH_M
+        before, after = (evidence_cost(self.body, pose, evidence, reach_m, self.config) for pose in (self.pose, tried))
+        return before - after
+
+    def _near(self, pose: Pose, chain: Chain, within_m: float) -> np.ndarray:
+        """Free nodes near the limb's end."""
+        skin = cKDTree(pose_points(self.body, pose).points_m[end_points(self.body.points, chain)])
+        away, _ = skin.query(self.free.points_m, distance_upper_bound=within_m)
+        return np.flatnonzero(np.isfinite(away))
+
+    def _covering(self, pose: Pose, chain: Chain, nodes: np.ndarray) -> float:
+        """Share of the skin of the limb's end that lies on free nodes."""
+        skin = pose_points(self.body, pose).points_m[end_points(self.body.points, chain)]
+        away, _ = cKDTree(self.free.points_m[nodes]).query(skin, distance_upper_bound=CLAIMED_M)
+        return float(np.isfinite(away).mean())
+
+
+def _starts(body: Body, pose: Pose, chain: Chain, explanation: Explanation, free: Surface) -> Iterator[Pose]:
+    """Poses with the limb's end, or its elbow or knee, on free skin, spread over all that each can reach."""
+    joints = body.joints(pose)
+    end, middle, root = (joints[JOINT_INDEX[name]] for name in (chain.joints[1], chain.joints[2], chain.root))
+    upper_m, lower_m = float(np.linalg.norm(middle - root)), float(np.linalg.norm(end - middle))
+    points = free.points_m.astype(np.float64)
+    away = np.linalg.norm(points - root, axis=1)
+    possible = away < upper_m + lower_m + REACH_SLACK_M
+    upper = np.setdiff1d(end_points(body.points, chain, whole=True), end_points(body.points, chain))
+    if explanation.covering[upper].mean() >= SEEN_SHARE:
+        possible &= np.abs(np.linalg.norm(points - middle, axis=1) - lower_m) < SHANK_SLACK_M
+    for place in spread_out(points[possible], PLACES):
+        yield reaching(body, pose, chain, place)
+    near_middle = (np.abs(away - upper_m) < MIDDLE_SLACK_M) & (
+        np.abs(np.linalg.norm(points - end, axis=1) - lower_m) < SHANK_SLACK_M
+    )
+    for place in spread_out(points[near_middle], MIDDLES):
+        yield bent_at(body, pose, chain, place)
+
+
+def bent_at(body: Body, pose: Pose, chain: Chain, place_m: np.ndarray) -> Pose:
+    """The pose with the elbow or knee of one limb at a place (3,), and the limb's end where it is."""
+    wanted = body.joints(pose)
+    wanted[JOINT_INDEX[chain.joints[2]]] = place_m
+    for _ in range(4):
+        pose = pose_from_joints(body, pose, wanted)
+    return pose
+
+
+def spread_out(points_m: np.ndarray, count: int) -> np.ndarray:
+    """(k, 3) up to ``count`` of the points (n, 3), each as far as possible from those before."""
+    chosen = list[np.ndarray]()
+    away = np.full(len(points_m), np.inf)
+    while len(chosen) < min(count, len(points_m)):
+        chosen.append(points_m[0] if not chosen else points_m[int(np.argmax(away))])
+        away = np.minimum(away, np.linalg.norm(points_m - chosen[-1], axis=1))
+    return np.array(chosen).reshape(-1, 3)
+
+
+def _free_surface(seen: Observation, run: Run) -> Surface:
+    """Nodes of other people's pixels that no trunk or head of theirs explains."""
+    views, cameras = seen.evidence.views, run.room.cameras
+    masks = [None if view is None else view.labels >= PixelLabel.OTHER_PERSON for view in views]
+    surface = unconnected_surface([None if view is None else view.depth_m for view in views], masks, cameras)
+    label = np.zeros(len(surface), np.uint8)
+    for number, view in enumerate(views):
+        if view is not None:
+            mine = surface.camera == number
+            row, column = surface.pixel[mine].T
+            label[mine] = view.labels[row, column]
+    kept = np.ones(len(surface), dtype=bool)
+    for one in seen.bystanders.followed:
+        mine = np.flatnonzero(label == one.label)
+        if len(mine):
+            skin = pose_points(one.body, one.belief.pose).points_m
+            _, nearest = cKDTree(skin).query(surface.points_m[mine], distance_upper_bound=EXPLAINED_M)
+            kept[mine[np.append(limb_of_points(one.body.points), -1)[nearest] == TRUNK]] = False
+    return _chosen(surface, np.flatnonzero(kept))
+
+
+def _open_to(evidence: Evidence, free: Surface) -> Evidence:
+    """The evidence with outlines in which the patient may also be where skin is free."""
+    outlines = list(evidence.outlines)
+    for number, outline in enumerate(outlines):
+        if outline is not None:
+            opened = outline.copy()
+            row, column = free.pixel[free.camera == number].T.astype(np.int64)
+            for d_r in range(COARSE.step):
+                for d_c in range(COARSE.step):
+                    opened[np.minimum(row + d_r, len(opened) - 1), np.minimum(column + d_c, opened.shape[1] - 1)] = True
+            outlines[number] = opened
+    return replace(evidence, outlines=tuple(outlines))
+
+
+def _chosen(surface: Surface, nodes: np.ndarray) -> Surface:
+    """Some nodes of a surface without edges."""
+    count = len(nodes)
+    return replace(
+        surface,
+        points_m=surface.points_m[nodes],
+        normals=surface.normals[nodes],
+        ring=np.full((count, 8), -1, np.int32),
+        link_start=np.zeros(count + 1, np.int32),
+        camera=surface.camera[nodes],
+        pixel=surface.pixel[nodes],
+        skin=surface.skin[nodes],
+    )
+
+
+def _with_nodes(evidence: Evidence, free: Surface, nodes: np.ndarray) -> Evidence:
+    """The evidence with some of the free nodes beside the patient's."""
+    own, more = evidence.surface, _chosen(free, nodes)
+    count = len(own) + len(more)
+    surface = replace(
+        own,
+        points_m=np.concatenate([own.points_m, more.points_m]),
+        normals=np.concatenate([own.normals, more.normals]),
+        ring=np.full((count, 8), -1, np.int32),
+        link_start=np.zeros(count + 1, np.int32),
+        link_node=np.zeros(0, np.int32),
+        link_length_m=np.zeros(0, np.float32),
+        camera=np.concatenate([own.camera, more.camera]),
+        pixel=np.concatenate([own.pixel, more.pixel]),
+        skin=np.full(count, -1, np.int32),
+    )
+    return replace(evidence, surface=surface)
+
 
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing, each as long as three frames
 LONGEST_CLAIM_PAUSE: Final = 8  # a claim that is tried in vain takes as long as six frames

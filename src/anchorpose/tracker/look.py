@@ -1,4 +1,8 @@
-"""Who is seen in the sampled frames: mirrors are walls, the patient is chosen, and must have the shape of a person."""
+"""Look through sampled frames before tracking: who is in the room, who is a mirror image, where tracking may begin.
+
+A person beyond a wall may also be in the next room. A mirror image has a twin: the reflection in the wall's plane is
+where another person is, in most of the sampled frames, however both move.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +13,153 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.constraints import thin
+from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.isolation.background import BackgroundSource
+from anchorpose.isolation.people import PatientChoice
+from anchorpose.isolation.room_planes import Wall, find_walls, with_wall
 from anchorpose.isolation.scene import Scene
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.initial_frame import rank_initial_frames
-from anchorpose.tracker.mirrors import find_mirrors, through_a_gap, with_mirrors
-from anchorpose.tracker.patient_choice import STAYS_M
+from anchorpose.tracker.patient_choice import BEFORE_M, CHEST_M, STAYS_M
 from anchorpose.tracker.room import NOBODY_SEEN, InitialFrame
-from anchorpose.tracker.sighting import ONE_PERSON, Sighting, body_of_chosen, shows_limbs_alone, sight_people
+from anchorpose.tracker.sighting import (
+    ONE_PERSON,
+    SeenPerson,
+    Sighting,
+    body_of_chosen,
+    shows_limbs_alone,
+    sight_people,
+)
 from anchorpose.tracker.start import NoStart
+
+TWIN_M: Final = 0.35  # from the reflection to the twin, over the floor: bodies seen from front and back
+LEAST_TWINS: Final = 3  # frames: two people who pass each other may be alike in one or two
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mirror:
+    """A gap (height, width) in a wall, in the scene with a number, that shows images: in ``twins`` of ``shown`` frames
+    with a person beyond it the twin is seen as well."""
+
+    scene: int
+    wall: Wall
+    gap: np.ndarray
+    twins: int
+    shown: int
+
+    def is_in(self, other: Mirror) -> bool:
+        """Whether two planes of one wall have the same gap."""
+        return self.scene == other.scene and bool((self.gap & other.gap).any())
+
+    @property
+    def sentence(self) -> str:
+        """For the run's notes."""
+        away_m = self.wall.offset_m - self.wall.normal @ self.wall.camera.position_m
+        return (
+            f"a mirror was found {away_m:.1f} m from camera {self.wall.camera.name}: in {self.twins} of {self.shown} "
+            "frames with a person beyond this wall, another person is as far before it; nobody is looked for in it"
+        )
+
+
+def find_mirrors(
+    sightings: Sequence[Sighting], scenes: Sequence[Scene], patient_xz_m: tuple[float, float] | None
+) -> list[Mirror]:
+    """The mirrors in which people are seen; none beyond whose plane the user named the patient's place."""
+    if max((len(sighting.people) for sighting in sightings), default=0) < 2:
+        return []
+    found = list[Mirror]()
+    for number, scene in enumerate(scenes):
+        for wall in find_walls(scene):
+            named = None if patient_xz_m is None else np.array([patient_xz_m[0], 0.0, patient_xz_m[1]])
+            if named is None or wall.beyond_m(named) < 0.0:
+                mirrors = _mirrors_in(wall, number, sightings, [one.camera for one in scenes])
+                found += [one for one in mirrors if not any(one.is_in(other) for other in found)]
+    return found
+
+
+def with_mirrors(scenes: Sequence[Scene], mirrors: Sequence[Mirror]) -> tuple[Scene, ...]:
+    """The scenes with walls in place of mirrors."""
+    changed = list(scenes)
+    for mirror in mirrors:
+        changed[mirror.scene] = with_wall(changed[mirror.scene], mirror.wall, mirror.gap)
+    return tuple(changed)
+
+
+def through_a_gap(choice: PatientChoice, sightings: Sequence[Sighting], scenes: Sequence[Scene]) -> str | None:
+    """That the patient who was chosen is seen through a gap in a wall; None where not."""
+    people = next(sighting.people for sighting in sightings if sighting.frame == choice.frame)
+    patient = min(people, key=lambda one: float(np.linalg.norm(one.person.ground_xz_m - choice.ground_xz_m)))
+    for scene in scenes:
+        for wall in find_walls(scene):
+            gap = _gap_before(patient, wall)
+            if gap is not None and wall.frames(gap):
+                return (
+                    "the patient is seen through a gap in a wall: a doorway or a window, or a mirror, which exchanges "
+                    "left and right; nobody was seen before it who would be reflected so"
+                )
+    return None
+
+
+def _gap_before(one: SeenPerson, wall: Wall) -> np.ndarray | None:
+    """(height, width) bool: the gap in a wall through which a person beyond it is seen; None for who is not."""
+    middle = _middle(one)
+    return wall.gap_before(middle) if wall.beyond_m(middle) > TWIN_M else None
+
+
+def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> list[Mirror]:
+    """Each gap of a wall with a twin before it, in most of the frames that could show one."""
+    gaps, twins, shown = list[np.ndarray](), list[int](), list[int]()
+    for sighting in sightings:
+        for one in sighting.people:
+            gap = _gap_before(one, wall)
+            has_twin = None if gap is None else _has_twin(one, sighting, wall, cameras)
+            if gap is None or has_twin is None:
+                continue
+            known = next((k for k, other in enumerate(gaps) if (other & gap).any()), len(gaps))
+            if known == len(gaps):
+                gaps, twins, shown = [*gaps, gap], [*twins, 0], [*shown, 0]
+            twins[known] += has_twin
+            shown[known] += 1
+    return [
+        Mirror(number, wall, gap, with_twin, count)
+        for gap, with_twin, count in zip(gaps, twins, shown, strict=True)
+        if with_twin >= LEAST_TWINS and 2 * with_twin > count
+    ]
+
+
+def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequence[Camera]) -> bool | None:
+    """Whether a person stands where a mirror image would come from; None where nobody could be seen there."""
+    x, z = image.place_xz_m
+    middle = wall.reflected(np.array([x, _middle(image)[1], z]))
+    others = [one.place_xz_m for one in sighting.people if one is not image]
+    if any(np.linalg.norm(other - middle[[0, 2]]) < TWIN_M for other in others):
+        return True
+    chest = image.person.top_m - CHEST_M
+    axis = np.column_stack([np.full(len(chest), middle[0]), chest, np.full(len(chest), middle[2])])
+    return False if _seen_past(axis, sighting.depths_m, cameras) else None
+
+
+def _middle(one: SeenPerson) -> np.ndarray:
+    """(3,) the middle of what is seen of a person, at its axis."""
+    person = one.person
+    return np.array([person.ground_xz_m[0], (person.bottom_m + person.top_m) / 2.0, person.ground_xz_m[1]])
+
+
+def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
+    """Whether a camera that has most of the points (n, 3) in view sees farther than most of them."""
+    for depth_m, camera in zip(depths_m, cameras, strict=True):
+        if depth_m is None:
+            continue
+        in_camera = transform_points(invert_rigid(camera.require_pose()), points_m)
+        column, row, inside = camera.pixel_of(in_camera)
+        past = inside & (depth_m[row, column] > in_camera[:, 2] + BEFORE_M)
+        if np.mean(inside) > 0.5 and np.mean(past[inside]) > 0.5:
+            return True
+    return False
+
 
 CHECKED: Final = 5  # frames with a body each: of real people 5 of 5 show one, of a wheelchair that is pushed 1 or 2
 NOT_A_PERSON: Final = "what moved in the sampled frames has not the shape of a person"

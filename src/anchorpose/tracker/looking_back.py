@@ -18,7 +18,7 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.frame_record import Kept
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import APART_M, PassResult, cheapest_course, course_of, pass_result, seen_less
 from anchorpose.tracker.start import turn_round
 

@@ -1,4 +1,4 @@
-"""What one frame shows of the patient: isolation, surface and geodesics, one function per stage."""
+"""Hold what one frame shows of the patient: where they were expected, who is who, surface, anchors, evidence."""
 
 from __future__ import annotations
 
@@ -6,23 +6,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from anchorpose.body.evidence import Evidence, gather_evidence
-from anchorpose.body.missing import missing_anchors
-from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors
-from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.body.evidence import Evidence
+from anchorpose.body.pose import PoseBelief
+from anchorpose.body.skin_points import FittedShape
+from anchorpose.geodesics.anchors import Anchors, SeenGeodesics, anchor_descriptor
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
 from anchorpose.isolation.bystander_memory import BystanderMemory
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import View
 from anchorpose.recording.recording import FrameSet
-from anchorpose.surface.border import Border, border
-from anchorpose.surface.patient_surface import blank_view, patient_surface
-from anchorpose.surface.surface import ExpectedSkin, Surface, seen_part
+from anchorpose.surface.border import Border
+from anchorpose.surface.surface import ExpectedSkin, Surface
 from anchorpose.tracker.bystanders import (
     Bystanders,
 )
-from anchorpose.tracker.room import FACING, UP
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.stopwatch import Stopwatch
 
 LEAST_TRUSTED = 4  # three tell nodes apart (paper, Section IV-D), four make two subsets; with fewer a node keeps all
 
@@ -72,6 +70,37 @@ class SeenSurface:
     evidence: Evidence
 
 
+class AnchorDistances:
+    """The distances of the seen nodes to the anchors, computed when they are first asked for: most frames need none."""
+
+    _surface: SeenSurface
+    _anchors: Anchors
+    _trusted_only: bool
+    _stopwatch: Stopwatch
+    _found: np.ndarray | None
+
+    def __init__(self, surface: SeenSurface, anchors: Anchors, trusted_only: bool, stopwatch: Stopwatch) -> None:
+        self._surface, self._anchors = surface, anchors
+        self._trusted_only, self._stopwatch = trusted_only, stopwatch
+        self._found = None
+
+    def of_seen_nodes(self) -> np.ndarray:
+        """(n, 5) as ``Observation.descriptor``."""
+        if self._found is None:
+            with self._stopwatch.stage("geodesics"):
+                self._found = self._compute()
+        return self._found
+
+    def _compute(self) -> np.ndarray:
+        whole, cut = self._surface.whole, self._surface.border == Border.CUT
+        descriptor = anchor_descriptor(whole, self._anchors)
+        if self._trusted_only:
+            trusted = trusted_anchors(whole, descriptor, cut)
+            trusted |= trusted.sum(axis=1, keepdims=True) < LEAST_TRUSTED
+            descriptor = np.where(trusted, descriptor, np.nan).astype(np.float32)
+        return descriptor[: len(self._surface.evidence.surface)]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
     """One frame after the stages up to geodesics.
@@ -110,84 +139,11 @@ class Observation:
         return SeenGeodesics(self.whole, self.anchors, self.descriptor)
 
 
-def observe(
-    frame_set: FrameSet, isolated: Isolated, expected: Expectation | None, height_m: float, run: Run
-) -> Observation:
-    """Surface and anchors of a frame whose people are isolated. height_m: what the anchors' distances are scaled by."""
-    surface = see_surface(isolated, expected, run)
-    anchors = see_anchors(surface, expected, height_m, run)
-    return gather(frame_set, expected, isolated, surface, anchors, run)
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """The first frame of a track: what was seen, the body, the belief in its pose."""
 
-
-def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> SeenSurface:
-    """The patient's surface from the patient's pixels; the expected skin says where it is cut and closed."""
-    cameras = run.room.cameras
-    shown = [blank_view(camera) if view is None else view for view, camera in zip(isolated.views, cameras, strict=True)]
-    with run.stage("surface"):
-        whole = patient_surface(shown, cameras, None if expected is None else expected.skin, run.config.surface)
-        kind = border(whole, shown)
-        seen = seen_part(whole)
-    with run.stage("registration"):
-        evidence = gather_evidence(seen, isolated.views, cameras, run.room.calibration.floor_height_m)
-    return SeenSurface(whole, kind, evidence)
-
-
-def see_anchors(surface: SeenSurface, expected: Expectation | None, height_m: float, run: Run) -> Anchors:
-    """Head, hands and feet, as the picture shows them."""
-    with run.stage("geodesics"):
-        facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
-        cut = surface.border == Border.CUT
-        missing = missing_anchors(run.room.recording.subject.missing)
-        return find_anchors(surface.whole, UP, facing, height_m, cut, places, run.config.anchors, missing)
-
-
-class AnchorDistances:
-    """The distances of the seen nodes to the anchors, computed when they are first asked for: most frames need none."""
-
-    _surface: SeenSurface
-    _anchors: Anchors
-    _run: Run
-    _found: np.ndarray | None
-
-    def __init__(self, surface: SeenSurface, anchors: Anchors, run: Run) -> None:
-        self._surface, self._anchors, self._run = surface, anchors, run
-        self._found = None
-
-    def of_seen_nodes(self) -> np.ndarray:
-        """(n, 5) as ``Observation.descriptor``."""
-        if self._found is None:
-            with self._run.stage("geodesics"):
-                self._found = self._compute()
-        return self._found
-
-    def _compute(self) -> np.ndarray:
-        whole, cut = self._surface.whole, self._surface.border == Border.CUT
-        descriptor = anchor_descriptor(whole, self._anchors)
-        if self._run.config.hypotheses.trusted_only:
-            trusted = trusted_anchors(whole, descriptor, cut)
-            trusted |= trusted.sum(axis=1, keepdims=True) < LEAST_TRUSTED
-            descriptor = np.where(trusted, descriptor, np.nan).astype(np.float32)
-        return descriptor[: len(self._surface.evidence.surface)]
-
-
-def gather(
-    frame_set: FrameSet,
-    expected: Expectation | None,
-    isolated: Isolated,
-    surface: SeenSurface,
-    anchors: Anchors,
-    run: Run,
-) -> Observation:
-    """The stages' results of one frame in one value."""
-    return Observation(
-        frame_set,
-        expected,
-        surface.evidence,
-        surface.whole,
-        anchors,
-        AnchorDistances(surface, anchors, run),
-        surface.border[: len(surface.evidence.surface)],
-        isolated.pieces,
-        isolated.memory,
-        isolated.bystanders,
-    )
+    observation: Observation
+    shape: FittedShape
+    belief: PoseBelief
+    explained: float

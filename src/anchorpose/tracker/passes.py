@@ -18,20 +18,20 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 from anchorpose.tracker.frame_record import Kept, TrackedFrame, label_pictures, record_of, smoothed_record
 from anchorpose.tracker.journal import Blocks, Journal
-from anchorpose.tracker.learning import LearntPatient, Stretch, learn_patient
+from anchorpose.tracker.learning_pass import LearntPatient, Stretch, learn_patient
 from anchorpose.tracker.looking_back import Passed, Waiting
-from anchorpose.tracker.room import Room, held_joints
-from anchorpose.tracker.run import Run
-from anchorpose.tracker.smoothed_explanation import explain_smoothed
+from anchorpose.tracker.observation import Start
+from anchorpose.tracker.room import Room, Run, held_joints
 from anchorpose.tracker.smoothing import (
     PassResult,
     Smoothing,
     course_of,
+    explain_smoothed,
     pass_result,
     smooth,
     smoothed_result,
 )
-from anchorpose.tracker.start import Start, find_start, turn_round
+from anchorpose.tracker.start import find_start, turn_round
 
 BLOCK: Final = 48
 """Frames that are stored at once: two to six seconds of work. What goes on from there is ten to fifty megabytes."""

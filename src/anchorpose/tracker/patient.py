@@ -9,10 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, Pace, PoseBelief
-from anchorpose.body.body_map import map_body
-from anchorpose.body.constraints import Constraints, no_constraints
-from anchorpose.body.explained import Explanation
+from anchorpose.body.constraints import Constraints, anchor_points, no_constraints
+from anchorpose.body.contact_regions import StandingFeet
+from anchorpose.body.explanation import Explanation
 from anchorpose.body.inverse_kinematics import (
     CorrectedJoints,
     apply_corrections,
@@ -20,28 +19,24 @@ from anchorpose.body.inverse_kinematics import (
     pose_from_joints,
     relax_limbs,
 )
-from anchorpose.body.part_registration import ITERATIONS, joints_of_parts
-from anchorpose.body.pose import Pose
+from anchorpose.body.own_surface import map_body
+from anchorpose.body.pose import PATIENT_PACE, UNSEEN_S, Pace, Pose, PoseBelief
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
-from anchorpose.body.tips import anchor_points
 from anchorpose.body.uncertainty import skin_sigma
+from anchorpose.motion.prediction import predict_joints
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import BodyMap, ExpectedSkin
-from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis, held_by, part_motion, parts_by_icp
+from anchorpose.track_tree.global_hypothesis import GlobalHypothesis, held_by, joints_by_parts
 from anchorpose.tracker.bystanders import WALKING
 from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, displaced, estimate_of
-from anchorpose.tracker.isolating import isolate
 from anchorpose.tracker.limb_watch import LimbWatch, cheaper, explained_by, is_doubtful
-from anchorpose.tracker.observation import Expectation, Isolated, Observation, gather, observe, see_anchors, see_surface
+from anchorpose.tracker.observation import Expectation, Isolated, Observation, Start
+from anchorpose.tracker.observing import Window, gather, isolate, observe, see_anchors, see_surface
 from anchorpose.tracker.rivals import Rival, follow_rivals
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
-from anchorpose.tracker.standing_feet import StandingFeet
-from anchorpose.tracker.start import Start
-from anchorpose.tracker.window import Window
-from anchorpose.tracking.motion import predict_joints
 
 IN_VIEW: Final = 0.25  # of the joints within an image: of who walks out past the camera, a hip is there the longest
 SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was for an earlier tree: half a forearm's width
@@ -281,8 +276,7 @@ class PatientTracker:
         """The best branch: the chain of matches over the look-ahead that agrees best with the prediction."""
         poses = self._observe_until(len(self.window) - 1)
         with self.run.stage("association"):
-            window, links = list(self.window.seen), self.window.matchers()
-            return global_hypothesis(self.body, self.belief.pose, poses, window, links, self.config)
+            return self.window.global_hypothesis(self.body, self.belief.pose, poses)
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
         """The pose of the second frame of the window, the predicted one where nothing is seen; the tree where asked."""
@@ -336,16 +330,10 @@ class PatientTracker:
 
     def _held(self, hypothesis: GlobalHypothesis, pose: Pose) -> Constraints:
         """Where the tree's matches and the anchors hold the body."""
-        now = pose_points(self.body, self.belief.pose)
-        T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
-        return held_by(self.points, now, hypothesis, list(self.window.seen), T_predicted)
+        return held_by(self.body, self.belief.pose, pose, hypothesis, self.window.seen)
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
         """The paper's own way: every part by itself, from frame to frame."""
-        config = self.config.registration
-        now = pose_points(self.body, self.belief.pose)
-        T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
-        T_next_now = parts_by_icp(now, hypothesis, list(self.window.seen), T_predicted, ITERATIONS)
-        joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
+        joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, self.window.seen)
         pose = pose_from_joints(self.body, pose, joints)
-        return posterior(self.body, pose, predicted, self.window[1].evidence, config)
+        return posterior(self.body, pose, predicted, self.window[1].evidence, self.config.registration)

@@ -28,13 +28,12 @@ from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import agreeing_poses
 from anchorpose.tracker.initial_frame import ranked_by_view, with_best_initial_frame
-from anchorpose.tracker.isolating import observe_first
 from anchorpose.tracker.look import Look, look_around
+from anchorpose.tracker.observing import observe_first
 from anchorpose.tracker.patient_choice import GIVEN_M, named_patient
 from anchorpose.tracker.prior_shape import ordinary_height_m, shapes_to_try
 from anchorpose.tracker.resting_objects import with_resting_objects
-from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import sight_people
 
 BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free

@@ -12,11 +12,11 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.belief import PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, evidence_cost
 from anchorpose.body.limb_search import APART_M, farthest_joint_m
+from anchorpose.body.pose import PoseBelief
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 

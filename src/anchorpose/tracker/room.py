@@ -1,11 +1,12 @@
-"""What is known before the first frame is followed: the world, the empty room, the equipment, the patient's place."""
+"""Hold what a run knows before its first frame: room, cameras, initial frames, corrections, settings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -18,12 +19,14 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
+from anchorpose.motion.database import MotionDatabase
 from anchorpose.recording.pairing import half_period_s
 from anchorpose.recording.recording import Clock, Recording
 from anchorpose.results.corrections import Corrections, JointCorrection
-
-if TYPE_CHECKING:
-    from anchorpose.tracker.start import Start
+from anchorpose.track_tree.hypotheses import Matcher
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.observation import Start
+from anchorpose.tracker.stopwatch import Stopwatch
 
 UP = np.array([0.0, 1.0, 0.0])
 NOBODY_SEEN: Final = "nobody was seen in the sampled frames"
@@ -156,3 +159,26 @@ def _corrected_joints(entries: list[JointCorrection]) -> CorrectedJoints:
         position_m=np.array([entry.position_m for entry in entries]),
         sigma_m=np.array([entry.sigma_m for entry in entries]),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """What every frame of a run is tracked with.
+
+    motions: reference movements, None where the prediction needs none. associate: how the nodes of a frame are matched
+    in the next (``observing.Associate``); None: ``link``.
+    """
+
+    room: Room
+    config: TrackConfig
+    motions: MotionDatabase | None = None
+    stopwatch: Stopwatch = field(default_factory=Stopwatch)
+    associate: Callable[..., Matcher] | None = None
+
+    def without_patient(self, why: str) -> Run:
+        """The run in which who was found is not tracked, and why."""
+        return replace(self, room=replace(self.room, initial_frames=(), why_nobody=why))
+
+    def stage(self, name: str) -> AbstractContextManager[None]:
+        """Time what runs inside as a part of the stage of this name."""
+        return self.stopwatch.stage(name)

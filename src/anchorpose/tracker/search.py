@@ -18,8 +18,7 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.patient_choice import outside_m
-from anchorpose.tracker.room import Room
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.start import NoStart
 
 NEAR_M: Final = 0.5  # from where the patient was last seen: what remains visible is off the body's axis

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.explained import seen_past_by_all
+from anchorpose.body.explanation import seen_past_by_all
 from anchorpose.body.pose import TRUNK
 from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.people import FAINT, PatientChoice, People, Person, find_people

@@ -1,4 +1,4 @@
-"""The forward and the backward pass combined, limb by limb, then smoothed over time.
+"""Combine the forward and the backward pass limb by limb, and smooth the joints over time.
 
 A limb that is lost behind a person in one direction is often kept in the other. Where the two passes agree they are
 averaged; where they do not, the limb is taken from the pass that sees more of it at its place. Joints are then smoothed
@@ -13,12 +13,21 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.evidence import gather_evidence
+from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, PARTS, Pose
-from anchorpose.body.skin_points import Body, SkinPoints
+from anchorpose.body.skin_points import Body, SkinPoints, pose_points
+from anchorpose.isolation.scene import find_all_pieces
+from anchorpose.isolation.separation import view_of
+from anchorpose.isolation.view import View
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST, STATE_CODE, JointState
-from anchorpose.results.people_labels import LabelImage
+from anchorpose.recording.recording import FrameSet
+from anchorpose.results.people_labels import LabelImage, decode_labels
+from anchorpose.surface.patient_surface import blank_view, patient_surface
+from anchorpose.surface.surface import seen_part
 from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.room import Room, Run
 
 SPINE_BASE: Final = JOINT_INDEX["SpineBase"]  # of the trunk, and not of a limb
 FIRST_SPEED_M_S: Final = 1.0  # standard deviation of a joint's velocity before anything is known of it
@@ -265,3 +274,29 @@ def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weigh
     taken = points.moving[weight[LIMB_OF_BONES] > 0.5]
     rotations[taken] = other.rotations[taken]
     return Pose(rotations, other.root_m if weight[0] > 0.5 else one.root_m)
+
+
+def explain_smoothed(frame_set: FrameSet, answer: PassResult, body: Body, run: Run) -> Explanation | None:
+    """The explanation by the pose of both passes together; None where there is none.
+
+    frame_set: the frame, read again; to keep the views of all frames until both passes have met would fill the memory.
+    Person labels are those of ``answer``.
+    """
+    if answer.pose is None:
+        return None
+    cameras = run.room.cameras
+    views = labelled_views(frame_set, answer.labels, run.room)
+    shown = [blank_view(camera) if view is None else view for view, camera in zip(views, cameras, strict=True)]
+    surface = seen_part(patient_surface(shown, cameras, None, run.config.surface))
+    return explain(body.points, pose_points(body, answer.pose), gather_evidence(surface, views, cameras))
+
+
+def labelled_views(frame_set: FrameSet, images: tuple[LabelImage, ...], room: Room) -> tuple[View | None, ...]:
+    """One view per camera as it was when ``images`` were encoded; None for a camera without a depth image."""
+    labels = {image.camera: decode_labels(image) for image in images}
+    return tuple(
+        None
+        if pixels is None or camera.name not in labels
+        else view_of(pixels, labels[camera.name][pixels.row, pixels.column])
+        for camera, pixels in zip(room.cameras, find_all_pieces(frame_set, room.scenes), strict=True)
+    )

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
 
-from anchorpose.body.belief import PoseBelief, vague_belief
-from anchorpose.body.explained import explain
+from anchorpose.body.explanation import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose, likely_headings
 from anchorpose.body.limb_search import rarity
-from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
+from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, vague_belief
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.isolation.people import PatientChoice
@@ -22,10 +21,10 @@ from anchorpose.rotations import unit
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
-from anchorpose.tracker.isolating import observe_first
-from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.observation import Observation, Start
+from anchorpose.tracker.observing import observe_first
 from anchorpose.tracker.prior_shape import is_human, known_beliefs, likeliest, ordinary_height_m, shapes_to_try
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 
 SEEN = 0.3  # of the skin of a forearm or shank: half of it faces a camera
 USUAL = 60.0  # squared deviations of all joint ranges: right first poses have 15 to 60, wrong ones over 100
@@ -37,16 +36,6 @@ LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account fo
 HANGS_M = 0.35  # above the floor: who sits on a high bed, or stands on a treadmill, has the feet lower
 UPRIGHT = 0.7  # cosine between trunk and the vertical: who lies has no feet near the floor
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Start:
-    """The first frame of a track: what was seen, the body, the belief in its pose."""
-
-    observation: Observation
-    shape: FittedShape
-    belief: PoseBelief
-    explained: float
 
 
 class NoStart(StrEnum):

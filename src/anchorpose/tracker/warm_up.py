@@ -8,13 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.belief import vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig, VisibilityConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
-from anchorpose.body.explained import explain
+from anchorpose.body.explanation import explain
 from anchorpose.body.learning import learn_body
-from anchorpose.body.pose import Pose
+from anchorpose.body.pose import Pose, vague_belief
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.shape_prior import adult_belief, shape_of_height
 from anchorpose.body.skin_points import PosedPoints, body_points, build_body, pose_points
@@ -23,9 +22,9 @@ from anchorpose.body.visibility import joint_states
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import Intrinsics
+from anchorpose.motion.database_file import SHIPPED, load_motions
+from anchorpose.motion.prediction import MotionConfig, predict_joints
 from anchorpose.surface.surface import Surface
-from anchorpose.tracking.motion import MotionConfig, predict_joints
-from anchorpose.tracking.motion_file import SHIPPED, load_motions
 
 RATE_HZ: Final = 15.0
 CAMERA: Final = Camera(

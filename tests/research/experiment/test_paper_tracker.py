@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from body_builder import FRONT, LEFT, adult_body, joint_errors_m, seen_body, standing, stepped
 
-from anchorpose.body.belief import vague_belief
 from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.pose import vague_belief
 from anchorpose.body.registration import node_parts
 from anchorpose.body.skin_points import pose_points
-from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
-from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.geodesics.anchors import SeenGeodesics, anchor_descriptor, find_anchors
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.framework import NEVER_M, paper_config
 from anchorpose.research.experiment.paper_tracker import bring_limbs_back, filter_matches
-from anchorpose.tracking.tree import TreeConfig
+from anchorpose.track_tree.tree import TreeConfig
 
 BODY = adult_body()
 RAISED = standing(LeftArm=(30.0, 0.0, 0.0), RightArm=(-15.0, 0.0, 25.0), RightForeArm=(0.0, -30.0, 20.0))

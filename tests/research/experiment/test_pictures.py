@@ -22,7 +22,7 @@ from anchorpose.research.experiment.method import Family, Method
 from anchorpose.research.experiment.plan import Plan, PlanSpec, experiment_code
 from anchorpose.research.experiment.results import PaperTimes
 from anchorpose.research.experiment.run import training_clips
-from anchorpose.tracking.tree import Support, TrackResult
+from anchorpose.track_tree.tree import Support, TrackResult
 
 pytest.importorskip("matplotlib")
 
@@ -421,6 +421,7 @@ def test_pictures_are_drawn_once_and_again_where_anything_changed(
 
 @pytest.mark.slow
 def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
+    from anchorpose.motion.database_file import SHIPPED
     from anchorpose.recording.reader import open_recording
     from anchorpose.research.experiment.clips import cut_holes
     from anchorpose.research.experiment.config import Form
@@ -432,7 +433,6 @@ def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
     from anchorpose.simulate import config as presets
     from anchorpose.simulate.write import simulate_recording
     from anchorpose.tracker.config import TrackConfig
-    from anchorpose.tracking.motion_file import SHIPPED
 
     simulation = presets.single(401, 2.0, 10.0)
     simulate_recording(tmp_path / "made", simulation)

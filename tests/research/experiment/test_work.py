@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from anchorpose.association.hypotheses import Matcher
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.motion.database_file import read_motions
 from anchorpose.recording.reader import read_frame
 from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips, reference_joints
 from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene, quick
@@ -45,10 +45,10 @@ from anchorpose.research.experiment.work import (
     work_on,
 )
 from anchorpose.surface.surface import SurfaceConfig
-from anchorpose.tracker.association import Associate
+from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
-from anchorpose.tracking.motion_file import read_motions
+from anchorpose.tracker.observing import Associate
 
 CONFIG = replace(quick(), seconds=1.2, segment_frames=5, methods=("nearest", "none"), windows=1)
 

@@ -24,7 +24,6 @@ import pyarrow as pa
 from pyarrow.csv import write_csv
 from scipy.spatial import cKDTree
 
-from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
 from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_NAMES
 from anchorpose.pipeline import TrackConfig, track_recording
@@ -40,6 +39,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.surface import Surface
 from anchorpose.threads import one_thread
+from anchorpose.track_tree.hypotheses import anchor_subsets, match_hypotheses
 
 UP, FACING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 NEAR_M: Final = 0.03  # from a node that the mesh lacks to the one that stands for it

@@ -8,22 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.association.hypotheses import GateConfig, HypothesisConfig
-from anchorpose.body.belief import PoseBelief, vague_belief
+from anchorpose.body.pose import PoseBelief, vague_belief
 from anchorpose.calibration.clocks import ClockConfig
+from anchorpose.motion.database_file import load_motions
+from anchorpose.motion.prediction import MotionConfig, MotionRule
 from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.given import GivenFrames, Reference
 from anchorpose.research.experiment.paper_tracker import PaperTracker, Way
 from anchorpose.surface.surface import SurfaceConfig
+from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig
+from anchorpose.track_tree.tree import TreeConfig
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
+from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import Room
-from anchorpose.tracker.run import Run
-from anchorpose.tracker.start import Start
-from anchorpose.tracking.motion import MotionConfig, MotionRule
-from anchorpose.tracking.motion_file import load_motions
-from anchorpose.tracking.tree import TreeConfig
+from anchorpose.tracker.room import Room, Run
 
 NO_HEIGHT_M = np.nan  # only anchors depend on it, which are not looked for before the body is known
 NEVER_M = 1000.0  # no branch of the tree is ever so far from its prediction that it is given up

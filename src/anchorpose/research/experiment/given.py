@@ -17,27 +17,18 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.isolation.bystander_memory import empty_memory
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.motion.database_file import load_motions
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Clock, FrameSet, Recording
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.following import follow_patient
-from anchorpose.tracker.observation import (
-    Expectation,
-    Isolated,
-    Observation,
-    SeenSurface,
-    gather,
-    see_anchors,
-    see_surface,
-)
+from anchorpose.tracker.observation import Expectation, Isolated, Observation, SeenSurface, Start
+from anchorpose.tracker.observing import gather, see_anchors, see_surface
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import Room
-from anchorpose.tracker.run import Run
-from anchorpose.tracker.start import Start
-from anchorpose.tracking.motion_file import load_motions
+from anchorpose.tracker.room import Room, Run
 
 
 class NoReference(AnchorposeError):

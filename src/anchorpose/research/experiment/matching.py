@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from anchorpose.association.hypotheses import Matcher
 from anchorpose.body.pose import Pose
 from anchorpose.geodesics.anchors import anchor_descriptor
 from anchorpose.geodesics.center import center_field
@@ -21,11 +20,12 @@ from anchorpose.research.experiment.correspondence import Skin, TruePlaces
 from anchorpose.research.experiment.framework import NEVER_M, start_at
 from anchorpose.research.experiment.given import GivenFrames
 from anchorpose.research.experiment.method import Family, Method
-from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis
+from anchorpose.track_tree.global_hypothesis import GlobalHypothesis, global_hypothesis
+from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +87,9 @@ def match_window(method: Method, setting: object, window: Window) -> Matches:
     tracker = window.tracker
     never = replace(config, tree=replace(config.tree, missed_cost_m=NEVER_M))
     tree, every = (
-        global_hypothesis(tracker.body, tracker.belief.pose, window.poses[: len(links)], seen, links, how)
+        global_hypothesis(
+            tracker.body, tracker.belief.pose, window.poses[: len(links)], seen, links, how.follow.tree_nodes, how.tree
+        )
         for how in (config, never)
     )
     direct = (

@@ -15,12 +15,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from anchorpose.association.hypotheses import Matcher
 from anchorpose.errors import InputError
 from anchorpose.research.features.nearest import Metric, nearest_descriptor
-from anchorpose.tracker.association import Associate
+from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.observing import Associate
 
 PROPOSED: Final = "anchors"
 """Key of the paper's method as a whole."""

@@ -9,31 +9,32 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.anchor_limbs import CONTRADICTED_M, contradicted_by
-from anchorpose.body.belief import PoseBelief
-from anchorpose.body.body_map import map_body
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.constraints import join, place_constraints
+from anchorpose.body.constraints import anchor_points, join, place_constraints
 from anchorpose.body.fit import damped_step, pose_equations, range_information
 from anchorpose.body.inverse_kinematics import pose_from_joints
-from anchorpose.body.limb_proposals import CHAINS
-from anchorpose.body.own_surface import match_skin
-from anchorpose.body.part_registration import ITERATIONS, joints_of_parts
-from anchorpose.body.pose import Pose
+from anchorpose.body.limb_proposals import CHAINS, CONTRADICTED_M, contradicted_by
+from anchorpose.body.own_surface import map_body, match_skin
+from anchorpose.body.pose import Pose, PoseBelief
 from anchorpose.body.registration import Registration, posterior
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_points, build_body, pose_points
-from anchorpose.body.tips import anchor_points
-from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.geodesics.anchors import SeenGeodesics
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.recording.recording import FrameSet
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.given import GivenFrames
 from anchorpose.surface.surface import BodyMap
-from anchorpose.tracker.association import PAIR_SIGMA_M, GlobalHypothesis, part_motion, parts_by_icp, skin_places
-from anchorpose.tracker.observation import Observation
+from anchorpose.track_tree.global_hypothesis import (
+    PAIR_SIGMA_M,
+    GlobalHypothesis,
+    joints_by_parts,
+    part_motion,
+    skin_places,
+)
+from anchorpose.track_tree.parts import ITERATIONS
+from anchorpose.tracker.observation import Observation, Start
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.run import Run
-from anchorpose.tracker.start import Start
+from anchorpose.tracker.room import Run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,9 +85,8 @@ class PaperTracker(PatientTracker):
             if not form.refined:
                 return Registration(replace(predicted, pose=self._with_limbs(pose)), 1.0, True)
             hypothesis = replace(hypothesis, matched_m=np.full_like(hypothesis.matched_m, np.nan))
-        T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
-        T_next_now = parts_by_icp(now, hypothesis, window, T_predicted, ITERATIONS if form.refined else 0, robust)
-        joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
+        steps = ITERATIONS if form.refined else 0
+        joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, window, steps, robust)
         pose = self._with_limbs(pose_from_joints(self.body, pose, joints))
         found = posterior(self.body, pose, predicted, self.window[1].evidence, config)
         if not robust and not found.found:  # a pose that explains too little is rejected too, for the predicted one

@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.motion.database_file import ReferenceClips, write_motions
 from anchorpose.recording.document import read_json
 from anchorpose.research.experiment.clip_jobs import Part, Progress, do
 from anchorpose.research.experiment.clips import Clip, plan_clips, simulation_of
@@ -40,7 +41,6 @@ from anchorpose.research.experiment.work import PER_NODE
 from anchorpose.results.folder import write_text_whole
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import Speed
-from anchorpose.tracking.motion_file import ReferenceClips, write_motions
 
 KINDS: Final[tuple[tuple[str, tuple[str, ...], Speed], ...]] = (
     ("upper body, slow", ("reach", "arm-raise", "head"), "slow"),

@@ -53,7 +53,7 @@ from anchorpose.simulate.write import simulate_recording
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from anchorpose.association.hypotheses import GateConfig, anchor_subsets
+from anchorpose.track_tree.hypotheses import GateConfig, anchor_subsets
 
 NONE: Final = -1  # fills up a subset of fewer anchors
 RIDGE_M2: Final = 0.002**2  # along which psi's distances hardly vary, its middle stays

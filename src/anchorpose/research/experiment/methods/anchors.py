@@ -10,16 +10,16 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.association.hypotheses import GateConfig, HypothesisConfig, Matcher
 from anchorpose.geodesics.anchors import anchor_descriptor
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.research.experiment.framework import ANYWHERE_M, PAPER_GATE
 from anchorpose.research.experiment.method import PROPOSED, Family, Method, cached, whole_content
 from anchorpose.research.features.psi import match_by_psi, subsets_with_pieces
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
-from anchorpose.tracker.association import Associate
+from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig, Matcher
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.observing import Associate
 
 SOURCE: Final = "Li and Burdick, Definition 3 and Section IV"
 PAPER_SUBSET: Final = 3  # N_S: "three anchor nodes suffice" (Section IV-D)

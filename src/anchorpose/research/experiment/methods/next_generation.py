@@ -11,16 +11,16 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from anchorpose.association.hypotheses import HypothesisConfig, Matcher, anchor_subsets
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.research.experiment.framework import NEVER_M
 from anchorpose.research.experiment.method import NEXT, Family, Method, cached, seen_content
 from anchorpose.research.features.shot import ShotConfig, shot
 from anchorpose.surface.surface import SurfaceConfig
-from anchorpose.tracker.association import Associate
+from anchorpose.track_tree.hypotheses import HypothesisConfig, Matcher, anchor_subsets
+from anchorpose.track_tree.tree import TreeConfig
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
-from anchorpose.tracking.tree import TreeConfig
+from anchorpose.tracker.observing import Associate
 
 SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # as chosen for SHOT alone
 MOST: Final = 9.0  # squared deviations: a distance that an occlusion changed counts no more, nor does an unknown one

@@ -9,16 +9,16 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial import KDTree
 
-from anchorpose.association.hypotheses import Feature, HypothesisConfig, Matcher
 from anchorpose.body.config import LearningConfig
+from anchorpose.motion.prediction import MotionConfig, MotionRule
 from anchorpose.research.experiment.method import NO_SUBSET, OWN, Family, Method
 from anchorpose.research.features.gmds import GmdsConfig, match_by_gmds
 from anchorpose.surface.surface import SurfaceConfig
-from anchorpose.tracker.association import Associate
+from anchorpose.track_tree.hypotheses import Feature, HypothesisConfig, Matcher
 from anchorpose.tracker.config import FollowConfig, TrackConfig
 from anchorpose.tracker.config import Method as Registration
 from anchorpose.tracker.observation import Observation
-from anchorpose.tracking.motion import MotionConfig, MotionRule
+from anchorpose.tracker.observing import Associate
 
 
 def _none(setting: Any) -> Associate:

@@ -44,7 +44,7 @@ from anchorpose.surface.mesh import edges
 from anchorpose.surface.patient_surface import patient_surface
 from anchorpose.surface.surface import Surface
 from anchorpose.threads import one_thread
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 from anchorpose.versions import code_digest
 
 

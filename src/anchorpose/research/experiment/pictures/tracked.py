@@ -23,7 +23,7 @@ from anchorpose.research.experiment.pictures.canvas import (
 )
 from anchorpose.surface.surface import Surface
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,0 +1,130 @@
+"""Measure how well a pose explains a frame, from its depth images alone: a prediction has no part in it.
+
+Two things show that a limb is elsewhere: seen skin of the patient that no part of the body covers, and skin of the body
+in front of something that a camera sees. The first is an area, the second a share of each limb.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from anchorpose.body.constraints import thin
+from anchorpose.body.evidence import Evidence
+from anchorpose.body.nearest_skin import nearest_point
+from anchorpose.body.pose import LIMB_OF_BONES, PARTS
+from anchorpose.body.skin_points import PosedPoints, SkinPoints
+from anchorpose.body.visibility import SkinReason, skin_reasons
+from anchorpose.camera import Camera
+from anchorpose.isolation.view import View
+
+COVERED_M: Final = 0.06  # clothes, the spacing of skin points and half a forearm: a node farther off is not covered
+NODES: Final = 2500  # as many as registration takes
+LEAST_FACING: Final = 8  # skin points: of fewer the share says nothing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Explanation:
+    """How well one pose explains one frame.
+
+    covered (c,), node (u,) int: nodes of the surface that skin covers, and that none does, of every ``thinned``-th.
+    uncovered_m2: the latter's area, in the camera that sees most of it. seen_past (PARTS,): share of each limb's skin
+    turned to a camera that the camera sees past, in the camera where it is largest; NaN where too little of it is in
+    any view. covering (p,) bool: skin points that cover a node.
+    """
+
+    covered: np.ndarray
+    node: np.ndarray
+    thinned: float
+    uncovered_m2: float
+    seen_past: np.ndarray
+    covering: np.ndarray
+
+
+@lru_cache(maxsize=2)  # the frame's estimate asks for what registration was judged by
+def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Explanation:
+    """Compare a posed body with what the cameras show."""
+    chosen = thin(len(evidence.surface), NODES)
+    nearest = nearest_point(posed.points_m, evidence.surface.points_m[chosen].astype(np.float64), COVERED_M)
+    bare = chosen[nearest < 0]
+    covering = np.zeros(len(posed.points_m), dtype=bool)
+    covering[nearest[nearest >= 0]] = True
+    thinned = len(evidence.surface) / max(1, len(chosen))
+    area = node_area_m2(evidence) * thinned
+    uncovered = np.bincount(evidence.surface.camera[bare], minlength=len(area)) * area
+    past = seen_past(points, posed, evidence.views, evidence.cameras)
+    return Explanation(chosen[nearest >= 0], bare, thinned, float(uncovered.max(initial=0.0)), past, covering)
+
+
+def node_area_m2(evidence: Evidence) -> np.ndarray:
+    """(c,) square metres that one node of each camera stands for, as if the skin faced the camera; 0 without nodes."""
+    area = np.zeros(len(evidence.cameras))
+    count = np.bincount(evidence.surface.camera, minlength=len(area))
+    for number, (view, camera) in enumerate(zip(evidence.views, evidence.cameras, strict=True)):
+        if view is not None and count[number]:
+            depth = view.depth_m[view.patient]
+            squares = float(depth.astype(np.float64) @ depth) / (camera.intrinsics.fx * camera.intrinsics.fy)
+            area[number] = squares / count[number]
+    return area
+
+
+def seen_past(
+    points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
+) -> np.ndarray:
+    """(PARTS,) as in ``Explanation``: what hides a limb says nothing about it, what is seen behind it does."""
+    most = np.full(PARTS, np.nan)
+    for past, counted in _seen_past_counts(points, posed, views, cameras):
+        most = np.fmax(most, np.where(counted >= LEAST_FACING, past / np.maximum(counted, 1), np.nan))
+    return most
+
+
+def seen_past_by_all(
+    points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
+) -> np.ndarray:
+    """(PARTS,) the same share of each limb's skin in all cameras together: of a body whose direction is only roughly
+    right, the camera that shows its profile sees past more than the others."""
+    counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
+    past, counted = np.sum(counts, axis=0)
+    return np.where(counted >= LEAST_FACING, past / np.maximum(counted, 1), np.nan)
+
+
+def _seen_past_counts(
+    points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """For each camera the skin points of each limb (PARTS,) that it sees past, and those that it may."""
+    limb = limb_of_points(points)
+    for view, camera in zip(views, cameras, strict=True):
+        if view is None:
+            continue
+        reason, facing = skin_reasons(posed, view, camera, COVERED_M)
+        yield _count_past(limb, reason, facing)
+
+
+@njit(cache=True, nogil=True)
+def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points of each limb (PARTS,) that the camera sees past, and those that it may."""
+    past, counted = np.zeros(PARTS, np.int64), np.zeros(PARTS, np.int64)
+    for p in range(len(limb)):
+        if facing[p] and reason[p] != SkinReason.OUTSIDE and reason[p] != SkinReason.HOLE:
+            past[limb[p]] += reason[p] == SkinReason.PAST
+            counted[limb[p]] += 1
+    return past, counted
+
+
+@cache
+def limb_of_points(points: SkinPoints) -> np.ndarray:
+    """(p,) the limb of each skin point, as in ``LIMB_OF_BONES``; 0: trunk and head."""
+    limb = np.zeros(len(points.part), np.int64)
+    parents = points.asset.bone_parents
+    row = {int(bone): number for number, bone in enumerate(points.moving)}
+    for bone in np.unique(points.part):
+        moving = int(bone)
+        while moving not in row and moving >= 0:
+            moving = int(parents[moving])
+        limb[points.part == bone] = LIMB_OF_BONES[row[moving]] if moving in row else 0
+    return limb

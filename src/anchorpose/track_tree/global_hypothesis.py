@@ -1,0 +1,192 @@
+"""Find the pairs of the best branches over two to four frames, and what they say about the pose (paper, Section IV)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from anchorpose.body.constraints import Constraints, anchor_constraints, join, place_constraints
+from anchorpose.body.nearest_skin import Oriented
+from anchorpose.body.pose import Pose
+from anchorpose.body.registration import node_parts
+from anchorpose.body.skin_points import Body, PosedPoints, pose_points
+from anchorpose.geodesics.anchors import Anchors
+from anchorpose.surface.surface import Surface
+from anchorpose.track_tree.hypotheses import (
+    Feature,
+    GateConfig,
+    HypothesisConfig,
+    Matcher,
+    anchor_subsets,
+    match_hypotheses,
+    nearest_hypotheses,
+)
+from anchorpose.track_tree.parts import ITERATIONS, joints_of_parts, register_parts
+from anchorpose.track_tree.tree import Support, TrackResult, TreeConfig, best_branches
+
+PART_REACH_M = 0.08  # a node farther from the skin moves with no part
+PAIR_SIGMA_M = 0.04  # the descriptor's own error: 17 to 40 mm with the best subset
+ANCHOR_SIGMA_M = 0.05  # the paper's bound on the anchors' localisation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GlobalHypothesis:
+    """The best branch's pairs: node (m,) of frame t, part (m,) bone, point (m,) skin point, and where it goes.
+
+    matched_m (m, 3) node of t + 1, NaN where missed; predicted_m (m, depth, 3) what the motion dynamics expected, which
+    is used there instead: ``tree.support`` states where, and why.
+    """
+
+    node: np.ndarray
+    part: np.ndarray
+    point: np.ndarray
+    matched_m: np.ndarray
+    predicted_m: np.ndarray
+    tree: TrackResult
+
+    @property
+    def matched_share(self) -> float:
+        """Share of the nodes whose place in the next frame some subset of anchors supports; 0 where there are none."""
+        return float((self.tree.support == Support.MATCHED).mean()) if len(self.node) else 0.0
+
+
+class SeenFrame(Protocol):
+    """A frame as the tree looks at it; descriptor (n, 5): of the nodes of its surface, as in ``anchor_descriptor``."""
+
+    @property
+    def surface(self) -> Surface: ...
+    @property
+    def anchors(self) -> Anchors: ...
+    @property
+    def descriptor(self) -> np.ndarray: ...
+
+
+def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: GateConfig) -> Matcher:
+    """The hypotheses of a frame's nodes in the next, a column for each subset of the anchors found in both.
+
+    With all five anchors and three in a subset that is ten; with fewer anchors than a subset needs, the one subset of
+    all of them; with none, no column.
+    """
+    if config.feature is Feature.POSITION:
+        nearest = nearest_hypotheses(now.surface, following.surface, gate)
+        return Matcher(nearest.match.__getitem__, len(now.surface), nearest.subsets)
+    subsets = anchor_subsets(now.anchors.found & following.anchors.found, config.subset_size)
+
+    def find(nodes: np.ndarray) -> np.ndarray:
+        source, places = now.descriptor[nodes], now.surface.points_m[nodes]
+        return match_hypotheses(source, following.surface, following.descriptor, subsets, places, gate).match
+
+    return Matcher(find, len(now.surface), subsets)
+
+
+def global_hypothesis(
+    body: Body,
+    pose: Pose,
+    predicted: Sequence[Pose],
+    window: Sequence[SeenFrame],
+    links: Sequence[Matcher],
+    node_count: int,
+    config: TreeConfig,
+) -> GlobalHypothesis:
+    """Build, score and search the tree from the first frame of the window over the others.
+
+    predicted: one pose for each frame after the first; node_count: source nodes of the tree. A node moves with the part
+    that it lies on.
+    """
+    source = window[0].surface
+    chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), node_count)).astype(np.int64))
+    nodes = source.points_m[chosen].astype(np.float64)
+    point, part = node_parts(body, pose, nodes, PART_REACH_M)
+    on_body = part >= 0
+    chosen, nodes, point, part = chosen[on_body], nodes[on_body], point[on_body], part[on_body]
+    places = carried(body, pose, predicted, nodes, part)
+    matches, costs = _reached(chosen, links)
+    tree = best_branches(matches, [seen.surface.points_m for seen in window[1:]], places, config, costs)
+    matched = np.full((len(chosen), 3), np.nan)
+    found = tree.match >= 0
+    matched[found] = window[1].surface.points_m[tree.match[found]]
+    return GlobalHypothesis(chosen, part, point, matched, places, tree)
+
+
+def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The matches of the chosen nodes, then, level by level, with those of the nodes that the level before leads to;
+    and what each match costs."""
+    matches = [links[0].ask(chosen)]
+    for link_ in links[1:]:
+        before = matches[-1]
+        link_.ask(before[before >= 0])
+        matches.append(link_.match)
+    return matches, [links[0].cost_m[chosen], *(link_.cost_m for link_ in links[1:])]
+
+
+def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """(m, depth, 3): where nodes go that move with their parts from one pose to the predicted ones."""
+    T_world_rest = body.transforms(pose)
+    places = np.empty((len(nodes_m), len(predicted), 3))
+    for level, later in enumerate(predicted):
+        T_next_now = part_motion(T_world_rest, body.transforms(later))
+        places[:, level] = np.einsum("mij,mj->mi", T_next_now[part, :3, :3], nodes_m) + T_next_now[part, :3, 3]
+    return places
+
+
+def part_motion(T_world_rest_now: np.ndarray, T_world_rest_next: np.ndarray) -> np.ndarray:
+    """tau^(t,t+1): (b, 4, 4) T_next_now of every part."""
+    return T_world_rest_next @ np.linalg.inv(T_world_rest_now)
+
+
+def held_by(
+    body: Body, pose: Pose, predicted: Pose, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame]
+) -> Constraints:
+    """Return the tree's pairs and the anchors as rows of the registration to the second frame of the window."""
+    now = pose_points(body, pose)
+    pairs = pairs_of(now, hypothesis, window, part_motion(now.transforms, body.transforms(predicted)))
+    return join([pairs, anchor_constraints(body.points, window[1].anchors, ANCHOR_SIGMA_M)])
+
+
+def pairs_of(
+    now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
+) -> Constraints:
+    """The tree's pairs as rows, carried from the node to the skin point beside it."""
+    found = np.isfinite(hypothesis.matched_m).all(axis=1)
+    point, part = hypothesis.point[found], hypothesis.part[found]
+    nodes = window[0].surface.points_m[hypothesis.node[found]].astype(np.float64)
+    beside = np.einsum("mij,mj->mi", T_next_now[part, :3, :3], now.points_m[point] - nodes)
+    return place_constraints(point, hypothesis.matched_m[found] + beside, PAIR_SIGMA_M, 3.0 * PAIR_SIGMA_M)
+
+
+def skin_places(
+    now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
+) -> np.ndarray:
+    """(m, 3) where the skin point beside each node goes: to the node's match, less their distance along the skin.
+
+    The distance off the skin is not kept, so a body that has drifted from the surface is brought back. NaN where the
+    node is missed.
+    """
+    skin, normals = now.points_m[hypothesis.point], now.normals[hypothesis.point]
+    beside = skin - window[0].surface.points_m[hypothesis.node]
+    along = beside - (beside * normals).sum(axis=1, keepdims=True) * normals
+    return np.asarray(hypothesis.matched_m + np.einsum("mij,mj->mi", T_next_now[hypothesis.part, :3, :3], along))
+
+
+def joints_by_parts(
+    body: Body,
+    pose: Pose,
+    predicted: Pose,
+    hypothesis: GlobalHypothesis,
+    window: Sequence[SeenFrame],
+    iterations: int = ITERATIONS,
+    robust: bool = True,
+) -> np.ndarray:
+    """Return the joints (21, 3) in the second frame, every part registered by the paper's ICP and the rule J.
+
+    The points of the skin go to their ``skin_places``. Parts without evidence keep their predicted motion.
+    """
+    now, point, part = pose_points(body, pose), hypothesis.point, hypothesis.part
+    T_predicted = part_motion(now.transforms, body.transforms(predicted))
+    matched = skin_places(now, hypothesis, window, T_predicted)
+    skin = Oriented(now.points_m[point], now.normals[point])
+    found = register_parts(skin, part, matched, window[1].surface, T_predicted, iterations, robust)
+    return joints_of_parts(body.points.asset, body.mesh, found.T_next_now @ now.transforms)

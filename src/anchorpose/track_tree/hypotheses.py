@@ -1,0 +1,174 @@
+"""Subset hypotheses: where a node may be in the next frame (paper, Section IV, track tree construction).
+
+The gate: how far apart the descriptors of one skin point may be in two frames (paper, error analysis; Section V).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import combinations
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from anchorpose.body.nearest_skin import sort_into_voxels
+from anchorpose.settings import Count, NotNegative, Positive, settings
+from anchorpose.surface.surface import Surface
+from anchorpose.track_tree.matching import Target, hold_subset, match_all, sort_balls
+
+
+class Feature(StrEnum):
+    """What shows that two nodes are the same place on the skin."""
+
+    GEODESIC = "geodesic"  # distances to the anchors (paper, Definition 3)
+    POSITION = "position"  # nearness to where the node was: what is left without a descriptor, for comparison
+
+
+@settings
+class HypothesisConfig:
+    """How hypotheses are made."""
+
+    feature: Feature = Feature.GEODESIC
+    subset_size: Count = 3  # N_S: three anchors distinguish nodes (paper, Section IV-D); 5: one hypothesis from all
+    always: bool = False  # match every frame, as the paper does; False: those that the body does not explain without
+    trusted_only: bool = True  # without distances that a hole lengthens; False: left to the subsets, as in the paper
+
+
+@settings
+class GateConfig:
+    """e_max = e_1 + e_2: what the anchors' jitter and the surface's noise may add between two frames."""
+
+    anchor_bound_m: NotNegative = 0.020  # 3 cm in all at 1 m; the paper's 5 cm gave best matches a quarter worse
+    surface_bound_per_m: NotNegative = 0.010  # geodesic noise left after smoothing: 1 % of the path to the anchor
+    search_radius_m: Positive = 0.12  # a 3.6 m/s hand over one 33 ms frame, about its predicted place
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypotheses:
+    """For each source node, one possible match per subset of anchors; a missed one is a value, not an error.
+
+    match (m, s) int32: node of the next surface, -1 = nothing within the gate. subsets (s, n_s) int: anchor indices.
+    """
+
+    match: np.ndarray
+    subsets: np.ndarray
+
+
+def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
+    """S_A,m: every subset of ``size`` of the found anchors, as rows of anchor indices in ascending order.
+
+    found (5,) bool: anchors found in both frames. Returns (C(N_A, size), size) int64; with fewer anchors than ``size``
+    the one subset of all of them, with none a (0, size) array. Three suffice (paper, Section IV-D).
+    """
+    if size < 1:
+        raise ValueError(f"size must be at least 1, got {size}")
+    anchors = np.flatnonzero(found)
+    if len(anchors) == 0:
+        return np.empty((0, size), np.int64)
+    return np.array(list(combinations(anchors, min(size, len(anchors)))), np.int64)
+
+
+def error_bound(descriptor: np.ndarray, subsets: np.ndarray, config: GateConfig) -> np.ndarray:
+    """(m, s) float32: e_max in metres for every node and subset of anchors, linear in distance (paper, Section V).
+
+    descriptor (m, 5) metres; subsets (s, n_s) of anchor indices, whose mean distance counts. NaN or inf where a
+    distance is missing or unreachable: an unknown distance has no bound.
+    """
+    distance = np.asarray(descriptor, dtype=np.float32)[:, subsets].mean(axis=2)
+    return config.anchor_bound_m + config.surface_bound_per_m * distance
+
+
+def match_hypotheses(
+    source_descriptor: np.ndarray,
+    target_surface: Surface,
+    target_descriptor: np.ndarray,
+    subsets: np.ndarray,
+    predicted_m: np.ndarray | None = None,
+    config: GateConfig | None = None,
+) -> Hypotheses:
+    """The match of every source node under every subset: the node of psi closest to the average position of psi.
+
+    source_descriptor (m, 5), target_descriptor (n, 5) float32 metres, NaN = missed anchor, inf = unreachable: neither
+    is ever within the gate. subsets (s, n_s) of ``anchor_subsets``. predicted_m (m, 3) world: where each source node is
+    expected in the target frame; psi is then searched within ``search_radius_m`` of it, and a node whose prediction
+    is NaN has no match. Without it psi is searched on the whole surface, as the paper does: some four times slower.
+    psi(v) holds the nodes whose descriptor distance over the subset is below ``error_bound``.
+    Source: the paper, Section IV (error analysis: psi and its average) and Section V (track tree construction).
+    """
+    config = config or GateConfig()
+    _refuse_mismatch(source_descriptor, target_surface, target_descriptor, subsets, predicted_m)
+    count = len(source_descriptor)
+    if len(target_surface) == 0 or len(subsets) == 0:
+        return Hypotheses(match=np.full((count, len(subsets)), -1, np.int32), subsets=subsets)
+    centres = np.zeros((count, 3), np.float32) if predicted_m is None else predicted_m.astype(np.float32)
+    radius = np.inf if predicted_m is None else config.search_radius_m
+    voxels = sort_into_voxels(target_surface.points_m, radius)
+    distances = np.ascontiguousarray(target_descriptor[voxels.order], dtype=np.float32)
+    target = Target(np.ascontiguousarray(target_surface.points_m[voxels.order]), distances)
+    source = np.ascontiguousarray(source_descriptor, dtype=np.float32)
+    limit2 = np.ascontiguousarray(error_bound(source, subsets, config) ** 2)
+    numbers = np.ascontiguousarray(subsets, dtype=np.int64)
+    enough = hold_subset(numbers, source.shape[1])
+    match = match_all(source, limit2, sort_balls(centres, radius, voxels), target, voxels, numbers, enough)
+    return Hypotheses(match=match, subsets=subsets)
+
+
+def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> Hypotheses:
+    """One hypothesis per node, by position: the nearest node of the target within ``search_radius_m``, else missed.
+
+    It rests on no anchor, so its one subset is empty.
+    """
+    match = np.full((len(source), 1), -1, np.int32)
+    if len(source) and len(target):
+        nearest = KDTree(target.points_m).query(source.points_m, distance_upper_bound=config.search_radius_m)[1]
+        match[:, 0] = np.where(nearest < len(target), nearest, -1)
+    return Hypotheses(match, np.empty((1, 0), np.int64))
+
+
+class Matcher:
+    """The matches of one frame's nodes in the next, each computed once, when it is first asked for.
+
+    With several cameras the track tree reaches only half of the nodes.
+    """
+
+    def __init__(self, find: Callable[[np.ndarray], np.ndarray], node_count: int, subsets: np.ndarray) -> None:
+        """find: the matches (k, s) of some nodes (k,), whatever others are asked for with them; subsets (s, n_s)."""
+        self.subsets = subsets
+        self.match = np.full((node_count, len(subsets)), -1, np.int32)  # as in Hypotheses, -1 also where not yet asked
+        self.cost_m = np.zeros((node_count, len(subsets)), np.float32)  # of each match beside its distance, metres
+        self._asked = np.zeros(node_count, dtype=bool)
+        self._find = find
+
+    def ask(self, nodes: np.ndarray) -> np.ndarray:
+        """(k, s) int32 matches of the nodes (k,), in any order and any of them repeated."""
+        wanted = np.zeros(len(self.match), dtype=bool)
+        wanted[nodes] = True
+        new = np.flatnonzero(wanted & ~self._asked)
+        if len(new):
+            self.match[new] = self._find(new)
+            self._asked[new] = True
+        return self.match[nodes]
+
+    def all(self) -> Hypotheses:
+        """The hypotheses of every node."""
+        return Hypotheses(self.ask(np.arange(len(self.match))), self.subsets)
+
+
+def _refuse_mismatch(
+    source_descriptor: np.ndarray,
+    target_surface: Surface,
+    target_descriptor: np.ndarray,
+    subsets: np.ndarray,
+    predicted_m: np.ndarray | None,
+) -> None:
+    if target_descriptor.shape[0] != len(target_surface) or target_descriptor.shape[1:] != source_descriptor.shape[1:]:
+        raise ValueError(
+            f"descriptors {source_descriptor.shape} and {target_descriptor.shape} do not fit"
+            f" {len(target_surface)} nodes"
+        )
+    if len(subsets) and not ((subsets >= 0) & (subsets < source_descriptor.shape[1])).all():
+        raise ValueError(f"subsets name anchors beyond the {source_descriptor.shape[1]} of the descriptor")
+    if predicted_m is not None and predicted_m.shape != (len(source_descriptor), 3):
+        raise ValueError(f"predicted_m is {predicted_m.shape}, wanted ({len(source_descriptor)}, 3)")

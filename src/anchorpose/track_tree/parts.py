@@ -1,0 +1,248 @@
+"""Register every body part on its own, by ICP from the predicted pose, as the paper has it (Section IV).
+
+The rows of a part stand one after another; those of part k are start[k] to start[k + 1], start (k + 1,) int64.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numba import njit
+from scipy.spatial import cKDTree
+
+from anchorpose.body.asset import BodyAsset, joint_bones
+from anchorpose.body.kinematics import BodyMesh
+from anchorpose.body.nearest_skin import Oriented
+from anchorpose.camera import transform_points
+from anchorpose.rotations import COLLINEAR_RATIO, ONE_PLACE_M2, rotate, rotation_matrices
+from anchorpose.surface.surface import Surface
+
+LEAST_PAIRS: Final = 6  # below that a rigid motion follows the noise of single nodes
+PAIR_ROUNDS: Final = 8  # of reweighting the pairs; their fit settles in five
+LEAST_SCALE_M: Final = 0.01  # pairs within a node's spacing of their fit are as good as each other
+SURFACE_SIGMA_M: Final = 0.02  # of a node off the skin of its part: clothes, sensor, and neighbours that share both
+TURN_SIGMA: Final = 0.15  # radians, and
+SHIFT_SIGMA_M: Final = 0.02  # metres, that a step may leave the pairs: what planes do not constrain must not slide
+ALIKE: Final = 0.5  # cosine, 60 degrees, between normals: not the other side of a limb
+
+
+@njit(cache=True)
+def fit_pairs(
+    skin_m: np.ndarray, matched_m: np.ndarray, start: np.ndarray, transforms: np.ndarray, robust: bool
+) -> np.ndarray:
+    """(k,) bool: the parts whose pairs determine a motion, which replaces the predicted one in transforms (k, 4, 4).
+
+    skin_m, matched_m (n, 3) float64, metres. robust: reweighted by Cauchy's function of the residual over its median,
+    from the prediction on: mismatches have no influence.
+    """
+    fitted = np.zeros(len(transforms), np.bool_)
+    for k in range(len(transforms)):
+        source, target = skin_m[start[k] : start[k + 1]], matched_m[start[k] : start[k + 1]]
+        if len(source) < LEAST_PAIRS:
+            continue
+        T, weight, known = transforms[k].copy(), np.ones(len(source)), True
+        for _ in range(PAIR_ROUNDS if robust else 1):
+            if robust:
+                _weigh(source, target, T, weight)
+            known = known and _fit_rigid(source, target, weight / weight.sum(), T)
+        if known:
+            transforms[k], fitted[k] = T, True
+    return fitted
+
+
+@njit(cache=True)
+def _weigh(source: np.ndarray, target: np.ndarray, T: np.ndarray, weight: np.ndarray) -> None:
+    """Fill weight (n,) by the residuals under a motion."""
+    for row in range(len(source)):
+        squared = 0.0
+        for axis in range(3):
+            moved = T[axis, 3]
+            for other in range(3):
+                moved += T[axis, other] * source[row, other]
+            squared += (moved - target[row, axis]) ** 2
+        weight[row] = np.sqrt(squared)
+    scale = max(np.median(weight), LEAST_SCALE_M)
+    for row in range(len(source)):
+        weight[row] = 1.0 / (1.0 + (weight[row] / scale) ** 2)
+
+
+@njit(cache=True)
+def _fit_rigid(source: np.ndarray, target: np.ndarray, share: np.ndarray, T: np.ndarray) -> bool:
+    """Fill T (4, 4) as ``fit_rigid_transform`` finds it; False, and T as it was, where the points are collinear."""
+    source_mean, target_mean, spread = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    for row in range(len(source)):
+        for axis in range(3):
+            source_mean[axis] += share[row] * source[row, axis]
+            target_mean[axis] += share[row] * target[row, axis]
+    for row in range(len(source)):
+        for axis in range(3):
+            away = share[row] * (target[row, axis] - target_mean[axis])
+            for other in range(3):
+                spread[axis, other] += away * (source[row, other] - source_mean[other])
+    u, size, vt = np.linalg.svd(spread)
+    if size[1] <= max(COLLINEAR_RATIO * size[0], ONE_PLACE_M2):
+        return False
+    if np.linalg.det(u @ vt) < 0.0:
+        u[:, 2] = -u[:, 2]
+    turn = u @ vt
+    T[:3, :3], T[:3, 3] = turn, target_mean - turn @ source_mean
+    return True
+
+
+@njit(cache=True)
+def carry(skin: Oriented, start: np.ndarray, transforms: np.ndarray) -> Oriented:
+    """The skin where the motions (k, 4, 4) of its parts take it."""
+    places, normals = np.empty_like(skin.places_m), np.empty_like(skin.normals)
+    for k in range(len(transforms)):
+        T = transforms[k]
+        for row in range(start[k], start[k + 1]):
+            for axis in range(3):
+                place, normal = T[axis, 3], 0.0
+                for other in range(3):
+                    place += T[axis, other] * skin.places_m[row, other]
+                    normal += T[axis, other] * skin.normals[row, other]
+                places[row, axis], normals[row, axis] = place, normal
+    return Oriented(places, normals)
+
+
+@njit(cache=True)
+def plane_steps(
+    moved: Oriented, start: np.ndarray, nodes: Oriented, nearest: np.ndarray, near: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """One step of point-to-plane ICP: (k, 6) turn about the centre and shift, NaN where too few nodes are near, and
+    (k, 3) the centre.
+
+    nearest (n,): the node nearest to each point of the skin, near (n,) bool: within reach. The plane's normal is the
+    mean of both, as in ``surface_constraints``; what the planes leave open does not move.
+    """
+    steps, centres = np.full((len(start) - 1, 6), np.nan), np.zeros((len(start) - 1, 3))
+    planes, rows = np.empty((len(near), 4)), np.empty(len(near), np.int64)
+    for k in range(len(steps)):
+        count = 0
+        for row in range(start[k], start[k + 1]):
+            if near[row] and _plane(moved, row, nodes, nearest[row], planes[count]):
+                rows[count] = row
+                count += 1
+        if count >= LEAST_PAIRS:
+            _solve(moved.places_m, rows[:count], planes, centres[k], steps[k])
+    return steps, centres
+
+
+@njit(cache=True)
+def _plane(moved: Oriented, row: int, nodes: Oriented, node: int, plane: np.ndarray) -> bool:
+    """Fill plane (4,) with its unit normal and the point's distance off it; False where the normals are not alike."""
+    alike, squared = 0.0, 0.0
+    for axis in range(3):
+        alike += nodes.normals[node, axis] * moved.normals[row, axis]
+        plane[axis] = nodes.normals[node, axis] + moved.normals[row, axis]
+        squared += plane[axis] ** 2
+    if not alike > ALIKE:
+        return False
+    plane[3] = 0.0
+    for axis in range(3):
+        plane[axis] /= np.sqrt(squared)
+        plane[3] += (moved.places_m[row, axis] - nodes.places_m[node, axis]) * plane[axis]
+    return True
+
+
+@njit(cache=True)
+def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.ndarray, step: np.ndarray) -> None:
+    """Fill the centre (3,) of the rows, and the step (6,) by weighted least squares."""
+    for row in rows:
+        for axis in range(3):
+            centre[axis] += places[row, axis] / len(rows)
+    matrix, right, arm = np.zeros((6, 6)), np.zeros(6), np.empty(6)
+    for number in range(len(rows)):
+        place, plane = places[rows[number]], planes[number]
+        x, y, z = place[0] - centre[0], place[1] - centre[1], place[2] - centre[2]
+        a, b, c, off = plane[0], plane[1], plane[2], plane[3]
+        arm[0], arm[1], arm[2] = y * c - z * b, z * a - x * c, x * b - y * a
+        arm[3], arm[4], arm[5] = a, b, c
+        weight = 1.0 / (SURFACE_SIGMA_M * (1.0 + (off / SURFACE_SIGMA_M) ** 2)) ** 2
+        for one in range(6):
+            right[one] -= weight * off * arm[one]
+            for other in range(6):
+                matrix[one, other] += weight * arm[one] * arm[other]
+    for axis in range(3):
+        matrix[axis, axis] += 1.0 / TURN_SIGMA**2
+        matrix[3 + axis, 3 + axis] += 1.0 / SHIFT_SIGMA_M**2
+    step[:] = np.linalg.solve(matrix, right)
+
+
+ITERATIONS: Final = 5  # of ICP after the pairs
+REACH_M: Final = 0.06  # a limb's radius: farther nodes belong to the next limb
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartRegistration:
+    """T_next_now (b, 4, 4) of every bone's part; registered (b,) bool: False where the prediction was kept."""
+
+    T_next_now: np.ndarray
+    registered: np.ndarray
+
+
+def register_parts(
+    skin: Oriented,
+    part: np.ndarray,
+    matched_m: np.ndarray,
+    surface: Surface,
+    T_predicted: np.ndarray,
+    iterations: int = ITERATIONS,
+    robust: bool = True,
+) -> PartRegistration:
+    """tau-hat = ICP(tau, phi): pairs of the global hypothesis start each part, the nearest nodes end it.
+
+    skin: points of the body's skin in frame t; part (n,): their bone index; matched_m (n, 3): where the tree puts them
+    in t+1, NaN where it found nothing; surface: that of t+1; T_predicted (b, 4, 4): predicted motion of each part;
+    iterations: of ICP after the pairs; robust: whether pairs that do not fit lose their influence.
+    The skin is registered, not the last frame's nodes, whose error would add up.
+    A part of which too little is seen keeps its prediction and reports it.
+    """
+    order = np.argsort(part, kind="stable")
+    bones, first = np.unique(part[order], return_index=True)
+    start, matched_m = np.append(first, len(part)), matched_m[order]
+    own_skin = Oriented(*(np.ascontiguousarray(one[order], np.float64) for one in skin))
+    paired = np.flatnonzero(np.isfinite(matched_m).all(axis=1))
+    transforms, registered = T_predicted.copy(), np.zeros(len(T_predicted), dtype=bool)
+    own = transforms[bones]
+    registered[bones] = fit_pairs(
+        own_skin.places_m[paired], matched_m[paired], np.searchsorted(paired, start), own, robust
+    )
+    registered[bones] |= _refine(own_skin, start, surface, own, iterations)
+    transforms[bones] = own
+    return PartRegistration(transforms, registered)
+
+
+def _refine(skin: Oriented, start: np.ndarray, surface: Surface, transforms: np.ndarray, iterations: int) -> np.ndarray:
+    """(k,) bool: the parts, whose rows begin at start (k + 1,), that ICP moved from where transforms (k, 4, 4) have
+    them, which it changes.
+
+    A part stays where it is from the first step on that has too few nodes near it.
+    """
+    tree, nodes = cKDTree(surface.points_m), Oriented(surface.points_m, surface.normals)
+    refined, active = np.zeros(len(transforms), bool), np.ones(len(transforms), bool)
+    for _ in range(iterations):
+        moved = carry(skin, start, transforms)
+        distance, nearest = tree.query(moved.places_m, distance_upper_bound=REACH_M)
+        change, centre = plane_steps(moved, start, nodes, nearest, np.isfinite(distance))
+        active &= np.isfinite(change).all(axis=1)
+        step = np.tile(np.eye(4), (active.sum(), 1, 1))
+        step[:, :3, :3] = rotation_matrices(change[active, :3])
+        step[:, :3, 3] = centre[active] - rotate(step[:, :3, :3], centre[active]) + change[active, 3:]
+        transforms[active] = step @ transforms[active]
+        refined |= active
+    return refined
+
+
+def joints_of_parts(asset: BodyAsset, body: BodyMesh, T_world_rest: np.ndarray) -> np.ndarray:
+    """The rule J: each joint is the node between two adjacent parts, the mean of where both put it. (21, 3) metres."""
+    bones = joint_bones(asset)
+    rest = body.rest_joints()
+    places = []
+    for joint, bone in enumerate(bones):
+        parent = asset.bone_parents[bone]
+        adjacent = [bone] if parent < 0 or asset.bone_names[bone] == "Head" else [bone, parent]
+        places.append(np.mean([transform_points(T_world_rest[b], rest[joint]) for b in adjacent], axis=0))
+    return np.array(places)

@@ -1,0 +1,283 @@
+"""Observe a frame: who is who in it, the patient's surface, the anchors; and hold the frames of the look-ahead."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import compress, pairwise
+
+import numpy as np
+
+from anchorpose.body.evidence import gather_evidence
+from anchorpose.body.kinematics import missing_anchors
+from anchorpose.body.pose import Pose
+from anchorpose.body.skin_points import Body, body_points
+from anchorpose.geodesics.anchors import Anchors, find_anchors
+from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
+from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
+from anchorpose.isolation.people import IsolationConfig, PatientChoice, find_people
+from anchorpose.isolation.scene import Pieces, find_all_pieces
+from anchorpose.isolation.separation import separate, separate_initial
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.recording.recording import FrameSet
+from anchorpose.surface.border import Border, border
+from anchorpose.surface.patient_surface import blank_view, patient_surface
+from anchorpose.surface.surface import seen_part
+from anchorpose.track_tree.global_hypothesis import GlobalHypothesis, global_hypothesis, link
+from anchorpose.track_tree.hypotheses import Matcher
+from anchorpose.tracker.bystanders import (
+    Bystanders,
+    bystander_likelihood,
+    bystanders_placed,
+    follow_bystanders,
+    label_by_bodies,
+)
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.observation import AnchorDistances, Expectation, Isolated, Observation, SeenSurface
+from anchorpose.tracker.room import FACING, UP, Run
+from anchorpose.tracker.sighting import IN_EACH_OTHER_M
+from anchorpose.tracker.steps import facing_points, find_steps, step_onto
+
+LOOSEST_SKIN_M = 0.05  # half of a limb's width: skin predicted less precisely is left out of the likelihood
+UNFITTED_M = 0.04  # that skin may stray in each frame without a fit: 1.2 m/s at 30 Hz, a fast leg
+
+
+def observe_first(frame_set: FrameSet, choice: PatientChoice, height_m: float, run: Run) -> Observation:
+    """A frame in which nothing is expected except where the patient stands."""
+    isolated = isolate_first(frame_set, choice, run)
+    return observe(frame_set, isolated, None, height_m, run)
+
+
+def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isolated:
+    """Who is who where nothing is known but where the patient stands."""
+    with run.stage("isolation"):
+        pieces = find_all_pieces(frame_set, run.room.scenes)
+        group = choice.group if choice.frame == frame_set.frame else None
+        views = separate_initial(
+            pieces, find_people(pieces, run.config.isolation, group, faint=group is not None), choice
+        )
+    bystanders = see_bystanders(Bystanders(), views, 0.0, run)
+    if bystanders.followed:
+        with run.stage("bystanders"):
+            views = label_by_bodies(pieces, views, bystanders, run.room.cameras, run.config.isolation)
+    return _isolated(pieces, views, empty_memory(), bystanders, 0.0, run)
+
+
+def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> tuple[Isolated, np.ndarray]:
+    """Who is who where the patient is expected at a place, and the bystanders where they were in the frame before.
+
+    Returns also how far (3,), over the ground, from the expected place the frame shows the patient; 0 where they agree.
+    """
+    with run.stage("isolation"):
+        pieces = find_all_pieces(frame_set, run.room.scenes)
+        memory = walked(before, pieces, run)
+        step = step_of(expected, memory, pieces, run)
+    elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative in a backward pass
+    expected = expected.moved(step) if step.any() else expected
+    others = bystanders_placed(before.bystanders, memory, pieces, run.room.cameras, elapsed_s)
+    apart = _not_in(others, expected.skin.points_m.mean(axis=0))
+    views = _separated(pieces, expected, memory, apart, elapsed_s, run)
+    bystanders = see_bystanders(others, views, elapsed_s, run)
+    return _isolated(pieces, views, memory, bystanders, elapsed_s, run), step
+
+
+def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
+    """Those who do not stand in the patient, who is at a place (3,): who does was fitted to the patient's surface."""
+    apart = [
+        np.linalg.norm((one.belief.pose.root_m - place_m)[[0, 2]]) > IN_EACH_OTHER_M for one in bystanders.followed
+    ]
+    return replace(bystanders, followed=tuple(compress(bystanders.followed, apart)))
+
+
+def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
+    """The memory of a frame with everybody where the next one's pixels (``pieces``) show them to have walked."""
+    memory = before.memory
+    return memory.moved(find_steps(memory.seen_last, pieces, run.room.cameras))
+
+
+def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> np.ndarray:
+    """(3,) from where the patient is expected to where the frame shows the patient; 0 where they agree."""
+    seen_m = memory.seen_last.get(PixelLabel.PATIENT)
+    if seen_m is None:
+        return np.zeros(3)
+    cameras = run.room.cameras
+    front = facing_points(expected.skin.points_m, expected.skin.normals, cameras)
+    return step_onto(front, seen_m, pieces, cameras)
+
+
+def relabelled(seen: Observation, views: Sequence[View | None], before: Observation, run: Run) -> Isolated:
+    """Who is who in a frame of which some pixels have got another label."""
+    elapsed_s = seen.frame_set.time_s - before.frame_set.time_s
+    return _isolated(seen.pieces, views, before.memory, seen.bystanders, elapsed_s, run)
+
+
+def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
+    """The likelihood that a place is the patient's, by the predicted skin.
+
+    A limb that has been hidden for long has none: whatever it met would be taken for it. What is seen of it again
+    is connected to the patient.
+    """
+    spread = config.skin_sigma_m + UNFITTED_M * expected.frames_without_fit
+    sure = expected.sigma_m < LOOSEST_SKIN_M
+    sigma = np.hypot(spread, expected.sigma_m[sure]).astype(np.float32)
+    return OwnershipLikelihood(expected.skin.points_m[sure], np.full(len(sigma), PixelLabel.PATIENT, np.uint8), sigma)
+
+
+def _separated(
+    pieces: Sequence[Pieces | None],
+    expected: Expectation,
+    memory: BystanderMemory,
+    bystanders: Bystanders,
+    elapsed_s: float,
+    run: Run,
+) -> tuple[View | None, ...]:
+    """Everybody's pixels; elapsed_s: since the frame that the bystanders' bodies were fitted to."""
+    with run.stage("isolation"):
+        others = bystander_likelihood(bystanders, body_points(), elapsed_s)
+        likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
+        return separate(pieces, memory, likelihood, elapsed_s, run.config.isolation)
+
+
+def see_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:
+    if not run.config.follow.bystanders:
+        return before
+    with run.stage("bystanders"):
+        return follow_bystanders(before, views, run.room.cameras, body_points(), elapsed_s)
+
+
+def _isolated(
+    pieces: Sequence[Pieces | None],
+    views: Sequence[View | None],
+    before: BystanderMemory,
+    bystanders: Bystanders,
+    elapsed_s: float,
+    run: Run,
+) -> Isolated:
+    with run.stage("isolation"):
+        memory = update_memory(before, pieces, views, run.room.cameras, elapsed_s)
+    return Isolated(tuple(pieces), tuple(views), memory, bystanders)
+
+
+def observe(
+    frame_set: FrameSet, isolated: Isolated, expected: Expectation | None, height_m: float, run: Run
+) -> Observation:
+    """Surface and anchors of a frame whose people are isolated. height_m: what the anchors' distances are scaled by."""
+    surface = see_surface(isolated, expected, run)
+    anchors = see_anchors(surface, expected, height_m, run)
+    return gather(frame_set, expected, isolated, surface, anchors, run)
+
+
+def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> SeenSurface:
+    """The patient's surface from the patient's pixels; the expected skin says where it is cut and closed."""
+    cameras = run.room.cameras
+    shown = [blank_view(camera) if view is None else view for view, camera in zip(isolated.views, cameras, strict=True)]
+    with run.stage("surface"):
+        whole = patient_surface(shown, cameras, None if expected is None else expected.skin, run.config.surface)
+        kind = border(whole, shown)
+        seen = seen_part(whole)
+    with run.stage("registration"):
+        evidence = gather_evidence(seen, isolated.views, cameras, run.room.calibration.floor_height_m)
+    return SeenSurface(whole, kind, evidence)
+
+
+def see_anchors(surface: SeenSurface, expected: Expectation | None, height_m: float, run: Run) -> Anchors:
+    """Head, hands and feet, as the picture shows them."""
+    with run.stage("geodesics"):
+        facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
+        cut = surface.border == Border.CUT
+        missing = missing_anchors(run.room.recording.subject.missing)
+        return find_anchors(surface.whole, UP, facing, height_m, cut, places, run.config.anchors, missing)
+
+
+def gather(
+    frame_set: FrameSet,
+    expected: Expectation | None,
+    isolated: Isolated,
+    surface: SeenSurface,
+    anchors: Anchors,
+    run: Run,
+) -> Observation:
+    """The stages' results of one frame in one value."""
+    return Observation(
+        frame_set,
+        expected,
+        surface.evidence,
+        surface.whole,
+        anchors,
+        AnchorDistances(surface, anchors, run.config.hypotheses.trusted_only, run.stopwatch),
+        surface.border[: len(surface.evidence.surface)],
+        isolated.pieces,
+        isolated.memory,
+        isolated.bystanders,
+    )
+
+
+Associate = Callable[[Observation, Observation, TrackConfig], Matcher]
+"""Decides which nodes of a frame and the next are the same place of the skin; by default ``link``."""
+
+
+class Window:
+    """The frame last registered, then the later ones, of which those are observed that were asked for.
+
+    frames: of all of them; seen: the observations of the first ones. Frames are matched when the tree asks for it.
+    """
+
+    run: Run
+    frames: deque[FrameSet]
+    seen: deque[Observation]
+    _matchers: deque[Matcher | None]
+
+    def __init__(self, first: Observation, run: Run) -> None:
+        self.run = run
+        self.frames = deque([first.frame_set])
+        self.seen = deque([first])
+        self._matchers = deque()
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without matches, which are found again where they are asked for."""
+        return {**self.__dict__, "_matchers": deque([None] * len(self._matchers))}
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, number: int) -> Observation:
+        return self.seen[number]
+
+    def append(self, frame_set: FrameSet) -> None:
+        """One more frame of the look-ahead."""
+        self.frames.append(frame_set)
+
+    def see(self, seen: Observation) -> None:
+        """The observation of the first frame that has none."""
+        self._matchers.append(None)
+        self.seen.append(seen)
+
+    def replace_next(self, seen: Observation) -> None:
+        """Another observation of the frame after the last registered one."""
+        self.seen[1] = seen
+        for number in range(min(2, len(self._matchers))):
+            self._matchers[number] = None
+
+    def move_on(self) -> None:
+        """The frame after the last registered one is registered."""
+        for held in (self.frames, self.seen, self._matchers):
+            held.popleft()
+
+    def matchers(self) -> list[Matcher]:
+        """For every subset of anchors, the node of the next frame that each node of a frame matches; per pair of
+        observed frames."""
+        associate = self.run.associate or (lambda now, later, config: link(now, later, config.hypotheses, config.gate))
+        found = [
+            associate(now, following, self.run.config) if matcher is None else matcher
+            for matcher, (now, following) in zip(self._matchers, pairwise(self.seen), strict=True)
+        ]
+        self._matchers = deque(found)
+        return found
+
+    def global_hypothesis(self, body: Body, pose: Pose, predicted: Sequence[Pose]) -> GlobalHypothesis:
+        """Search the track tree over all observed frames; pose: in the first, predicted: in each of the others."""
+        config = self.run.config
+        return global_hypothesis(
+            body, pose, predicted, list(self.seen), self.matchers(), config.follow.tree_nodes, config.tree
+        )
