@@ -15,6 +15,7 @@ import numpy as np
 from probe import Row, Scene, answer
 
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.motion.database_file import load_motions
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.simulate.clinic import draw_clinic
@@ -24,8 +25,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.run import Run
-from anchorpose.tracking.motion_file import load_motions
+from anchorpose.tracker.room import Run
 
 ON_IT_M: Final = 0.03
 

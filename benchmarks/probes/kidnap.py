@@ -13,17 +13,16 @@ from typing import Final
 
 from spoilt_poses import Spoil, spoilt
 
+from anchorpose.body.contact_regions import StandingFeet
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import estimate_of
-from anchorpose.tracker.isolating import isolate
 from anchorpose.tracker.observation import Observation, observe
+from anchorpose.tracker.observing import Window, isolate
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.standing_feet import StandingFeet
-from anchorpose.tracker.window import Window
 
 SEEN_AGAIN: Final = 3
 """Frames before the last estimated one that are observed again: what isolation remembers of other people then comes

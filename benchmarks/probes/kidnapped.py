@@ -25,6 +25,7 @@ from spoilt_poses import Kind, Spoil, spoilt
 
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
+from anchorpose.motion.database_file import load_motions
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.recording.recording import FrameSet
 from anchorpose.results.evaluate_confidence import LIMBS_JUDGED, in_plain_view
@@ -34,9 +35,8 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import NoStart, find_start
-from anchorpose.tracking.motion_file import load_motions
 
 Choice = TypeVar("Choice")
 RIGHT_M, EXCESS_M = 0.10, 0.05  # of the truth; more than the undisturbed tracker's error

@@ -29,7 +29,7 @@ from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import FollowConfig, TrackConfig
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.run import Run
+from anchorpose.tracker.room import Run
 
 BODY = adult_body()
 POSTURES = {
