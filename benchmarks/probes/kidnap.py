@@ -20,8 +20,8 @@ from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import estimate_of
-from anchorpose.tracker.observation import Observation, observe
-from anchorpose.tracker.observing import Window, isolate
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.observing import Window, isolate, observe
 from anchorpose.tracker.patient import PatientTracker
 
 SEEN_AGAIN: Final = 3
