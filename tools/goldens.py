@@ -47,6 +47,7 @@ from anchorpose.simulate.write import simulate_recording
 from anchorpose.threads import one_thread
 
 ROOT: Final = Path(__file__).resolve().parents[1]
+SOURCE: Final = Path(anchorpose.__file__).parents[1]
 STORED: Final = ROOT / "tests" / "goldens" / "goldens.json"
 DATA: Final = ROOT.parent / "shared" / "data"
 MSR: Final = DATA / "msr_action3d" / "a06_s01_e02"
@@ -100,7 +101,7 @@ def make(name: str, folder: Path) -> Made:
             failed = run_verb(line)
         if failed:
             raise RuntimeError(f"{name}: 'anchorpose {' '.join(line)}' failed")
-    return made_of(recording, folder / "results")
+    return Made(all_digests(recording, folder / "results"), summary_of(folder / "results"))
 
 
 def recording_of(name: str, folder: Path) -> Path:
@@ -120,10 +121,10 @@ def command_lines(name: str, recording: Path, results: Path) -> list[list[str]]:
     return [track, ["export", str(results), "--to", FORMATS]]
 
 
-def made_of(recording: Path, results: Path) -> Made:
-    """Digests with those of the recording and its truth, and the summary."""
+def all_digests(recording: Path, results: Path) -> Digests:
+    """Of the results, and of the recording with its truth."""
     source = recording if recording == MSR else recording.parent
-    return Made({RECORDING: {WHOLE: digest_of_folder(source)}, **digests_of(results)}, summary_of(results))
+    return {RECORDING: {WHOLE: digest_of_folder(source)}, **digests_of(results)}
 
 
 def compare(name: str, made: Made, stored: dict[str, Any], here: dict[str, str]) -> list[str]:
@@ -142,7 +143,7 @@ def other_machine(stored: dict[str, Any], here: dict[str, str]) -> str:
     differing = [name for name in {**before, **here} if before.get(name) != here.get(name)]
     if not differing:
         return ""
-    return f"not the machine of the goldens ({', '.join(differing)} differ): compared within tolerances, not exactly"
+    return f"not the machine of the goldens (other {', '.join(differing)}): compared within tolerances, not exactly"
 
 
 def read_stored() -> dict[str, Any]:
@@ -175,7 +176,7 @@ def against(commit: str, names: Sequence[str], folder: Path) -> int:
     """Compare with what another commit makes of the same recordings; 1 where something differs."""
     recordings = {name: recording_of(name, folder / name) for name in names}
     with checked_out(commit, folder / "tree") as tree:
-        sides = {"old": tree / "src", "new": Path(anchorpose.__file__).parents[1]}
+        sides = {"old": tree / "src", "new": SOURCE}
         tracking = []
         for side, source in sides.items():
             lines = [
@@ -183,11 +184,14 @@ def against(commit: str, names: Sequence[str], folder: Path) -> int:
             ]
             (folder / side).mkdir()
             tracking.append(start_lines(source, lines))
-        for side, process in zip(sides, tracking, strict=True):
-            if process.wait():
-                raise SystemExit(f"the {side} code could not track or export a recording; its message is above.")
-    old, new = ({name: made_of(path, folder / side / name) for name, path in recordings.items()} for side in sides)
-    return report({n: [f"{n}: {line}" for line in differences(old[n].digests, new[n].digests)] for n in names})
+        failed = [side for side, code in zip(sides, [process.wait() for process in tracking], strict=True) if code]
+        if failed:
+            raise SystemExit(f"the {failed[0]} code could not track or export a recording; its message is above.")
+    found = {}
+    for name, path in recordings.items():
+        old, new = (all_digests(path, folder / side / name) for side in sides)
+        found[name] = [f"{name}: {line}" for line in differences(old, new)]
+    return report(found)
 
 
 @contextlib.contextmanager

@@ -23,4 +23,5 @@ def assert_golden(name: str, folder: Path) -> None:
     stored, here = read_stored(), fingerprint()
     if elsewhere := other_machine(stored, here):
         warnings.warn(elsewhere, stacklevel=2)
-    assert "\n".join(compare(name, made, stored, here)) == ""
+    if found := compare(name, made, stored, here):
+        pytest.fail("\n".join(found), pytrace=False)

@@ -150,7 +150,7 @@ def test_on_another_machine_values_beyond_the_tolerances_are_reported(kind, valu
 
 
 def test_another_machine_is_described_by_what_differs():
-    assert "(processor differ)" in other_machine(stored(made()), ELSEWHERE)
+    assert "(other processor)" in other_machine(stored(made()), ELSEWHERE)
     assert other_machine(stored(made()), HERE) == ""
 
 
@@ -180,3 +180,62 @@ def test_one_recording_of_another_machine_cannot_be_stored(monkeypatch, tmp_path
 def test_every_recording_is_stored():
     recordings = goldens.read_stored()["recordings"]
     assert tuple(recordings) == goldens.NAMES
+
+
+STAND_IN = """
+import json
+from pathlib import Path
+
+def main(line):
+    results = Path(line[line.index("-o") + 1] if line[0] == "track" else line[1])
+    results.mkdir(exist_ok=True)
+    if line[0] == "export":
+        (results / "run.json").write_text(json.dumps({"notes": NOTES, "timings": str(results)}))
+    return EXIT
+"""
+
+
+def git(folder: Path, *words: str) -> str:
+    named = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
+    return subprocess.run(["git", *named, *words], cwd=folder, check=True, capture_output=True, text=True).stdout
+
+
+@pytest.fixture
+def repository(tmp_path, monkeypatch) -> Path:
+    """A repository whose package notes "old" in its only commit and "new" in its work tree."""
+    root = tmp_path / "repository"
+    (root / "src/anchorpose").mkdir(parents=True)
+    (root / "src/anchorpose/__init__.py").touch()
+    write_package(root, ["old"])
+    git(tmp_path, "init", "-q", str(root))
+    git(root, "add", ".")
+    git(root, "commit", "-qm", "old")
+    write_package(root, ["new"])
+    monkeypatch.setattr(goldens, "ROOT", root)
+    monkeypatch.setattr(goldens, "SOURCE", root / "src")
+    monkeypatch.setattr(goldens, "recording_of", lambda name, folder: root / "src/anchorpose")
+    return root
+
+
+def write_package(root: Path, notes: list[str], code: int = 0) -> None:
+    (root / "src/anchorpose/cli.py").write_text(f"NOTES, EXIT = {notes}, {code}\n{STAND_IN}")
+
+
+def test_two_commits_are_compared_and_the_work_tree_is_left_as_it_was(repository, tmp_path, capsys):
+    (tmp_path / "1").mkdir()
+    assert goldens.against("HEAD", ["hole", "clinic"], tmp_path / "1") == 1
+    assert capsys.readouterr().out == "hole: run.json: notes\nclinic: run.json: notes\n"
+    assert len(git(repository, "worktree", "list").splitlines()) == 1
+    write_package(repository, ["old"])
+    (tmp_path / "2").mkdir()
+    assert goldens.against("HEAD", ["hole"], tmp_path / "2") == 0
+    assert capsys.readouterr().out == "hole: the same\n"
+
+
+def test_a_commit_that_is_not_there_and_code_that_fails_end_in_a_sentence(repository, tmp_path):
+    with pytest.raises(SystemExit, match="'nowhere' could not be checked out"):
+        goldens.against("nowhere", ["hole"], tmp_path)
+    write_package(repository, ["new"], code=2)
+    with pytest.raises(SystemExit, match="the new code could not track"):
+        goldens.against("HEAD", ["hole"], tmp_path)
+    assert len(git(repository, "worktree", "list").splitlines()) == 1
