@@ -25,8 +25,8 @@ from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet
 
-# Set on twelve simulated clinics (benchmarks/camera_agreement.py): with right poses at most 0.05 of the room and 0.13
-# of the people are seen past; of the people 0.30 to 0.75 where a camera is 5 cm to the side
+# Set on twelve simulated clinics (docs/accuracy.md, whether cameras agree): with right poses at most 0.05 of the room
+# and 0.13 of the people are seen past; of the people 0.30 to 0.75 where a camera is 5 cm to the side
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
 ROOM_ALONE: Final = 0.6  # where nobody's outline confirms it: cameras that draw edges out had 0.19 with right poses
