@@ -52,15 +52,12 @@ class CapturedBody:
         middle = skin_m.mean(axis=(0, 1))
         skin_m -= np.float32([middle[0], skin_m[..., 1].min(), middle[2]])
         np.savez(folder / "surface.npz", skin_m=skin_m, faces=faces)
-        no_parts = np.zeros(len(faces), np.uint8)
-        _record(folder / "recording", self._studio(len(skin_m)), [Figure(m, faces, no_parts, PATIENT) for m in skin_m])
-
-    def _studio(self, frames: int) -> Studio:
-        """Return the empty room and cameras; the person whom the simulator would have drawn stays out."""
-        return set_up(draw_clinic(SimulationConfig(
-            seed=SEED, seconds=frames / RATE_HZ, fps=RATE_HZ, cameras=self.cameras, equipment="none", stool=False,
-            therapists=0,
-        )))  # fmt: skip
+        no_parts, seconds = np.zeros(len(faces), np.uint8), len(skin_m) / RATE_HZ
+        empty = SimulationConfig(
+            seed=SEED, seconds=seconds, fps=RATE_HZ, cameras=self.cameras, equipment="none", stool=False, therapists=0
+        )  # the person whom the simulator would have drawn stays out
+        figures = [Figure(frame_m, faces, no_parts, PATIENT) for frame_m in skin_m]
+        _record(folder / "recording", set_up(draw_clinic(empty)), figures)
 
 
 def _record(folder: Path, studio: Studio, figures: list[Figure]) -> None:

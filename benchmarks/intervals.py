@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy import stats
 
-NORMAL_95: Final = 1.959964
+from anchorpose.results.uncertainty import NORMAL_95
 
 
 def wilson(successes: int, trials: int) -> tuple[float, float]:

@@ -38,12 +38,6 @@ class Cost:
     seconds: float
 
 
-def compare_sessions(results: Path, out: Path) -> Cost:
-    """``anchorpose report`` of two sessions."""
-    later = pretend_later(results, out / "later")
-    return run_verb("report", str(results), str(later), "-o", str(out / "comparison.html"))
-
-
 def repeat_measures(results: Path, out: Path) -> Cost:
     """``anchorpose reliability`` of three subjects with two sessions each."""
     rows = [f"{subject},{session},{results.resolve()}" for subject in "abc" for session in (1, 2)]
@@ -84,7 +78,7 @@ def _ended(child: Any, began: float, name: str) -> Cost:
 
 def verbs(results: Path, truth: Path | None, out: Path) -> dict[str, Callable[[], Cost]]:
     """What is measured, by name; ``measure`` first, so that the others read what it wrote."""
-    folder = str(results)
+    folder, page = str(results), str(out / "comparison.html")
     return {
         "measure": lambda: run_verb("measure", folder),
         "measure --smooth": lambda: run_verb("measure", folder, "--smooth", "butterworth", "--fill", "linear"),
@@ -96,7 +90,9 @@ def verbs(results: Path, truth: Path | None, out: Path) -> dict[str, Callable[[]
         },
         "view": lambda: open_view(results),
         "verify": lambda: run_verb("verify", folder),
-        "report, two sessions": lambda: compare_sessions(results, out),
+        "report, two sessions": lambda: run_verb(
+            "report", folder, str(pretend_later(results, out / "later")), "-o", page
+        ),
         "reliability": lambda: repeat_measures(results, out),
     }
 
@@ -108,22 +104,19 @@ def main() -> None:
     parser.add_argument("--truth", type=Path, help="its truth.npz, for evaluate")
     parser.add_argument("--frames", type=int, nargs="+", default=[HOUR])
     parser.add_argument("--only", nargs="+", help="these verbs, as the table names them")
-    parser.add_argument("--work", type=Path, help="make the results in this folder and keep them")
     options = parser.parse_args()
     print(f"{'frames':>8} {'verb':21} {'peak, MB':>9} {'seconds':>8}")
     for frames in options.frames:
-        with TemporaryDirectory() as temporary:
-            work = Path(temporary) if options.work is None else options.work / str(frames)
-            long, truth = work / "results", None if options.truth is None else work / "truth.npz"
-            if not long.exists():
-                repeat_results(options.results, long, frames)
-                if truth is not None:
-                    repeat_truth(options.truth, truth, long)
-            with TemporaryDirectory(dir=work) as out:
-                for name, run in verbs(long, truth, Path(out)).items():
-                    if options.only is None or name in options.only:
-                        cost = run()
-                        print(f"{frames:>8} {name:21} {cost.megabytes:9.0f} {cost.seconds:8.1f}", flush=True)
+        with TemporaryDirectory() as work:
+            long = Path(work) / "results"
+            truth = None if options.truth is None else Path(work) / "truth.npz"
+            repeat_results(options.results, long, frames)
+            if truth is not None:
+                repeat_truth(options.truth, truth, long)
+            for name, run in verbs(long, truth, Path(work)).items():
+                if options.only is None or name in options.only:
+                    cost = run()
+                    print(f"{frames:>8} {name:21} {cost.megabytes:9.0f} {cost.seconds:8.1f}", flush=True)
 
 
 if __name__ == "__main__":

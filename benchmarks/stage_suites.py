@@ -13,63 +13,61 @@ from suite import Case, Probe, Use
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
+FIRST_SEED: Final[dict[str, dict[Use, int]]] = {
+    "calibration": {"tuning": 1, "held-out": 201},
+    "placing": {"tuning": 601, "held-out": 651},
+    "clocks": {"tuning": 501, "held-out": 551},
+    "isolation": {"tuning": 501, "held-out": 601},
+    "equipment": {"tuning": 1, "held-out": 11},
+    "given-poses": {"tuning": 61_000, "held-out": 61_200},
+    "laboratory": {"tuning": 100, "held-out": 300},
+    "live": {"tuning": 101, "held-out": 141},
+}
 
-def _seeds(first: dict[Use, int], use: Use, count: int) -> range:
-    return range(first[use], first[use] + count)
 
-
-CALIBRATION_SEED: Final[dict[Use, int]] = {"tuning": 1, "held-out": 201}
-PLACING_SEED: Final[dict[Use, int]] = {"tuning": 601, "held-out": 651}
+def _seeds(scenes: str, use: Use, count: int) -> range:
+    first = FIRST_SEED[scenes][use]
+    return range(first, first + count)
 
 
 def calibration(use: Use, quick: bool) -> Iterator[Case]:
     """Yield clinics whose cameras are found from the equipment, and clinics without equipment."""
     sensors = get_args(presets.Sensor)
-    for seed in _seeds(CALIBRATION_SEED, use, 1 if quick else 20):
+    for seed in _seeds("calibration", use, 1 if quick else 20):
         equipment: presets.Equipment = "parallel-bars" if seed % 5 == 4 else "standing-frame"
         sensor = sensors[seed % len(sensors)]
         config = SimulationConfig(seed=seed, seconds=4.0, fps=4.0, sensor=sensor, equipment=equipment)
         yield Case("from the equipment", Simulated(f"calibration-{seed}", config), probe=Probe("calibration"))
-    for seed in _seeds(PLACING_SEED, use, 0 if quick else 6):
+    for seed in _seeds("placing", use, 0 if quick else 6):
         recording = Simulated(f"placing-{seed}", presets.clinic(seed, 60.0, 1.0))
         yield Case("from floor and people", recording, probe=Probe("camera_to_camera"))
-
-
-CLOCK_SEED: Final[dict[Use, int]] = {"tuning": 501, "held-out": 551}
 
 
 def clocks(use: Use, quick: bool) -> Iterator[Case]:
     """Yield clinics whose clocks are off by up to 2 s and drift by up to 100 parts in a million."""
     for fps in (30.0, 15.0):
-        for seed in _seeds(CLOCK_SEED, use, 1 if quick else 4):
+        for seed in _seeds("clocks", use, 1 if quick else 4):
             rng = np.random.default_rng(seed)
             late_s, drift = (0.0, *rng.uniform(-2.0, 2.0, 2)), (0.0, *rng.uniform(-1e-4, 1e-4, 2))
             config = replace(presets.clinic(seed, 600.0, fps), clock_late_s=late_s, clock_drift=drift)
             yield Case(f"{fps:g} Hz", Drawn(f"clocks-{fps:g}-{seed}", config), probe=Probe("clocks"))
 
 
-ISOLATION_SEED: Final[dict[Use, int]] = {"tuning": 501, "held-out": 601}
-
-
 def isolation(use: Use, quick: bool) -> Iterator[Case]:
     """Yield clinics with two therapists who walk in, hold the patient, and leave."""
-    for seed in _seeds(ISOLATION_SEED, use, 1 if quick else 6):
+    for seed in _seeds("isolation", use, 1 if quick else 6):
         recording = Simulated(f"isolation-{seed}", presets.clinic(seed, 4.0))
         yield Case("clinic", recording, probe=Probe("isolation"))
 
 
-EQUIPMENT_SEED: Final[dict[Use, int]] = {"tuning": 1, "held-out": 11}
-
-
 def equipment(use: Use, quick: bool) -> Iterator[Case]:
     """Yield standing frames seen from other places."""
-    for seed in _seeds(EQUIPMENT_SEED, use, 1 if quick else 6):
+    for seed in _seeds("equipment", use, 1 if quick else 6):
         yield Case(
             "standing frame", Simulated(f"equipment-{seed}", presets.clinic(seed, 0.1)), probe=Probe("equipment")
         )
 
 
-GIVEN_SEED: Final[dict[Use, int]] = {"tuning": 61_000, "held-out": 61_200}
 GIVEN_SENSORS: Final[tuple[presets.Sensor, ...]] = (
     "kinect-v2", "femto-bolt", "realsense", "kinect-v2", "azure-kinect", "xtion",
     "kinect-v2", "d435", "kinect-v2", "realsense-filtered", "kinect-v2", "iphone-lidar",
@@ -86,7 +84,7 @@ def given_poses(use: Use, quick: bool) -> Iterator[Case]:
     """Yield twelve clinics of other cameras, equipment and therapists; the probe spoils their poses."""
     for number in range(1 if quick else len(GIVEN_SENSORS)):
         config = replace(
-            presets.clinic(GIVEN_SEED[use] + number, 6.0, 3.0),
+            presets.clinic(FIRST_SEED["given-poses"][use] + number, 6.0, 3.0),
             sensor=GIVEN_SENSORS[number],
             sensors=MIXED if number in MIXED_CLINICS else (),
             equipment=GIVEN_EQUIPMENT[number],
@@ -96,22 +94,16 @@ def given_poses(use: Use, quick: bool) -> Iterator[Case]:
         yield Case("spoilt", Simulated(f"given-poses-{config.seed}", config), probe=Probe("given_poses"))
 
 
-LABORATORY_SEED: Final[dict[Use, int]] = {"tuning": 100, "held-out": 300}
-
-
 def laboratory(use: Use, quick: bool) -> Iterator[Case]:
     """Yield patients of a minute; the probe draws markers, another clock and another frame."""
-    for seed in _seeds(LABORATORY_SEED, use, 1 if quick else 30):
+    for seed in _seeds("laboratory", use, 1 if quick else 30):
         recording = Drawn(f"laboratory-{seed}", presets.single(seed, seconds=60.0))
         yield Case("one minute", recording, probe=Probe("laboratory"))
 
 
-LIVE_SEED: Final[dict[Use, int]] = {"tuning": 101, "held-out": 141}
-
-
 def live(use: Use, quick: bool) -> Iterator[Case]:
     """Yield recordings that are played at their own pace."""
-    seed, seconds = LIVE_SEED[use], 10.0 if quick else 14.0
+    seed, seconds = FIRST_SEED["live"][use], 10.0 if quick else 14.0
     clinic = presets.clinic(seed, seconds)
     for title, config in (
         ("one camera, nobody else", presets.single(seed, seconds)),

@@ -47,6 +47,7 @@ PAIRED: Final = (
     Column("recall", "recall", digits=2),
 )
 OTHERWISE_SHOWN: Final = frozenset({"trials", "refused"})  # by ``also``
+WORSE_IF_LARGER: Final = ("_mm", "_deg", "_ms", "error")  # ends of the names of probes' scores
 
 
 def columns_of(rows: Mapping[str, Measured], known: Sequence[Column]) -> Sequence[Column]:
@@ -54,12 +55,13 @@ def columns_of(rows: Mapping[str, Measured], known: Sequence[Column]) -> Sequenc
     names = dict.fromkeys(name for measured in rows.values() for one in measured for name in one)
     if not names or not {column.name for column in COLUMNS}.isdisjoint(names):
         return known
-    paired = {column.name: column for column in PAIRED}
-    return tuple(
-        paired.get(name) or Column(name, name.replace("_", " "), digits=1 if name.endswith("_mm") else 2, worst=np.max)
-        for name in names
-        if name not in OTHERWISE_SHOWN
-    )
+    own = {column.name: column for column in PAIRED}
+    return tuple(own.get(name) or _column(name) for name in names if name not in OTHERWISE_SHOWN)
+
+
+def _column(name: str) -> Column:
+    worst = np.max if name.endswith(WORSE_IF_LARGER) else None
+    return Column(name, name.replace("_", " "), digits=1 if name.endswith("_mm") else 2, worst=worst)
 
 
 def table(rows: Mapping[str, Measured]) -> str:

@@ -26,24 +26,20 @@ LEARNT_S = 6.0
 
 def measure(scene: Scene) -> Iterator[Row]:
     """Track three times."""
-
-    def mean_mm(results: Path) -> float:
-        return evaluate(results, scene.truth, LEARNT_S).overall.mean_mm or float("nan")
-
     with TemporaryDirectory() as work:
-        results = Path(work) / "track"
-        results.mkdir()
-        track_recording(scene.recording, results, TrackConfig(), lambda done, total: None)
-        yield "track", {"error_mm": mean_mm(results)}
-        for part, wait_frames in (("live", 0), ("live, one frame later", 1)):
-            results = Path(work) / part
+        for part, wait_frames in (("track", None), ("live", 0), ("live, one frame later", 1)):
+            results, scores = Path(work) / part, dict[str, float]()
             results.mkdir()
-            options = LiveOptions(config=TrackConfig(), wait_frames=wait_frames, start_s=LEARNT_S)
-            user = User(lambda sentence: print(sentence, file=sys.stderr), Event())
-            latency = track_live([Playback(open_recording(scene.recording))], results, options, [], user)
-            dropped = latency.dropped / max(1, latency.count + latency.dropped)
-            delay = {"delay_ms": 1e3 * latency.median_s, "delay_p99_ms": 1e3 * latency.p99_s}
-            yield part, {"error_mm": mean_mm(results), "dropped": dropped, **delay}
+            if wait_frames is None:
+                track_recording(scene.recording, results, TrackConfig(), lambda done, total: None)
+            else:
+                options = LiveOptions(config=TrackConfig(), wait_frames=wait_frames, start_s=LEARNT_S)
+                user = User(lambda sentence: print(sentence, file=sys.stderr), Event())
+                latency = track_live([Playback(open_recording(scene.recording))], results, options, [], user)
+                scores["dropped"] = latency.dropped / max(1, latency.count + latency.dropped)
+                scores |= {"delay_ms": 1e3 * latency.median_s, "delay_p99_ms": 1e3 * latency.p99_s}
+            mean_mm = evaluate(results, scene.truth, LEARNT_S).overall.mean_mm
+            yield part, scores | {"error_mm": float("nan") if mean_mm is None else mean_mm}
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import find_anchors
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.surface.mesh import build_surface, faces
-from anchorpose.surface.surface import Surface, SurfaceConfig
+from anchorpose.surface.surface import SurfaceConfig
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from test_kernels import FACING, HEIGHT_M, UP, camera_at, largest_piece, manifold, render
@@ -88,17 +88,12 @@ def run_ours(depth_m: np.ndarray, camera: Camera, pixels: np.ndarray, step: int)
     begin = time.perf_counter()
     surface = build_surface(depth_m, depth_m > 0, camera, config)
     meshed = time.perf_counter()
-    sources = nearest_nodes(surface, pixels)
+    away = ((surface.pixel[None].astype(np.int64) - pixels[:, None]) ** 2).sum(axis=2)
+    sources = away.argmin(axis=1).astype(np.int32)
     chosen = time.perf_counter()
     fields = geodesic_distance(surface, sources)
     times = {"meshing": 1e3 * (meshed - begin), "fields": 1e3 * (time.perf_counter() - chosen)}
     return Way(surface.points_m, faces(surface), sources, fields, times)
-
-
-def nearest_nodes(surface: Surface, pixels: np.ndarray) -> np.ndarray:
-    """Return the node (s,) nearest to each pixel (s, 2), row and column."""
-    away = ((surface.pixel[None].astype(np.int64) - pixels[:, None]) ** 2).sum(axis=2)
-    return away.argmin(axis=1).astype(np.int32)
 
 
 def errors_mm(way: Way) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections import Counter
 from dataclasses import replace
@@ -29,6 +30,7 @@ from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import single
 
 MOVEMENTS = REPOSITORY.parent / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
+PAGES = ("README.md", "CONTRIBUTING.md", *sorted(f"docs/{path.name}" for path in REPOSITORY.glob("docs/*.md")))
 CONFIG = single(3, seconds=0.4, fps=10.0)
 COUNTS = {
     "easy": 16, "hard": 48, "rooms": 40, "starts": 60, "contacts": 28, "sensors": 76, "kidnapped": 15, "tasks": 20,
@@ -215,3 +217,17 @@ def test_both_labelled_the_same_60_frames_twelve_of_each_subject():
     for labels in (first, second):
         for person in (person for of in labels.values() for people in of.values() for person in people):
             assert person.unclear <= set(person.joints) <= set(JOINT_INDEX)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_names_benchmarks_that_exist_or_the_commit_that_had_them(page):
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    gone = {name for name in re.findall(r"benchmarks/[a-z_/]+\.py", text) if not (REPOSITORY / name).is_file()}
+    assert not gone or re.search(r"of commit [0-9a-f]{7}|with commit 753f79a", text), gone
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_names_suites_that_exist(page):
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    named = re.findall(r"benchmarks/run\.py((?: [a-z][a-z-]+)+)", text.replace("\n", " "))
+    assert {suite for suites in named for suite in suites.split()} <= set(SUITES)

@@ -263,7 +263,7 @@ def test_input_that_cannot_be_used_is_refused():
 
 
 def test_on_real_skeletons_of_another_subject_the_database_beats_velocity_and_standstill_at_every_horizon():
-    """One of the left-out subjects of ``benchmarks/motions.py``, which prints the figures."""
+    """One of the subjects that took no part in choosing the numbers of ``MotionConfig``."""
     if not UIPRMD.exists():
         pytest.skip(f"{UIPRMD} is absent: the UI-PRMD skeletons are not part of this project")
     clips = read_skeletons(UIPRMD, 30.0)

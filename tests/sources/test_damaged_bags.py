@@ -30,7 +30,7 @@ from anchorpose.errors import InputError, MissingPackage
 from anchorpose.sources.ros_bags import matches, open_source
 
 SINGLE = tuple(form for form in FORMATS if form != "db3-folder")
-CASES = 60  # damaged copies of each format; benchmarks/fuzz_readers.py tries many more
+CASES = 60  # damaged copies of each format; benchmarks/fuzz.py tries many more
 IMAGE = "sensor_msgs/msg/Image"
 
 

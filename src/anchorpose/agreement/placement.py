@@ -28,8 +28,9 @@ TURN_PRIOR_FRAMES: Final = 15.0
 SHIFT_PRIOR_FRAMES: Final = 300.0
 """How strongly offsets are held to zero, in frames (of ``MOST_FRAMES``). The first suits offsets of some millimetres,
 and gives the frame's rotation. Markers also slide with the posture, which looks like another place of the frame: its
-place is taken with the second. In 26 simulated laboratories (benchmarks/laboratory.py) one value for both gave a
-rotation off by 0.15 degrees (root mean square) and a place off by 2 mm, or 0.2 degrees and 1 mm; two give 0.15 and 1.
+place is taken with the second. In 26 simulated laboratories (suite ``laboratory`` of ``benchmarks/run.py``) one value
+for both gave a rotation off by 0.15 degrees (root mean square) and a place off by 2 mm, or 0.2 degrees and 1 mm; two
+give 0.15 and 1.
 """
 
 ERROR_M: Final = 0.005

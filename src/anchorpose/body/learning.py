@@ -136,7 +136,7 @@ BONES: Final = tuple(
 LEAST_BONE_M: Final = 1e-6  # a missing one has no length
 SYSTEMATIC_M: Final = {"upper_arm": 0.004, "forearm": 0.008, "thigh": 0.009, "shank": 0.008}
 """What clothes, folds and bodies unlike the model add to a bone's sigma, the same however many frames were seen; set on
-``benchmarks/bodies.py --use tuning``."""
+suite ``bodies`` of ``benchmarks/run.py``."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -123,8 +123,8 @@ _SYSTEMATIC_MM: Final = {
     "Wrist": 5.6, "Hand": 6.0, "Hip": 4.8, "Knee": 4.8, "Ankle": 3.8, "Foot": 8.0,
 }  # fmt: skip
 """Of each joint, per axis: what a learnt body may be off by, the same in every frame. Set on the hard scenes for tuning
-(``benchmarks/hard_scenes.py``), in which equipment hides parts of the trunk and people press on the clothes, and on
-ordinary recordings, so that both lie between 0.93 and 0.97."""
+(suite ``hard`` of ``benchmarks/run.py``), in which equipment hides parts of the trunk and people press on the clothes,
+and on ordinary recordings, so that both lie between 0.93 and 0.97."""
 
 
 @cache

@@ -34,7 +34,7 @@ class MotionRule(StrEnum):
 class MotionConfig:
     """How movements are compared and continued; a pose vector theta is in metres, see ``motion_database``.
 
-    The numbers were chosen on four subjects of UI-PRMD, each left out in turn (see ``benchmarks/motions.py``).
+    The numbers were chosen on four subjects of UI-PRMD, each left out in turn (docs/tracking.md).
     """
 
     rule: MotionRule = MotionRule.BLEND
