@@ -18,8 +18,8 @@ ZERO_IS_FINE = {
 NEED_OUTPUT = {"batch", "live", "record", "track"}
 
 
-def numeric_options(verb: Any = app, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], str]]:
-    """(verb, option) of every parameter that is a number, by what the command line itself declares."""
+def numeric_options(verb: Any = app, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], str, bool]]:
+    """(verb, option, whether it is whole) of every parameter that is a number, as the command line declares it."""
     for name in verb:
         if name.startswith("-"):
             continue
@@ -30,10 +30,12 @@ def numeric_options(verb: Any = app, path: tuple[str, ...] = ()) -> Iterator[tup
         for argument in command.assemble_argument_collection():
             kinds = {argument.hint, *get_args(argument.hint)}
             if kinds & {int, float}:
-                yield (*path, name), argument.name
+                yield (*path, name), argument.name, int in kinds
 
 
-OPTIONS = sorted(set(numeric_options()))
+ALL = sorted(set(numeric_options()))
+OPTIONS = [(verb, option) for verb, option, _ in ALL]
+WHOLE = [(verb, option) for verb, option, whole in ALL if whole]
 
 
 def test_every_verb_with_a_number_is_among_them():
@@ -54,3 +56,10 @@ def test_an_absurd_number_is_one_sentence_that_names_its_option(verb, option, va
     assert "Traceback" not in said
     assert len(said) < 700 + len(value)
     assert time.monotonic() - begin < 20.0
+
+
+@pytest.mark.parametrize(("verb", "option"), WHOLE, ids=lambda value: value if isinstance(value, str) else value[-1])
+def test_a_fraction_is_no_whole_number(verb, option, capsys):
+    output = ["-o", "out"] if verb[0] in NEED_OUTPUT else []
+    assert main([*verb, "somewhere", "elsewhere", *output, f"{option}=1.7"]) == 2
+    assert f'{option}: "1.7" is not a whole number' in capsys.readouterr().err

@@ -38,8 +38,8 @@ PASSED = SimulationConfig(
 )  # fmt: skip
 
 
-def named(frame: int, place_m: np.ndarray) -> NamedPatient:
-    return NamedPatient(frame=frame, time_s=frame / 15, position_m=tuple(map(float, place_m)), **SIGNED)
+def named(frame: int, place_m: np.ndarray, fps: float = 15.0) -> NamedPatient:
+    return NamedPatient(frame=frame, time_s=frame / fps, position_m=tuple(map(float, place_m)), **SIGNED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +94,19 @@ def test_a_frame_that_there_is_not_or_that_is_unusable_is_refused(reviewed: Revi
     gap = UnusableInterval(first_frame=5, last_frame=7, start_s=5 / 15, end_s=7 / 15, **SIGNED)
     write_corrections(reviewed.file, held.added(gap))
     with pytest.raises(InputError, match="in frame 7, which it marks as unusable; name the patient in another"):
+        reviewed.read()
+
+
+def test_a_time_that_is_not_of_its_frame_is_refused(reviewed: Reviewed) -> None:
+    held = read_corrections(reviewed.file)
+    write_corrections(reviewed.file, held.added(replace(named(7, np.zeros(3)), time_s=1.4)))
+    with pytest.raises(
+        InputError, match=r"names the patient in frame 7 at 1\.4 s, and the recording has that frame at 0\.46"
+    ):
+        reviewed.read()
+    gap = UnusableInterval(first_frame=5, last_frame=6, start_s=5 / 15, end_s=99.0, **SIGNED)
+    write_corrections(reviewed.file, held.added(gap))
+    with pytest.raises(InputError, match=r"frame 6 at 99 s"):
         reviewed.read()
 
 
@@ -161,7 +174,7 @@ def test_who_is_named_is_tracked_and_the_world_stays(tmp_path: Path) -> None:
     assert place_m is not None
     assert ground_m(before.position_m[FRAME, PELVIS], place_m) > NEAR_M
     file = tmp_path / "c.json"
-    write_corrections(file, Corrections(recording_of_run(run)).added(named(FRAME, place_m)))
+    write_corrections(file, Corrections(recording_of_run(run)).added(named(FRAME, place_m, PASSED.fps)))
 
     track_recording(recording, second, TrackConfig(), lambda *_: None, corrections=file)
     again, after = read_run(second / "run.json"), read_joints(second / "joints.parquet")

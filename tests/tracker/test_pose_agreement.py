@@ -152,7 +152,7 @@ def test_a_displacement_is_measured_among_edges_and_through_a_wrong_lens(off_m, 
     T[:3, 3] += np.array([0.6, 0.5, 0.62]) * off_m
     lens = replace(LENS, fx=scale * LENS.fx, fy=scale * LENS.fy)
     given = [replace(true[0], intrinsics=lens), replace(true[1], T_world_camera=T, intrinsics=lens)]
-    views = [common_surfaces(one, room, room, []) for one, room in zip(given, rooms, strict=True)]
+    views = [common_surfaces(one, room, room, [room]) for one, room in zip(given, rooms, strict=True)]
     found = find_displacement(*views)
     place = views[1].seen[0].points_m.mean(axis=0)[None]
     expected_m = np.linalg.norm(transform_points(T, place) - transform_points(true[1].require_pose(), place))

@@ -178,6 +178,7 @@ MATCH_HEAD, PAIR = "task,pair,node,match\n", f"{GROUP.name}/000003"
     [
         ("joints", HEAD.replace("z_m,", "") + "a,0,Head,1,1,1\n", "no column z_m"),
         ("joints", HEAD.replace("sigma_m", "sigma_mm") + ROW, "unknown column sigma_mm"),
+        ("joints", HEAD.replace("sigma_m", "z_m") + ROW, "two columns 'z_m'"),
         ("joints", HEAD + ROW.replace("7601", "9999"), "unknown recording"),
         ("joints", HEAD + ROW.replace("Head", "Nose"), "unknown joint 'Nose' in row 1"),
         ("joints", HEAD + ROW.replace(",0,Head", ",20,Head"), "frames are 0 to 19"),

@@ -13,6 +13,7 @@ import pyarrow.csv
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES
+from anchorpose.recording.csv_text import require_distinct
 from anchorpose.recording.document import read_json
 from anchorpose.recording.regular_file import open_regular
 from anchorpose.research.benchmark.make import Benchmark
@@ -94,6 +95,7 @@ def read_table(path: Path, columns: Mapping[str, pa.DataType]) -> dict[str, np.n
     remedy = f"give the columns {', '.join(columns)}" + (" (sigma_m may be left out)" if OPTIONAL in columns else "")
     try:
         table = _csv(path, columns) if path.suffix == ".csv" else read_any_parquet(path)
+        require_distinct(path, table.column_names)
         missing = [name for name in columns if name not in table.column_names and name != OPTIONAL]
         unknown = [name for name in table.column_names if name not in columns]
         if missing or unknown:
