@@ -24,8 +24,8 @@ from anchorpose.simulate.render import EQUIPMENT, NOTHING, PATIENT, Figure, True
 from anchorpose.simulate.sensor import SENSORS, sense
 from anchorpose.simulate.shoot import Studio, set_up
 from anchorpose.surface.border import Border, border
-from anchorpose.surface.fusion import fuse
 from anchorpose.surface.mesh import build_surface
+from anchorpose.surface.patient_surface import fuse
 from anchorpose.surface.surface import Surface
 from anchorpose.track_tree.hypotheses import GateConfig
 

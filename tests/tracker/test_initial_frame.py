@@ -10,11 +10,11 @@ from body_builder import FRONT, LEFT, adult, adult_body, hide_bones, seen_body, 
 
 from anchorpose.body.pose import vague_belief
 from anchorpose.isolation.people import PatientChoice, Person
-from anchorpose.tracker import initial_frame
-from anchorpose.tracker.initial_frame import TRIES, WELL, best_of, rank_initial_frames
+from anchorpose.tracker import start as start_module
 from anchorpose.tracker.observation import Start
 from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
+from anchorpose.tracker.start import TRIES, WELL, best_of, rank_initial_frames
 
 
 def patient(explained=1.0, area_m2=0.8, x=0.0) -> SeenPerson:
@@ -78,7 +78,7 @@ def test_the_frame_says_which_columns_are_one_person():
 def test_a_frame_that_hides_a_shank_is_a_worse_one_to_begin_in(hidden, least, most):
     evidence = seen_body(standing(), adult_body(), (FRONT, LEFT), hide_bones(*hidden))
     start = Start(SimpleNamespace(evidence=evidence), adult(), vague_belief(standing()), 1.0)
-    assert least <= initial_frame.quality(start) <= most
+    assert least <= start_module.quality(start) <= most
 
 
 def candidate(frame: int, score: float = 1.0, whole: float = 1.0) -> InitialFrame:

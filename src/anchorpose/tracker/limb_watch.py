@@ -21,7 +21,7 @@ from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_c
 from anchorpose.body.explanation import Explanation, explain, limb_of_points
 from anchorpose.body.inverse_kinematics import exchange_crossed_legs, pose_from_joints
 from anchorpose.body.limb_proposals import CHAINS, REACH_SLACK_M, Chain, contradicted_by, end_points, reaching
-from anchorpose.body.limb_search import MOST_UNUSUAL, TRIAL_NODES, needs_search, rarity, search_limbs
+from anchorpose.body.limb_search import MOST_UNUSUAL, TRIAL_NODES, Rival, needs_search, rarity, search_limbs
 from anchorpose.body.pose import TRUNK, UNSEEN_S, Pose, PoseBelief
 from anchorpose.body.registration import Registration, descend, register
 from anchorpose.body.skin_points import Body, pose_points
@@ -33,7 +33,6 @@ from anchorpose.tracker.bystanders import COARSE, unconnected_surface
 from anchorpose.tracker.continuity import limb_borders, relabelled_limb
 from anchorpose.tracker.observation import Isolated, Observation
 from anchorpose.tracker.observing import Window, relabelled
-from anchorpose.tracker.rivals import Rival
 from anchorpose.tracker.room import Run
 
 EXPLAINED_M: Final = 0.07  # from a bystander's rough body: clothes, and a body of ordinary shape

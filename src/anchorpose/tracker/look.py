@@ -22,7 +22,6 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.initial_frame import rank_initial_frames
 from anchorpose.tracker.patient_choice import BEFORE_M, CHEST_M, STAYS_M
 from anchorpose.tracker.room import NOBODY_SEEN, InitialFrame
 from anchorpose.tracker.sighting import (
@@ -33,7 +32,7 @@ from anchorpose.tracker.sighting import (
     shows_limbs_alone,
     sight_people,
 )
-from anchorpose.tracker.start import NoStart
+from anchorpose.tracker.start import NoStart, rank_initial_frames
 
 TWIN_M: Final = 0.35  # from the reflection to the twin, over the floor: bodies seen from front and back
 LEAST_TWINS: Final = 3  # frames: two people who pass each other may be alike in one or two
