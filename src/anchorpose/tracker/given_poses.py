@@ -191,13 +191,11 @@ def _past(
 
     Known are those in view where it has a reading and nothing stands before them; the nearest of nine pixels counts.
     """
-    seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
-    column, row, inside = other.camera.pixel_of(seen)
-    read = np.where(depth_m > 0, depth_m, np.float32(np.inf))
-    nearest_m = cv2.erode(read, np.ones((3, 3), np.uint8))[row, column]
-    slack = np.maximum(slack_m, SIGMAS * spread_per_m * seen[:, 2] ** 2)
-    known = inside & np.isfinite(nearest_m) & (nearest_m > seen[:, 2] - slack)
-    return int(np.count_nonzero(nearest_m[known] > (seen[:, 2] + slack)[known])), int(np.count_nonzero(known))
+    known_m = np.where(depth_m > 0, depth_m, np.float32(np.inf))
+    own, nearest_m, inside = other.camera.look(world_m, cv2.erode(known_m, np.ones((3, 3), np.uint8)))
+    slack = np.maximum(slack_m, SIGMAS * spread_per_m * own**2)
+    known = inside & np.isfinite(nearest_m) & (nearest_m > own - slack)
+    return int(np.count_nonzero(nearest_m[known] > (own + slack)[known])), int(np.count_nonzero(known))
 
 
 AMONG_OTHERS: Final = 0.5  # of its error: a camera that is off moves what others see as well by a part of it

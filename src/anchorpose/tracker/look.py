@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.constraints import thin
-from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.camera import Camera
 from anchorpose.isolation.background import BackgroundSource
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.isolation.room_planes import Wall, find_walls, with_wall
@@ -152,9 +152,8 @@ def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], came
     for depth_m, camera in zip(depths_m, cameras, strict=True):
         if depth_m is None:
             continue
-        in_camera = transform_points(invert_rigid(camera.require_pose()), points_m)
-        column, row, inside = camera.pixel_of(in_camera)
-        past = inside & (depth_m[row, column] > in_camera[:, 2] + BEFORE_M)
+        own, read, inside = camera.look(points_m, depth_m)
+        past = inside & (read > own + BEFORE_M)
         if np.mean(inside) > 0.5 and np.mean(past[inside]) > 0.5:
             return True
     return False
