@@ -29,10 +29,9 @@ from anchorpose.lens import Intrinsics
 from anchorpose.research.geodesic_solvers import edge_distance, edge_graph
 from anchorpose.surface.border import Border, border
 from anchorpose.surface.denoise import denoise, drop_flying_pixels, estimate_noise
-from anchorpose.surface.fusion import fuse
 from anchorpose.surface.links import pieces
 from anchorpose.surface.mesh import build_surface, estimate_normals, faces
-from anchorpose.surface.patient_surface import patient_surface
+from anchorpose.surface.patient_surface import fuse, patient_surface
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig
 from anchorpose.track_tree.hypotheses import anchor_subsets, match_hypotheses
 

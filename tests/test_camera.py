@@ -134,3 +134,17 @@ def test_transforms_apply_from_right_to_left():
     )
     homogeneous = np.column_stack([points, np.ones(9)]) @ first.T
     np.testing.assert_allclose(transform_points(first, points), homogeneous[:, :3], atol=1e-12)
+
+
+@CAMERAS
+def test_a_look_compares_each_point_with_the_reading_of_its_own_pixel(camera):
+    depth_m = np.random.default_rng(3).uniform(1.0, 4.0, (camera.height, camera.width)).astype(np.float32)
+    row, column = np.array([5, 100, 200]), np.array([7, 150, 300])
+    pixels = np.zeros_like(depth_m)
+    pixels[row, column] = 2.5
+    own_m = camera.back_project(pixels)[row, column]
+    points_m = transform_points(camera.require_pose(), np.vstack([own_m, [[0.0, 0.0, -1.0]]]))
+    own, read, inside = camera.look(points_m, depth_m)
+    np.testing.assert_allclose(own[:3], 2.5, atol=1e-5)
+    np.testing.assert_array_equal(read[:3], depth_m[row, column])
+    assert inside.tolist() == [True, True, True, False]

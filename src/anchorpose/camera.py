@@ -64,6 +64,16 @@ class Camera:
         inside = (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)
         return np.where(inside, column, 0), np.where(inside, row, 0), inside
 
+    def look(self, points_m: np.ndarray, depth_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Compare points (n, 3) in the world with a depth image (height, width): return (n,) the depth of each point in
+        this camera, metres, what the image reads there, and whether the point falls into the image.
+
+        The reading is that of pixel 0, 0 where it does not. Raises as ``require_pose``.
+        """
+        in_camera = transform_points(invert_rigid(self.require_pose()), points_m)
+        column, row, inside = self.pixel_of(in_camera)
+        return in_camera[:, 2], depth_m[row, column], inside
+
 
 @lru_cache(maxsize=16)
 def _pixel_rays(intrinsics: Intrinsics, width: int, height: int) -> np.ndarray:

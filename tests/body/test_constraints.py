@@ -19,7 +19,6 @@ from body_builder import (
     stepped,
 )
 from scipy.spatial import cKDTree
-from surface_builder import no_links
 
 from anchorpose.body import constraints
 from anchorpose.body.config import RegistrationConfig
@@ -36,7 +35,7 @@ from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.skin_points import PosedPoints, pose_points
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import Nodes
 
 CONFIG = RegistrationConfig()
 BODY = adult_body()
@@ -44,21 +43,10 @@ POSE = random_pose(1, 0.3)
 POSED = pose_points(BODY, POSE)
 
 
-def nodes(points_m: np.ndarray, normals: np.ndarray, camera: int = 0) -> Surface:
-    """Loose nodes: the rows do not ask for edges."""
+def nodes(points_m: np.ndarray, normals: np.ndarray, camera: int = 0) -> Nodes:
     count = len(points_m)
-    start, node, length = no_links(count)
-    return Surface(
-        points_m=points_m.astype(np.float32),
-        normals=normals.astype(np.float32),
-        ring=np.full((count, 8), -1, np.int32),
-        link_start=start,
-        link_node=node,
-        link_length_m=length,
-        camera=np.full(count, camera, np.uint8),
-        pixel=np.zeros((count, 2), np.int16),
-        skin=np.full(count, -1, np.int32),
-    )
+    seen_by, pixel = np.full(count, camera, np.uint8), np.zeros((count, 2), np.int16)
+    return Nodes(points_m.astype(np.float32), normals.astype(np.float32), seen_by, pixel)
 
 
 def facing(posed: PosedPoints, least: float = 0.5, camera: Camera = FRONT) -> np.ndarray:

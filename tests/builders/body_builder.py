@@ -30,8 +30,8 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import Intrinsics
 from anchorpose.simulate.person import vertex_normals
 from anchorpose.simulate.render import Figure, TrueImage, draw_figures
-from anchorpose.surface.fusion import fuse
 from anchorpose.surface.mesh import build_surface
+from anchorpose.surface.patient_surface import fuse
 
 NOTHING = no_constraints()
 """No pairs, no anchors: the surface alone."""

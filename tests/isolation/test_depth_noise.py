@@ -5,11 +5,23 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from room_builder import FRONT, ROOM, filtered, picture, shot
 
+from anchorpose.calibration.noise import noise_per_m, step_per_m
 from anchorpose.camera import Camera
 from anchorpose.isolation.background import BackgroundSource
-from anchorpose.isolation.depth_noise import DepthNoise, measure_noise, neighbour_noise
+from anchorpose.isolation.depth_noise import (
+    LIMB_M,
+    DepthDetail,
+    DepthNoise,
+    measure_noise,
+    neighbour_noise,
+    smear_px,
+    smeared,
+)
 from anchorpose.isolation.empty_room import learn_background
+from anchorpose.isolation.scene import find_pieces, set_scene
+from anchorpose.isolation.view import PixelLabel
 from anchorpose.lens import Intrinsics
 
 CAMERA = Camera(
@@ -144,3 +156,74 @@ def test_a_recording_of_people_alone_has_no_background_to_measure_on():
     assert model.source is BackgroundSource.REMOVED
     assert model.noise == neighbour_noise(model.noise_per_m)
     assert not model.noise.measured
+
+
+DETAIL = DepthDetail(edge_px=12.0, focal_px=303.0, step_per_m=0.003)
+
+
+def test_twice_the_distance_is_twice_the_width_and_four_times_the_step():
+    assert DETAIL.edge_m(4.0) == pytest.approx(2.0 * DETAIL.edge_m(2.0))
+    assert DETAIL.step_m(4.0) == pytest.approx(4.0 * DETAIL.step_m(2.0))
+
+
+def test_an_edge_is_as_wide_as_a_limb_at_the_distance_that_is_stated():
+    assert DETAIL.edge_m(DETAIL.limbs_until_m) == pytest.approx(LIMB_M)
+    assert DETAIL.limbs_until_m == pytest.approx(2.02, abs=0.01)
+
+
+@pytest.mark.parametrize("gain", [8.0, 30.0])
+def test_the_step_of_a_camera_that_measures_disparity_is_found(gain):
+    """Depth is gain over a whole number: the step is z^2 over gain."""
+    disparity = np.round(np.linspace(gain / 4.0 * 8.0, gain * 8.0, 64 * 48)) / 8.0
+    depth_m = (gain / disparity).reshape(48, 64).astype(np.float32)
+    assert step_per_m([depth_m, depth_m]) == pytest.approx(1.0 / (8.0 * gain), rel=0.1)
+
+
+def test_a_frame_of_one_value_has_no_step():
+    assert step_per_m([np.full((4, 4), 2.0, np.float32)]) == 0.0
+    assert noise_per_m([np.full((4, 4), 2.0, np.float32)]) == 0.0
+
+
+def test_a_sharp_recording_resolves_limbs_to_the_end_of_a_room_and_a_filtered_one_does_not():
+    empty = picture(FRONT, *ROOM, seed=9)
+    sharp = learn_background(empty, [shot(seed) for seed in range(4)], FRONT, 0.0).detail
+    soft = learn_background(filtered(empty, 11), [filtered(shot(seed), 11) for seed in range(4)], FRONT, 0.0).detail
+    assert not sharp.filtered
+    assert sharp.limbs_until_m > 6.0
+    assert soft.filtered
+    assert soft.limbs_until_m < 2.0
+
+
+@pytest.mark.parametrize("width", [7, 11, 13])
+def test_the_width_of_drawn_out_edges_is_measured(width):
+    found = smear_px([filtered(shot(seed), width) for seed in range(4)])
+    assert abs(found - width) <= 2
+
+
+def test_edges_of_an_unfiltered_camera_are_sharp():
+    assert smear_px([shot(seed) for seed in range(4)]) == 0
+
+
+def test_without_edges_nothing_is_said():
+    assert smear_px([picture(FRONT, *ROOM, seed=1)]) == 0
+
+
+def test_ramps_are_left_out_and_both_sides_kept():
+    sharp, width = shot(1), 11
+    soft = filtered(sharp, width)
+    ramp = smeared(soft, width)
+    hanging = (np.abs(soft - sharp) > 0.5) & (np.abs(soft - sharp) < 1.0)  # decimetres from the person and the wall
+    assert ramp[hanging].mean() > 0.85  # corners, and where the floor is near, differ by less
+    person = sharp < picture(FRONT, *ROOM) - 0.3
+    assert ramp[person & (np.abs(soft - sharp) < 0.02)].mean() < 0.02
+
+
+def test_a_ramp_of_a_smoothing_camera_is_no_reading_and_so_hides_a_person():
+    frames = [filtered(shot(seed), 11) for seed in range(4)]
+    room = learn_background(filtered(picture(FRONT, *ROOM, seed=9), 11), frames, FRONT, 0.0)
+    pieces = find_pieces(frames[0], set_scene(FRONT, room, None))
+    depth_m, found = shot(0), pieces.index >= 0
+    person = depth_m < picture(FRONT, *ROOM) - 0.3
+    off_m = np.abs(pieces.depth_m - depth_m)
+    assert off_m[found].max() < 0.45  # the ramp's foot is left, the rest of two metres is not
+    assert (found | (pieces.labels == PixelLabel.NO_READING))[person].mean() > 0.9  # hardly seen past

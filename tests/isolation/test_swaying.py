@@ -8,7 +8,7 @@ from room_builder import FRONT, NOISE_PER_M, ROOM, body, in_front, picture
 
 from anchorpose.isolation.background import foreground
 from anchorpose.isolation.empty_room import learn_background
-from anchorpose.isolation.resting import swaying_people
+from anchorpose.isolation.still_people import swaying_people
 from anchorpose.recording.equipment import Box
 
 CUPBOARD = Box("cupboard", np.array([-1.0, 0.9, 1.0]), np.array([0.4, 1.8, 0.6]), np.eye(3))

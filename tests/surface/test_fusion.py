@@ -9,9 +9,9 @@ import pytest
 from surface_builder import FACING_X, kinect, plane_depth, sphere_depth
 
 from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.surface.fusion import fuse
 from anchorpose.surface.links import links, pieces
 from anchorpose.surface.mesh import build_surface
+from anchorpose.surface.patient_surface import fuse
 from anchorpose.surface.surface import SurfaceConfig
 
 FRONT = kinect()

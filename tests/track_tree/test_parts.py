@@ -7,14 +7,13 @@ import pytest
 from body_builder import adult_body, asset, random_pose
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from surface_builder import no_links
 
 from anchorpose.body.nearest_skin import Oriented
 from anchorpose.body.skin_points import pose_points
 from anchorpose.camera import transform_points
 from anchorpose.errors import DegenerateGeometry
 from anchorpose.rotations import fit_rigid_transform
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import Nodes
 from anchorpose.track_tree.parts import (
     ALIKE,
     ITERATIONS,
@@ -156,7 +155,7 @@ def pairs_fitted(skin_m: np.ndarray, matched_m: np.ndarray, T: np.ndarray, robus
     return T
 
 
-def plane_step(skin: Oriented, surface: Surface, tree: cKDTree, T: np.ndarray) -> np.ndarray | None:
+def plane_step(skin: Oriented, surface: Nodes, tree: cKDTree, T: np.ndarray) -> np.ndarray | None:
     moved, facing = transform_points(T, skin.places_m), skin.normals @ T[:3, :3].T
     distance, nearest = tree.query(moved, distance_upper_bound=REACH_M)
     near = np.flatnonzero(np.isfinite(distance))
@@ -202,17 +201,18 @@ def test_all_parts_at_once_move_as_one_by_one(seed: int, iterations: int, robust
     assert not found.registered[[1, 4]].any()
 
 
-def a_surface(points_m: np.ndarray, normals: np.ndarray) -> Surface:
-    """Nodes without edges: registration asks for places and normals only."""
+def a_surface(points_m: np.ndarray, normals: np.ndarray) -> Nodes:
+    """Registration asks for places and normals only."""
     count = len(points_m)
-    start, node, length = no_links(count)
-    return Surface(
-        points_m.astype(np.float32), normals.astype(np.float32), np.full((count, 8), -1, np.int32), start, node, length,
-        np.zeros(count, np.uint8), np.zeros((count, 2), np.int16), np.full(count, -1, np.int32),
-    )  # fmt: skip
+    return Nodes(
+        points_m.astype(np.float32),
+        normals.astype(np.float32),
+        np.zeros(count, np.uint8),
+        np.zeros((count, 2), np.int16),
+    )
 
 
-def moved(T: np.ndarray, points_m: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, Surface]:
+def moved(T: np.ndarray, points_m: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, Nodes]:
     """Where the points go, and a surface of them."""
     after = transform_points(T, points_m)
     return after, a_surface(after, normals @ T[:3, :3].T)
@@ -223,7 +223,7 @@ def register(
     normals: np.ndarray,
     part: np.ndarray,
     matched_m: np.ndarray,
-    surface: Surface,
+    surface: Nodes,
     predicted: np.ndarray = IDENTITY,
     iterations: int = ITERATIONS,
     robust: bool = True,

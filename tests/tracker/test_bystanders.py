@@ -22,7 +22,7 @@ from anchorpose.tracker.bystanders import (
     Bystanders,
     bystander_likelihood,
     follow_bystanders,
-    unconnected_surface,
+    nodes_of_pixels,
 )
 from anchorpose.tracker.config import FollowConfig, TrackConfig
 from anchorpose.tracker.room import Run
@@ -77,7 +77,7 @@ def test_whoever_is_seen_is_found_whatever_he_does(posture, heading_deg):
     one = the_one(see(Bystanders(), pose))
     assert one.label == LABEL
     skin = pose_points(one.body, one.belief.pose).points_m
-    seen = unconnected_surface(
+    seen = nodes_of_pixels(
         [v.depth_m for v in views_of(pose)],
         [v.labels == LABEL for v in views_of(pose)],
         CAMERAS,
@@ -152,7 +152,7 @@ def test_who_has_left_and_a_room_with_nobody_have_no_body():
 
 def test_unconnected_nodes_are_those_of_every_cameras_sheet():
     views = views_of(posed("upright", 0.0))
-    loose = unconnected_surface([v.depth_m for v in views], [v.labels == LABEL for v in views], CAMERAS)
+    loose = nodes_of_pixels([v.depth_m for v in views], [v.labels == LABEL for v in views], CAMERAS)
     for number, (view, camera) in enumerate(zip(views, CAMERAS, strict=True)):
         sheet = build_surface(view.depth_m, view.labels == LABEL, camera, COARSE)
         mine = loose.camera == number
@@ -160,7 +160,7 @@ def test_unconnected_nodes_are_those_of_every_cameras_sheet():
         np.testing.assert_array_equal(loose.normals[mine], sheet.normals)
     assert (loose.ring == -1).all()
     assert len(loose.link_node) == 0
-    assert len(unconnected_surface([None], [None], [FRONT])) == 0
+    assert len(nodes_of_pixels([None], [None], [FRONT])) == 0
 
 
 def test_following_can_be_switched_off():

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from body_builder import adult_body, photograph, skin_in, standing, stepped
-from room_builder import FRONT, ROOM, camera_at, picture
+from room_builder import FRONT, ROOM, body, camera_at, picture
 
 from anchorpose.camera import Camera
+from anchorpose.isolation.empty_room import learn_background
+from anchorpose.isolation.people import PatientChoice, Person
+from anchorpose.isolation.room_planes import find_walls
+from anchorpose.isolation.scene import Scene, find_pieces, set_scene
 from anchorpose.recording.equipment import Box
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.look import NOT_A_PERSON
+from anchorpose.tracker.look import NOT_A_PERSON, find_mirrors, through_a_gap, with_mirrors
 from anchorpose.tracker.preparation import HARDLY_MOVES, Settled, furnish_room
 from anchorpose.tracker.room import NO_REVIEW, NOBODY_SEEN, Room
+from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 from anchorpose.tracker.start import NoStart
 
 COUNT = 8
@@ -102,3 +108,101 @@ def test_legs_alone_are_said_to_be_limbs():
     room = room_of(*[(0.0, 0.1 * k - 0.6) for k in range(COUNT)], camera=LOW)
     assert room.initial_frame is None
     assert room.why_nobody == NoStart.LIMBS_ALONE
+
+
+WALL_M = -2.0  # x of the front of the room's wall
+GLASS = Box("glass", np.array([WALL_M + 0.001, 1.1, 0.2]), np.array([0.002, 1.7, 2.0]), np.eye(3))
+FARTHER = (
+    Box("floor", np.array([0.0, -0.05, 0.0]), np.array([20.0, 0.1, 12.0]), np.eye(3)),
+    Box("wall", np.array([-6.0, 1.5, 0.0]), np.array([0.1, 3.0, 12.0]), np.eye(3)),
+)
+WALK = [(0.1 * k - 0.9, 0.25 * k - 0.9) for k in range(9)]  # x, z
+IN_GLASS = picture(FRONT, *ROOM, GLASS) < picture(FRONT, *ROOM) - 5e-4
+
+
+def seen(here, there, seed: int) -> np.ndarray:
+    """(height, width) depth with a person at ``here`` in the room and one at ``there`` beyond the glass, or None."""
+    before = picture(FRONT, *ROOM, *(body(*here) if here else ()), seed=seed)
+    beyond = picture(FRONT, *FARTHER, *(body(*there) if there else ()), seed=100 + seed)
+    through = IN_GLASS & (before > picture(FRONT, *ROOM) - 0.1)
+    return np.where(through, beyond, before)
+
+
+def mirrored(place) -> tuple[float, float]:
+    return 2.0 * WALL_M - place[0], place[1]
+
+
+@cache
+def scene() -> Scene:
+    frames = [seen(place, mirrored(place), k) for k, place in enumerate(WALK)]
+    return set_scene(FRONT, learn_background(None, frames, FRONT, 0.0), None)
+
+
+def sightings(here, there) -> list[Sighting]:
+    """Where people are on both sides of the wall, frame by frame, without pixels."""
+
+    def people(*places) -> tuple[SeenPerson, ...]:
+        return tuple(SeenPerson(Person(np.array(p), 0.0, 1.7, 0.4, 4000), None) for p in places if p)
+
+    places = zip(here, there, strict=True)
+    return [Sighting(k, people(*two), (), (seen(*two, seed=k),)) for k, two in enumerate(places)]
+
+
+def test_the_wall_has_one_gap_which_is_the_glass():
+    wall = find_walls(scene())[0]
+    assert wall.offset_m == pytest.approx(-WALL_M, abs=0.02)
+    assert (wall.gap & IN_GLASS).sum() > 0.97 * IN_GLASS.sum()
+    assert (wall.gap & ~IN_GLASS).sum() < 0.05 * IN_GLASS.sum()
+
+
+def test_a_mirror_image_is_nobody_in_any_frame():
+    config = TrackConfig()
+    frames = [FrameSet(frame=k, time_s=k / 5, depths_m=(seen(p, mirrored(p), 50 + k),)) for k, p in enumerate(WALK)]
+    found = [sight_people(frame, (scene(),), config) for frame in frames[1:6]]
+    both = sum(len(one.people) == 2 for one in found)
+    assert both >= 3, "the image is taken for a person at first, unless the person hides it"
+    (mirror,) = find_mirrors(found, (scene(),), None)
+    assert (mirror.twins, mirror.shown) == (both, both)
+    assert "a mirror was found 4.5 m from camera front" in mirror.sentence
+    (walled,) = with_mirrors((scene(),), [mirror])
+    for frame, place in zip(frames, WALK, strict=True):
+        (person,) = sight_people(frame, (walled,), config).people
+        assert person.place_xz_m == pytest.approx(place, abs=0.2)
+
+
+def test_who_is_out_of_view_does_not_make_the_image_a_person():
+    """A mirror was seen to be one; an image without its person has no pixels either."""
+    (mirror,) = find_mirrors(sightings(WALK, map(mirrored, WALK)), (scene(),), None)
+    (walled,) = with_mirrors((scene(),), [mirror])
+    image = seen(None, (-3.5, 0.3), 7)
+    assert len(find_pieces(image, scene()).row) > 400
+    assert len(find_pieces(image, walled).row) < 20
+
+
+@pytest.mark.parametrize(
+    "here",
+    [[None] * 9, [(0.0, -0.8)] * 9, [(x, -z) for x, z in WALK], WALK[:2] + [(1.0, -1.0)] * 7],
+    ids=["nobody", "one who stands", "one who walks the other way", "one who is like an image twice"],
+)
+def test_somebody_in_the_next_room_is_no_image(here):
+    assert not find_mirrors(sightings(here, map(mirrored, WALK)), (scene(),), None)
+
+
+def test_two_people_in_one_room_are_no_images():
+    two = sightings(WALK, [(0.5, 1.2)] * 9)
+    assert not find_mirrors(two, (scene(),), None)
+
+
+def test_the_user_may_name_somebody_beyond_a_wall():
+    both = sightings(WALK, map(mirrored, WALK))
+    assert not find_mirrors(both, (scene(),), (-3.5, 0.0))
+    assert find_mirrors(both, (scene(),), (0.0, 0.0))
+
+
+@pytest.mark.parametrize(("place", "said"), [((-3.5, 0.3), True), ((-1.0, 0.3), False)])
+def test_a_patient_who_is_seen_through_a_gap_is_said_to_be(place, said):
+    alone = sightings([None], [place])
+    choice = PatientChoice(np.array(place), "", sure=False, frame=0)
+    sentence = through_a_gap(choice, alone, (scene(),))
+    assert (sentence is not None) == said
+    assert not said or "a doorway or a window, or a mirror" in sentence

@@ -9,7 +9,7 @@ from body_builder import adult, asset
 from anchorpose.body.shape_prior import adult_belief, child_belief, shape_of_height, standing_height
 from anchorpose.recording.subject import UNKNOWN, Subject
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likeliest
+from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likeliest, stature_m
 
 CONFIG = TrackConfig()
 
@@ -63,3 +63,25 @@ def test_what_contradicts_the_images_is_named_and_what_does_not_is_not():
     assert "stated height" in contradiction(Subject(height_m=1.9), seen(1.70), CONFIG)
     assert "stated age" in contradiction(Subject(age_years=6.0), seen(1.70), CONFIG)
     assert contradiction(Subject(age_years=40.0, sex="male"), seen(1.62), CONFIG) == ""
+
+
+def test_children_grow_and_adults_do_not():
+    for sex in ("female", "male", None):
+        heights = [stature_m(years, sex)[0] for years in np.arange(3.0, 19.0, 0.5)]
+        assert (np.diff(heights) > 0.0).all()
+        assert stature_m(40.0, sex) == stature_m(70.0, sex) == stature_m(None, sex)
+
+
+def test_medians_are_those_of_the_world_health_organization():
+    assert stature_m(10.0, "female")[0] == pytest.approx(1.386)
+    assert stature_m(10.0, "male")[0] == pytest.approx(1.378)
+    assert stature_m(5.5, "male")[0] == pytest.approx((1.100 + 1.160) / 2.0)
+
+
+def test_of_an_unknown_sex_heights_spread_wider():
+    assert stature_m(30.0, None)[1] > stature_m(30.0, "male")[1]
+    assert stature_m(30.0, "female")[0] < stature_m(30.0, None)[0] < stature_m(30.0, "male")[0]
+
+
+def test_below_three_years_it_is_that_of_three():
+    assert stature_m(1.0, "male") == stature_m(3.0, "male")

@@ -14,7 +14,7 @@ from anchorpose.body.nearest_skin import Oriented, facing_rows
 from anchorpose.body.skin_points import PosedPoints, SkinPoints
 from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import Nodes
 
 NORMAL_WEIGHT_M: Final = 0.10  # 60 degrees between normals count like 10 cm
 UNCOVERED_M: Final = 0.03  # the spacing of the skin points: a node farther from all of them lies off the body
@@ -65,7 +65,7 @@ def join(parts: Sequence[Constraints]) -> Constraints:
 
 
 def surface_constraints(
-    posed: PosedPoints, surface: Surface, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
+    posed: PosedPoints, surface: Nodes, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
 ) -> Constraints:
     """Each node of the surface pulls the nearest skin point that faces its camera: data to model.
 
@@ -77,7 +77,7 @@ def surface_constraints(
 
 
 def rows_of_nodes(
-    posed: PosedPoints, surface: Surface, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
+    posed: PosedPoints, surface: Nodes, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
 ) -> tuple[Constraints, np.ndarray]:
     """The rows of ``surface_constraints`` and the node (n,) of the surface that each belongs to."""
     chosen, nodes, seen_from = _nodes_for_kernels(surface, config.node_count)
@@ -95,7 +95,7 @@ def rows_of_nodes(
 
 
 @lru_cache(maxsize=8)  # every step of a registration asks for the same ones
-def _nodes_for_kernels(surface: Surface, count: int) -> tuple[np.ndarray, Oriented, np.ndarray]:
+def _nodes_for_kernels(surface: Nodes, count: int) -> tuple[np.ndarray, Oriented, np.ndarray]:
     """Indices of as many nodes as asked for, where they are and face, and which camera sees each."""
     chosen = thin(len(surface), count)
     nodes = Oriented(surface.points_m[chosen].astype(np.float64), surface.normals[chosen].astype(np.float64))

@@ -19,7 +19,7 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_poin
 from anchorpose.body.visibility import Projection, pixels_of, projection_of
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
 
 OUTLINE_SIGMA_M: Final = 0.020  # one to two pixels at 2.5 m, edges flicker
@@ -35,13 +35,14 @@ _SIGMA_M: Final = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """The patient's surface, and every camera's labelled depth frame with the patient's outline in it.
+    """The patient's nodes, and every camera's labelled depth frame with the patient's outline in it.
 
-    views and outlines: None for a camera without a frame; outlines also where the patient is not in the image. floor_m:
-    height of the floor, None where it is unknown.
+    surface: with edges where it is the whole seen surface; evidence needs its nodes only. views and outlines: None for
+    a camera without a frame; outlines also where the patient is not in the image. floor_m: height of the floor, None
+    where it is unknown.
     """
 
-    surface: Surface
+    surface: Nodes | Surface
     views: tuple[View | None, ...]
     outlines: tuple[np.ndarray | None, ...]
     cameras: tuple[Camera, ...]
@@ -49,7 +50,7 @@ class Evidence:
 
 
 def gather_evidence(
-    surface: Surface, views: Sequence[View | None], cameras: Sequence[Camera], floor_m: float | None = None
+    surface: Nodes, views: Sequence[View | None], cameras: Sequence[Camera], floor_m: float | None = None
 ) -> Evidence:
     """Evidence of one frame; outlines are found once."""
     outlines = tuple(each(lambda view: None if view is None else find_outline(view), views))

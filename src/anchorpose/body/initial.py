@@ -25,7 +25,7 @@ from anchorpose.body.pose import DEGREE, Pose
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
 from anchorpose.geodesics.anchors import Anchors, SeenGeodesics
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import Nodes
 
 _Turns = Mapping[str, tuple[float, float, float]]
 """About X, Y and Z of the rest pose in degrees, limbs' of the left side; the right side's are mirrored."""
@@ -161,7 +161,7 @@ def _settle(
     return FirstPose(pose, replace(first.belief, shape=shape), first.start, cost)
 
 
-def _placed(shape: FittedShape, pose: Pose, surface: Surface) -> Pose:
+def _placed(shape: FittedShape, pose: Pose, surface: Nodes) -> Pose:
     """Move the root so that the middle of the body lies at the middle of what is seen."""
     posed = pose_points(build_body(body_points(), shape), pose)
     middle = (np.percentile(surface.points_m, 2, axis=0) + np.percentile(surface.points_m, 98, axis=0)) / 2.0

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy import ndimage
 
-from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.camera import Camera
 from anchorpose.isolation.ownership import OwnershipLikelihood
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
@@ -137,10 +137,8 @@ def _hidden_since(
     for pixels, camera in zip(pieces, cameras, strict=True):
         if pixels is None or not hidden.any():
             continue
-        in_camera = transform_points(invert_rigid(camera.require_pose()), points)
-        column, row, inside = camera.pixel_of(in_camera)
-        depth = pixels.depth_m[row, column]
-        hidden &= ~inside | ((depth > 0) & (depth < in_camera[:, 2] - CELL_M)) | (in_camera[:, 2] <= 0)
+        own, read, inside = camera.look(points, pixels.depth_m)
+        hidden &= ~inside | ((read > 0) & (read < own - CELL_M)) | (own <= 0)
     kept = kept[hidden]
     return BystanderMemory(before.points_m[kept], before.owner[kept], age[kept], before.next_label)
 

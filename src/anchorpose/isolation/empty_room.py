@@ -25,8 +25,8 @@ from anchorpose.isolation.background import (
 )
 from anchorpose.isolation.components import JUMP_GATE
 from anchorpose.isolation.depth_noise import measure_noise, neighbour_noise, smear_px
-from anchorpose.isolation.resting import resting_people, swaying_people
 from anchorpose.isolation.room_planes import depth_of_room
+from anchorpose.isolation.still_people import resting_people, swaying_people
 from anchorpose.recording.equipment import EquipmentModel
 
 BLOCK_PX: Final = 16  # noise changes slowly over the image: it is measured in blocks of this size

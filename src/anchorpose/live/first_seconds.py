@@ -23,12 +23,12 @@ from anchorpose.recording.recording import Recording, align_clocks
 from anchorpose.recording.subject import UNKNOWN
 from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.initial_frame import with_best_initial_frame
 from anchorpose.tracker.learning_pass import LearntPatient, learn_patient
 from anchorpose.tracker.passes import plan_route
 from anchorpose.tracker.preparation import Settled, furnish_room, prepare_room, sample_recording
 from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import Room, Run
+from anchorpose.tracker.start import with_best_initial_frame
 
 FIRST_WAIT_S: Final = 10.0  # for the first image of a source
 

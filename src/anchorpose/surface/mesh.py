@@ -200,7 +200,7 @@ def build_surface(
     start, node, length = compress_links(pairs, straight_m(points, pairs), len(points))
     first, unknown = np.zeros(len(points), np.uint8), np.full(len(points), -1, np.int32)
     oriented = _moved(T_world_camera, normals, 0.0)
-    surface = Surface(points, oriented, ring, start, node, length, camera=first, pixel=pixel, skin=unknown)
+    surface = Surface(points, oriented, first, pixel, ring, start, node, length, unknown)
     patch_m2 = (step * depth) ** 2 / (lens.fx * lens.fy)
     return keep_nodes(surface, _large_pieces(surface, patch_m2, config.min_piece_m2) & np.isfinite(normals[:, 0]))
 

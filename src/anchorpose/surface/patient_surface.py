@@ -1,20 +1,227 @@
-"""One frame's labelled depth images to the patient's surface."""
+"""Turn one frame's labelled depth images into the patient's surface: mesh, cut, fuse the cameras, add hidden skin.
+
+Of two nodes on the same skin the one goes that its camera sees less squarely or from farther off. A border of two rings
+stays, and there every node is linked to the corners of the other camera's cell that it falls into.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.contacts import cut_contacts
-from anchorpose.surface.fusion import fuse
-from anchorpose.surface.hidden import add_hidden_skin, assign_skin, find_ambiguous_skin
+from anchorpose.surface.hidden import Pinhole, add_hidden_skin, assign_skin, find_ambiguous_skin, into_camera, pinhole
 from anchorpose.surface.joins import join_pieces, join_rest
-from anchorpose.surface.mesh import build_surface
-from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig
+from anchorpose.surface.links import add_links
+from anchorpose.surface.mesh import build_surface, keep_nodes
+from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geodesic_lower_bound
 from anchorpose.threads import each
+
+MAX_OFF_PLANE_M: Any = np.float32(0.015)  # along the normal: clothes and noise; an arm before the trunk is farther
+MAX_TURN_DEG: Final = 60.0  # cameras 45 degrees apart see normals of the same skin turned by noise only
+MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
+MAX_ON_BODY_M: Any = np.float32(0.09)  # a thigh against the other is farther, skin points 3 cm apart blur less
+
+
+def fuse(
+    surfaces: Sequence[Surface],
+    cameras: Sequence[Camera],
+    expected: ExpectedSkin | None = None,
+    config: SurfaceConfig | None = None,
+) -> Surface:
+    """One surface of all cameras' nodes, in the order given, without those that another camera sees better.
+
+    surfaces: one per camera, each in the world frame, as from ``build_surface``. ``camera`` of the result numbers the
+    arguments. expected: the skin that ``skin`` of the surfaces refers to; nodes that show skin far apart on the body
+    are never the same. Raises ValueError where cameras or the expected skin are missing.
+    """
+    config = config or SurfaceConfig()
+    if len(surfaces) != len(cameras) or len(surfaces) == 0:
+        raise ValueError(f"{len(surfaces)} surfaces for {len(cameras)} cameras")
+    if len(surfaces) == 1:
+        return surfaces[0]
+    if expected is None and any((surface.skin >= 0).any() for surface in surfaces):
+        raise ValueError("the surfaces show skin, but which was expected is not given")
+    first = np.concatenate([[0], np.cumsum([len(surface) for surface in surfaces])])
+    both = _side_by_side(surfaces, first)
+    landmarks = np.zeros((1, 1), np.float32) if expected is None else expected.arrays.landmarks_m
+    inner, dropped = np.all(both.ring >= 0, axis=1), np.zeros(len(both), np.bool_)
+    nodes = Nodes(both.points_m, both.normals, inner, both.skin, dropped, landmarks)
+    pairs = [
+        _same_skin(both, nodes, first[source:][:2], first[target:][:2], (cameras[source], camera), config)
+        for target, camera in enumerate(cameras)
+        for source in range(len(surfaces))
+        if source != target
+    ]
+    stay = _with_border(both.ring, nodes.dropped)
+    seam = np.concatenate(pairs)
+    seam = seam[stay[seam].all(axis=1)]
+    start, node, length_m = add_links(both, seam, _lengths_m(both.points_m, seam), len(both))
+    linked = replace(both, link_start=start, link_node=node, link_length_m=length_m)
+    return keep_nodes(linked, stay)
+
+
+def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
+    """All nodes, each surface's own links, nothing between the cameras."""
+    return Surface(
+        points_m=np.concatenate([surface.points_m for surface in surfaces]),
+        normals=np.concatenate([surface.normals for surface in surfaces]),
+        ring=np.concatenate(
+            [np.where(s.ring >= 0, s.ring + first[k], -1).astype(np.int32) for k, s in enumerate(surfaces)]
+        ),
+        link_start=np.concatenate(
+            [[0], *(s.link_start[1:] + sum(len(o.link_node) for o in surfaces[:k]) for k, s in enumerate(surfaces))]
+        ).astype(np.int32),
+        link_node=np.concatenate([s.link_node + first[k] for k, s in enumerate(surfaces)]).astype(np.int32),
+        link_length_m=np.concatenate([surface.link_length_m for surface in surfaces]),
+        camera=np.repeat(np.arange(len(surfaces), dtype=np.uint8), np.diff(first)),
+        pixel=np.concatenate([surface.pixel for surface in surfaces]),
+        skin=np.concatenate([surface.skin for surface in surfaces]),
+    )
+
+
+class Nodes(NamedTuple):
+    """All cameras' nodes: points_m, normals (n, 3) float32; inner (n,) bool: with a whole ring; skin (n,) int32: the
+    skin point that each shows; dropped (n,) bool: seen better by another camera; landmarks_m (k, l) float32."""
+
+    points_m: np.ndarray
+    normals: np.ndarray
+    inner: np.ndarray
+    skin: np.ndarray
+    dropped: np.ndarray
+    landmarks_m: np.ndarray
+
+
+class Grid(NamedTuple):
+    """node (rows, cols) int32: a camera's node at every ``step``-th pixel, -1 where there is none."""
+
+    node: np.ndarray
+    step: int
+
+
+def _same_skin(
+    both: Surface,
+    nodes: Nodes,
+    source: np.ndarray,
+    target: np.ndarray,
+    cameras: tuple[Camera, Camera],
+    config: SurfaceConfig,
+) -> np.ndarray:
+    """(m, 2) int32 pairs: each node of the source with the corners of the target's cell that it falls into.
+
+    source, target (2,): first node and the one after the last; cameras: theirs. Marks in ``dropped`` the nodes of the
+    source that the target's camera sees better.
+    """
+    begin, end = target.tolist()
+    if source[0] == source[1] or begin == end:
+        return np.empty((0, 2), np.int32)
+    camera = cameras[1]
+    step, pixel = _grid_step(both.ring[begin:end], both.pixel, begin), both.pixel[begin:end]
+    node = np.full((-(-camera.height // step), -(-camera.width // step)), -1, np.int32)
+    node[pixel[:, 0] // step, pixel[:, 1] // step] = np.arange(begin, end)
+    eyes = np.array([one.position_m for one in cameras], np.float32)
+    apart_m = np.float32(config.fusion_max_apart_m)
+    return _pair_corners(nodes, source[0], source[1], Grid(node, step), pinhole(camera), eyes, apart_m)
+
+
+def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
+    """Pixels between neighbours on the grid the surface was made from."""
+    east = np.flatnonzero(ring[:, 0] >= 0)
+    if len(east) == 0:
+        return 1
+    return int(pixel[ring[east[0], 0], 1] - pixel[first + east[0], 1])
+
+
+def _lengths_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """(m,) float32, added up in single precision."""
+    x, y, z = (points_m[pairs[:, 0]] - points_m[pairs[:, 1]]).T
+    length: np.ndarray = np.sqrt(x**2 + y**2 + z**2)
+    return length
+
+
+def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
+    """(n,) bool: what stays: nodes that are not dropped, and two rings around them to link them to."""
+    stay = ~dropped
+    for _ in range(2):
+        stay = stay | np.append(stay, False)[ring].any(axis=1)
+    return stay
+
+
+@njit(cache=True, nogil=True)
+def _pair_corners(
+    nodes: Nodes, begin: int, end: int, grid: Grid, camera: Pinhole, eyes: np.ndarray, max_apart: np.float32
+) -> np.ndarray:
+    """``_same_skin`` for the nodes from begin to end; eyes (2, 3) float32: positions of their camera and the other."""
+    points, shown, step = nodes.points_m, nodes.skin, grid.step
+    rows, cols = grid.node.shape
+    pairs = np.empty((4 * (end - begin), 2), np.int32)
+    count = 0
+    for p in range(begin, end):
+        high, left, _ = into_camera(camera, points, p)
+        high, left = high / step, left / step
+        if not (-1.0 <= high <= rows and -1.0 <= left <= cols):
+            continue
+        row, col = int(np.floor(high)), int(np.floor(left))
+        whole, corners = True, 0
+        for i in range(row, row + 2):
+            for j in range(col, col + 2):
+                if not (0 <= i < rows and 0 <= j < cols) or grid.node[i, j] < 0:
+                    whole = False
+                    continue
+                q = grid.node[i, j]
+                if not _one_skin(nodes, p, q, max_apart) or _far_on_body(nodes.landmarks_m, shown[p], shown[q]):
+                    whole = False
+                    continue
+                pairs[count, 0], pairs[count, 1] = p, q
+                count += 1
+                corners += 1
+                whole = whole and nodes.inner[q]
+        if whole and corners == 4:
+            q = pairs[count - 1, 1]
+            here, there = _squareness(nodes, p, q, eyes[0]), _squareness(nodes, p, q, eyes[1])
+            nodes.dropped[p] = nodes.dropped[p] or there > here
+    return pairs[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _far_on_body(landmarks: np.ndarray, one: int, other: int) -> bool:
+    """Whether two skin points are too far apart on the body to be the same; -1 is unknown and never is."""
+    if one < 0 or other < 0 or one == other:
+        return False
+    return bool(geodesic_lower_bound(landmarks, one, other) > MAX_ON_BODY_M)
+
+
+@njit(cache=True, nogil=True)
+def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
+    """Whether two nodes are near, in each other's tangent planes, and turned alike."""
+    points, normals = nodes.points_m, nodes.normals
+    apart2, cosine, off_p, off_q = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+    for axis in range(3):
+        gap = points[q, axis] - points[p, axis]
+        apart2 += gap * gap
+        cosine += normals[p, axis] * normals[q, axis]
+        off_p += gap * normals[p, axis]
+        off_q += gap * normals[q, axis]
+    near = apart2 <= max_apart * max_apart and abs(off_p) <= MAX_OFF_PLANE_M and abs(off_q) <= MAX_OFF_PLANE_M
+    return bool(near and cosine >= MIN_COSINE)
+
+
+@njit(cache=True, nogil=True)
+def _squareness(nodes: Nodes, p: int, q: int, eye: np.ndarray) -> np.float32:
+    """Readings that a camera at a place (3,) has for each square metre of skin at p and q, up to a constant."""
+    points, normals = nodes.points_m, nodes.normals
+    along, away2 = np.float32(0), np.float32(0)
+    for axis in range(3):
+        sight = eye[axis] - points[p, axis]
+        along += sight * (normals[p, axis] + normals[q, axis])
+        away2 += sight * sight
+    return along / (away2 * np.sqrt(away2))
 
 
 def patient_surface(

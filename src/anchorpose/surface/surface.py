@@ -5,6 +5,7 @@ Also the patient's skin where it is predicted: what the surface may know of the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, NamedTuple
 
@@ -47,31 +48,51 @@ class MeshArrays(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
-    """Nodes on the patient's visible skin and the edges between them, from one camera or several.
+class Nodes:
+    """Places on skin that cameras saw.
 
-    points_m (n, 3) float32, world frame; normals (n, 3) float32, unit, towards the camera that saw the node.
-    ring (n, 8) int32: the node's neighbours on its camera's grid in circular order (E, NE, N, NW, W, SW, S, SE), -1
-    where there is none. Consecutive neighbours that both exist form a triangle with the node.
-    link_start (n + 1,) int32, link_node (m,) int32 and link_length_m (m,) float32: edges that the grid does not have,
-    to nodes of other cameras and across what hides the skin, compressed rows, symmetric.
-    camera (n,) uint8, pixel (n, 2) int16 row and column: where the node was seen; ``HIDDEN_SKIN`` and -1 where it was
-    not: such nodes are inferred, come last, and only lead geodesics from one seen place to another.
-    skin (n,) int32: the expected skin point that the node shows, -1 where that is unknown.
+    points_m (n, 3) float32, world frame; normals (n, 3) float32, unit, towards the camera that saw the node; camera
+    (n,) uint8 and pixel (n, 2) int16, row and column: where it was seen.
     """
 
     points_m: np.ndarray
     normals: np.ndarray
+    camera: np.ndarray
+    pixel: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points_m)
+
+    def take(self, chosen: np.ndarray) -> Nodes:
+        """Return the chosen nodes, by number (k,) or mask (n,), without edges."""
+        return Nodes(self.points_m[chosen], self.normals[chosen], self.camera[chosen], self.pixel[chosen])
+
+
+def join_nodes(parts: Sequence[Nodes]) -> Nodes:
+    """Return the nodes of all parts, one part after another."""
+    nowhere = np.zeros((0, 3), np.float32)
+    empty = Nodes(nowhere, nowhere, np.zeros(0, np.uint8), np.zeros((0, 2), np.int16))
+    return Nodes(*(np.concatenate([getattr(one, name) for one in (empty, *parts)]) for name in Nodes.__slots__))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface(Nodes):
+    """Nodes on the patient's skin and the edges between them, from one camera or several.
+
+    camera, pixel: ``HIDDEN_SKIN`` and -1 of a node that no camera saw: such nodes are inferred, come last, and only
+    lead geodesics from one seen place to another.
+    ring (n, 8) int32: the node's neighbours on its camera's grid in circular order (E, NE, N, NW, W, SW, S, SE), -1
+    where there is none. Consecutive neighbours that both exist form a triangle with the node.
+    link_start (n + 1,) int32, link_node (m,) int32 and link_length_m (m,) float32: edges that the grid does not have,
+    to nodes of other cameras and across what hides the skin, compressed rows, symmetric.
+    skin (n,) int32: the expected skin point that the node shows, -1 where that is unknown.
+    """
+
     ring: np.ndarray
     link_start: np.ndarray
     link_node: np.ndarray
     link_length_m: np.ndarray
-    camera: np.ndarray
-    pixel: np.ndarray
     skin: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.points_m)
 
     @property
     def seen_count(self) -> int:

@@ -17,7 +17,7 @@ from anchorpose.body.kinematics import BodyMesh
 from anchorpose.body.nearest_skin import Oriented
 from anchorpose.camera import transform_points
 from anchorpose.rotations import COLLINEAR_RATIO, ONE_PLACE_M2, rotate, rotation_matrices
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import Nodes
 
 LEAST_PAIRS: Final = 6  # below that a rigid motion follows the noise of single nodes
 PAIR_ROUNDS: Final = 8  # of reweighting the pairs; their fit settles in five
@@ -187,7 +187,7 @@ def register_parts(
     skin: Oriented,
     part: np.ndarray,
     matched_m: np.ndarray,
-    surface: Surface,
+    surface: Nodes,
     T_predicted: np.ndarray,
     iterations: int = ITERATIONS,
     robust: bool = True,
@@ -215,7 +215,7 @@ def register_parts(
     return PartRegistration(transforms, registered)
 
 
-def _refine(skin: Oriented, start: np.ndarray, surface: Surface, transforms: np.ndarray, iterations: int) -> np.ndarray:
+def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.ndarray, iterations: int) -> np.ndarray:
     """(k,) bool: the parts, whose rows begin at start (k + 1,), that ICP moved from where transforms (k, 4, 4) have
     them, which it changes.
 

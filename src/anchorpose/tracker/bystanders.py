@@ -33,41 +33,26 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.mesh import build_surface
-from anchorpose.surface.surface import Surface, SurfaceConfig
+from anchorpose.surface.surface import Nodes, SurfaceConfig, join_nodes
 from anchorpose.threads import each
 from anchorpose.tracker.steps import facing_points, step_onto
 
 COARSE: Final = SurfaceConfig(step=4)  # a rough body needs no finer nodes
 
 
-def unconnected_surface(
+def nodes_of_pixels(
     depths_m: Sequence[np.ndarray | None],
     masks: Sequence[np.ndarray | None],
     cameras: Sequence[Camera],
     step: int = COARSE.step,
-) -> Surface:
-    """Every ``step``-th masked pixel of all cameras as a node with a normal, without edges; None: no depth image.
-
-    It serves where no geodesic distance is needed.
-    """
-    sheets = [
-        (number, build_surface(depth, mask, camera, replace(COARSE, step=step)))
-        for number, (depth, mask, camera) in enumerate(zip(depths_m, masks, cameras, strict=True))
-        if depth is not None and mask is not None and mask.any()
-    ]
-    points = [sheet.points_m for _, sheet in sheets]
-    count = sum(len(sheet) for _, sheet in sheets)
-    return Surface(
-        points_m=np.concatenate([np.zeros((0, 3), np.float32), *points]),
-        normals=np.concatenate([np.zeros((0, 3), np.float32), *(sheet.normals for _, sheet in sheets)]),
-        ring=np.full((count, 8), -1, np.int32),
-        link_start=np.zeros(count + 1, np.int32),
-        link_node=np.zeros(0, np.int32),
-        link_length_m=np.zeros(0, np.float32),
-        camera=np.concatenate([np.zeros(0, np.uint8), *(np.full(len(s), n, np.uint8) for n, s in sheets)]),
-        pixel=np.concatenate([np.zeros((0, 2), np.int16), *(sheet.pixel for _, sheet in sheets)]),
-        skin=np.full(count, -1, np.int32),
-    )
+) -> Nodes:
+    """Return every ``step``-th masked pixel of all cameras as a node with a normal; None: no depth image."""
+    sheets = []
+    for number, (depth, mask, camera) in enumerate(zip(depths_m, masks, cameras, strict=True)):
+        if depth is not None and mask is not None and mask.any():
+            sheet = build_surface(depth, mask, camera, replace(COARSE, step=step))
+            sheets.append(replace(sheet, camera=np.full(len(sheet), number, np.uint8)))
+    return join_nodes(sheets)
 
 
 ROUGHLY: Final = RegistrationConfig(
@@ -216,7 +201,7 @@ def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], lab
     depths = [None if view is None else view.depth_m for view in views]
     pixels = sum(int(np.count_nonzero(mask)) for mask in masks if mask is not None)
     step = min(COARSE.step, max(1, math.isqrt(pixels // ROUGHLY.node_count)))
-    surface = unconnected_surface(depths, masks, cameras, step)
+    surface = nodes_of_pixels(depths, masks, cameras, step)
     return Evidence(surface, tuple(views), (None,) * len(views), tuple(cameras))
 
 

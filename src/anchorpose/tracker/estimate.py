@@ -12,6 +12,7 @@ from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.kinematics import missing_joints
+from anchorpose.body.limb_search import Rival, with_rivals
 from anchorpose.body.pose import Pose, PoseBelief
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_points
@@ -33,7 +34,6 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.continuity import contested_sigma
 from anchorpose.tracker.observation import Observation
-from anchorpose.tracker.rivals import Rival, with_rivals
 
 TOO_UNCERTAIN: Final = "no joint is known to the width of half a forearm"
 

@@ -18,7 +18,6 @@ from anchorpose.track_tree.hypotheses import Hypotheses
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
-from anchorpose.tracker.initial_frame import rank_initial_frames
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import observe_first
 from anchorpose.tracker.passes import Route, learn_on, plan_route
@@ -27,6 +26,7 @@ from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.prior_shape import ORDINARY_HEIGHT_M, ordinary_height_m
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import sight_people
+from anchorpose.tracker.start import rank_initial_frames
 
 MOST_FOLLOWED = 60  # frames, half a minute of work, from the recording's initial frame; farther away one nearby is used
 NEARBY, NEARBY_SAMPLES = 45, 10  # frames before the inspected one, and how many of them are tried as initial frame

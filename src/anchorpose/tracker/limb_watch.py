@@ -21,19 +21,18 @@ from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_c
 from anchorpose.body.explanation import Explanation, explain, limb_of_points
 from anchorpose.body.inverse_kinematics import exchange_crossed_legs, pose_from_joints
 from anchorpose.body.limb_proposals import CHAINS, REACH_SLACK_M, Chain, contradicted_by, end_points, reaching
-from anchorpose.body.limb_search import MOST_UNUSUAL, TRIAL_NODES, needs_search, rarity, search_limbs
+from anchorpose.body.limb_search import MOST_UNUSUAL, TRIAL_NODES, Rival, needs_search, rarity, search_limbs
 from anchorpose.body.pose import TRUNK, UNSEEN_S, Pose, PoseBelief
 from anchorpose.body.registration import Registration, descend, register
 from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import Nodes, join_nodes
 from anchorpose.threads import each
-from anchorpose.tracker.bystanders import COARSE, unconnected_surface
+from anchorpose.tracker.bystanders import COARSE, nodes_of_pixels
 from anchorpose.tracker.continuity import limb_borders, relabelled_limb
 from anchorpose.tracker.observation import Isolated, Observation
 from anchorpose.tracker.observing import Window, relabelled
-from anchorpose.tracker.rivals import Rival
 from anchorpose.tracker.room import Run
 
 EXPLAINED_M: Final = 0.07  # from a bystander's rough body: clothes, and a body of ordinary shape
@@ -87,7 +86,7 @@ def claim_limb(
 ) -> Claim | None:
     """The limb of those in doubt that other people's unexplained skin shows most of; None without one."""
     pose, config = found.belief.pose, run.config.registration
-    free = _free_surface(seen, run)
+    free = _free_nodes(seen, run)
     if len(free) < LEAST_NODES:
         return None
     uncertain = predicted.later(predicted.pose, UNSEEN_S)
@@ -114,7 +113,7 @@ class _Trying:
     pose: Pose
     uncertain: PoseBelief
     evidence: Evidence
-    free: Surface
+    free: Nodes
     config: RegistrationConfig
 
     def best_of(self, chain: Chain, starts: Iterable[Pose]) -> list[tuple[Pose, float]]:
@@ -162,7 +161,7 @@ class _Trying:
         return float(np.isfinite(away).mean())
 
 
-def _starts(body: Body, pose: Pose, chain: Chain, explanation: Explanation, free: Surface) -> Iterator[Pose]:
+def _starts(body: Body, pose: Pose, chain: Chain, explanation: Explanation, free: Nodes) -> Iterator[Pose]:
     """Poses with the limb's end, or its elbow or knee, on free skin, spread over all that each can reach."""
     joints = body.joints(pose)
     end, middle, root = (joints[JOINT_INDEX[name]] for name in (chain.joints[1], chain.joints[2], chain.root))
@@ -201,11 +200,11 @@ def spread_out(points_m: np.ndarray, count: int) -> np.ndarray:
     return np.array(chosen).reshape(-1, 3)
 
 
-def _free_surface(seen: Observation, run: Run) -> Surface:
+def _free_nodes(seen: Observation, run: Run) -> Nodes:
     """Nodes of other people's pixels that no trunk or head of theirs explains."""
     views, cameras = seen.evidence.views, run.room.cameras
     masks = [None if view is None else view.labels >= PixelLabel.OTHER_PERSON for view in views]
-    surface = unconnected_surface([None if view is None else view.depth_m for view in views], masks, cameras)
+    surface = nodes_of_pixels([None if view is None else view.depth_m for view in views], masks, cameras)
     label = np.zeros(len(surface), np.uint8)
     for number, view in enumerate(views):
         if view is not None:
@@ -219,10 +218,10 @@ def _free_surface(seen: Observation, run: Run) -> Surface:
             skin = pose_points(one.body, one.belief.pose).points_m
             _, nearest = cKDTree(skin).query(surface.points_m[mine], distance_upper_bound=EXPLAINED_M)
             kept[mine[np.append(limb_of_points(one.body.points), -1)[nearest] == TRUNK]] = False
-    return _chosen(surface, np.flatnonzero(kept))
+    return surface.take(kept)
 
 
-def _open_to(evidence: Evidence, free: Surface) -> Evidence:
+def _open_to(evidence: Evidence, free: Nodes) -> Evidence:
     """The evidence with outlines in which the patient may also be where skin is free."""
     outlines = list(evidence.outlines)
     for number, outline in enumerate(outlines):
@@ -236,38 +235,9 @@ def _open_to(evidence: Evidence, free: Surface) -> Evidence:
     return replace(evidence, outlines=tuple(outlines))
 
 
-def _chosen(surface: Surface, nodes: np.ndarray) -> Surface:
-    """Some nodes of a surface without edges."""
-    count = len(nodes)
-    return replace(
-        surface,
-        points_m=surface.points_m[nodes],
-        normals=surface.normals[nodes],
-        ring=np.full((count, 8), -1, np.int32),
-        link_start=np.zeros(count + 1, np.int32),
-        camera=surface.camera[nodes],
-        pixel=surface.pixel[nodes],
-        skin=surface.skin[nodes],
-    )
-
-
-def _with_nodes(evidence: Evidence, free: Surface, nodes: np.ndarray) -> Evidence:
+def _with_nodes(evidence: Evidence, free: Nodes, nodes: np.ndarray) -> Evidence:
     """The evidence with some of the free nodes beside the patient's."""
-    own, more = evidence.surface, _chosen(free, nodes)
-    count = len(own) + len(more)
-    surface = replace(
-        own,
-        points_m=np.concatenate([own.points_m, more.points_m]),
-        normals=np.concatenate([own.normals, more.normals]),
-        ring=np.full((count, 8), -1, np.int32),
-        link_start=np.zeros(count + 1, np.int32),
-        link_node=np.zeros(0, np.int32),
-        link_length_m=np.zeros(0, np.float32),
-        camera=np.concatenate([own.camera, more.camera]),
-        pixel=np.concatenate([own.pixel, more.pixel]),
-        skin=np.full(count, -1, np.int32),
-    )
-    return replace(evidence, surface=surface)
+    return replace(evidence, surface=join_nodes([evidence.surface, free.take(nodes)]))
 
 
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing, each as long as three frames

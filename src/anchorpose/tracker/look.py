@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.constraints import thin
-from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.camera import Camera
 from anchorpose.isolation.background import BackgroundSource
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.isolation.room_planes import Wall, find_walls, with_wall
@@ -22,7 +22,6 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.initial_frame import rank_initial_frames
 from anchorpose.tracker.patient_choice import BEFORE_M, CHEST_M, STAYS_M
 from anchorpose.tracker.room import NOBODY_SEEN, InitialFrame
 from anchorpose.tracker.sighting import (
@@ -33,7 +32,7 @@ from anchorpose.tracker.sighting import (
     shows_limbs_alone,
     sight_people,
 )
-from anchorpose.tracker.start import NoStart
+from anchorpose.tracker.start import NoStart, rank_initial_frames
 
 TWIN_M: Final = 0.35  # from the reflection to the twin, over the floor: bodies seen from front and back
 LEAST_TWINS: Final = 3  # frames: two people who pass each other may be alike in one or two
@@ -153,9 +152,8 @@ def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], came
     for depth_m, camera in zip(depths_m, cameras, strict=True):
         if depth_m is None:
             continue
-        in_camera = transform_points(invert_rigid(camera.require_pose()), points_m)
-        column, row, inside = camera.pixel_of(in_camera)
-        past = inside & (depth_m[row, column] > in_camera[:, 2] + BEFORE_M)
+        own, read, inside = camera.look(points_m, depth_m)
+        past = inside & (read > own + BEFORE_M)
         if np.mean(inside) > 0.5 and np.mean(past[inside]) > 0.5:
             return True
     return False

@@ -61,11 +61,12 @@ class Isolated:
 class SeenSurface:
     """The patient's surface in one frame.
 
-    whole: with the hidden skin, which is inferred. border (n,) uint8 of ``Border``: what each of its nodes ends at.
-    evidence: what the body is registered to, the seen part of the surface among it.
+    whole: with the hidden skin, which is inferred; seen: without it. border (n,) uint8 of ``Border``: what each node of
+    the whole ends at. evidence: what the body is registered to, the seen part of the surface among it.
     """
 
     whole: Surface
+    seen: Surface
     border: np.ndarray
     evidence: Evidence
 
@@ -98,20 +99,21 @@ class AnchorDistances:
             trusted = trusted_anchors(whole, descriptor, cut)
             trusted |= trusted.sum(axis=1, keepdims=True) < LEAST_TRUSTED
             descriptor = np.where(trusted, descriptor, np.nan).astype(np.float32)
-        return descriptor[: len(self._surface.evidence.surface)]
+        return descriptor[: len(self._surface.seen)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
     """One frame after the stages up to geodesics.
 
-    whole: the patient's surface with the hidden skin, which is inferred. expected: where the patient was expected, None
-    in a frame without expectation. border (n,) uint8 of ``Border``: what each seen node ends at.
+    surface: what is seen of the patient's; whole: with the hidden skin, which is inferred. expected: where the patient
+    was expected, None in a frame without expectation. border (n,) uint8 of ``Border``: what each seen node ends at.
     """
 
     frame_set: FrameSet
     expected: Expectation | None
     evidence: Evidence
+    surface: Surface
     whole: Surface
     anchors: Anchors
     distances: AnchorDistances
@@ -119,11 +121,6 @@ class Observation:
     pieces: tuple[Pieces | None, ...]
     memory: BystanderMemory
     bystanders: Bystanders
-
-    @property
-    def surface(self) -> Surface:
-        """What is seen of the patient's surface."""
-        return self.evidence.surface
 
     @property
     def descriptor(self) -> np.ndarray:

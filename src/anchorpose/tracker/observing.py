@@ -178,7 +178,7 @@ def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> S
         seen = seen_part(whole)
     with run.stage("registration"):
         evidence = gather_evidence(seen, isolated.views, cameras, run.room.calibration.floor_height_m)
-    return SeenSurface(whole, kind, evidence)
+    return SeenSurface(whole, seen, kind, evidence)
 
 
 def see_anchors(surface: SeenSurface, expected: Expectation | None, height_m: float, run: Run) -> Anchors:
@@ -203,10 +203,11 @@ def gather(
         frame_set,
         expected,
         surface.evidence,
+        surface.seen,
         surface.whole,
         anchors,
         AnchorDistances(surface, anchors, run.config.hypotheses.trusted_only, run.stopwatch),
-        surface.border[: len(surface.evidence.surface)],
+        surface.border[: len(surface.seen)],
         isolated.pieces,
         isolated.memory,
         isolated.bystanders,

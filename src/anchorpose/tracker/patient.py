@@ -19,6 +19,7 @@ from anchorpose.body.inverse_kinematics import (
     pose_from_joints,
     relax_limbs,
 )
+from anchorpose.body.limb_search import Rival, follow_rivals
 from anchorpose.body.own_surface import map_body
 from anchorpose.body.pose import PATIENT_PACE, UNSEEN_S, Pace, Pose, PoseBelief
 from anchorpose.body.registration import Registration, posterior, register
@@ -34,7 +35,6 @@ from anchorpose.tracker.estimate import Estimate, displaced, estimate_of
 from anchorpose.tracker.limb_watch import LimbWatch, cheaper, explained_by, is_doubtful
 from anchorpose.tracker.observation import Expectation, Isolated, Observation, Start
 from anchorpose.tracker.observing import Window, gather, isolate, observe, see_anchors, see_surface
-from anchorpose.tracker.rivals import Rival, follow_rivals
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 

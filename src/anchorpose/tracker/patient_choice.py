@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.camera import Camera
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.rotations import unit
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
@@ -209,10 +209,8 @@ def _is_hidden(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], came
     for depth_m, camera in zip(depths_m, cameras, strict=True):
         if depth_m is None:
             continue
-        in_camera = transform_points(invert_rigid(camera.require_pose()), points_m)
-        column, row, inside = camera.pixel_of(in_camera)
-        measured = depth_m[row, column]
-        before = inside & (measured > 0) & (measured < in_camera[:, 2] - BEFORE_M)
+        own, read, inside = camera.look(points_m, depth_m)
+        before = inside & (read > 0) & (read < own - BEFORE_M)
         if np.mean(inside) > 0.5:
             hidden.append(bool(np.mean(before[inside]) > 0.5))
     return bool(hidden) and all(hidden)

@@ -27,7 +27,6 @@ from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import agreeing_poses
-from anchorpose.tracker.initial_frame import ranked_by_view, with_best_initial_frame
 from anchorpose.tracker.look import Look, look_around
 from anchorpose.tracker.observing import observe_first
 from anchorpose.tracker.patient_choice import GIVEN_M, named_patient
@@ -35,6 +34,7 @@ from anchorpose.tracker.prior_shape import ordinary_height_m, shapes_to_try
 from anchorpose.tracker.resting_objects import with_resting_objects
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import sight_people
+from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
 BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
 AROUND: Final = 6  # frames before and after the one in which the user named the patient: half a step each

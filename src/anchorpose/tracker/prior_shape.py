@@ -13,7 +13,7 @@ from anchorpose.body.shape_prior import ShapeBelief, adult_belief, child_belief,
 from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.subject import Subject
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import Nodes
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import Room
 
@@ -93,7 +93,7 @@ def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief
     return min(beliefs, key=lambda belief: belief.common(asset).cost(shape))
 
 
-def shapes_to_try(surface: Surface, room: Room, subject: Subject, config: TrackConfig) -> FirstShape:
+def shapes_to_try(surface: Nodes, room: Room, subject: Subject, config: TrackConfig) -> FirstShape:
     """Bodies to begin with, of the heights that the surface may have, and of what is stated about the patient."""
     asset = body_points().asset
     beliefs = known_beliefs(subject, config)
@@ -108,7 +108,7 @@ def shapes_to_try(surface: Surface, room: Room, subject: Subject, config: TrackC
     return FirstShape(tried, config.learning.own_shape)
 
 
-def adult_heights(surface: Surface, room: Room) -> Sequence[float]:
+def adult_heights(surface: Nodes, room: Room) -> Sequence[float]:
     """Standing heights of adults to try: what is seen and a little more."""
     extent = _extent_m(surface, room)
     if extent < SEATED_BELOW_M:
@@ -116,14 +116,14 @@ def adult_heights(surface: Surface, room: Room) -> Sequence[float]:
     return tuple(float(np.clip(extent * factor, *ADULT_HEIGHTS_M)) for factor in (1.0, CUT_OFF))
 
 
-def _child_heights(surface: Surface, room: Room, subject: Subject) -> Sequence[float]:
+def _child_heights(surface: Nodes, room: Room, subject: Subject) -> Sequence[float]:
     """The same of children: none where an adult is seen, or where no child would be so small standing."""
     extent, (shortest, tallest) = _extent_m(surface, room), CHILD_HEIGHTS_M
     standing = tuple(extent * factor for factor in (1.0, CUT_OFF) if shortest <= extent * factor <= tallest)
     return standing if standing or subject.age_years is None else (stature_m(subject.age_years, subject.sex)[0],)
 
 
-def _extent_m(surface: Surface, room: Room) -> float:
+def _extent_m(surface: Nodes, room: Room) -> float:
     """From the top of what is seen to its bottom, or to the floor."""
     top, bottom = np.percentile(surface.points_m[:, 1], [99.9, 0.1])
     floor = room.calibration.floor_height_m

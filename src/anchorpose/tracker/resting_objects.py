@@ -20,8 +20,8 @@ from anchorpose.isolation.components import JUMP_GATE, label_components
 from anchorpose.isolation.depth_noise import smeared
 from anchorpose.isolation.empty_room import PERSON_M, in_equipment
 from anchorpose.isolation.people import FAINT, PERSON_RADIUS_M
-from anchorpose.isolation.resting import MOST_OF_ROOM, SWAYS_TIMES, WIDEST_M, sway
 from anchorpose.isolation.scene import FLATTEST, LEAST_M2, Scene, find_pieces
+from anchorpose.isolation.still_people import MOST_OF_ROOM, SWAYS_TIMES, WIDEST_M, sway
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet

@@ -24,7 +24,7 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import Intrinsics
 from anchorpose.motion.database_file import SHIPPED, load_motions
 from anchorpose.motion.prediction import MotionConfig, predict_joints
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import Nodes
 
 RATE_HZ: Final = 15.0
 CAMERA: Final = Camera(
@@ -67,7 +67,7 @@ def warm_up() -> Registration:
 
 
 def _own_skin(posed: PosedPoints) -> Evidence:
-    """The skin points that face the camera as nodes without edges, and the pixels they fall on."""
+    """The skin points that face the camera as nodes, and the pixels they fall on."""
     facing = ((CAMERA.position_m - posed.points_m) * posed.normals).sum(axis=1) > 0.0
     seen = posed.points_m[facing]
     T_camera_world = np.linalg.inv(CAMERA.require_pose())
@@ -77,16 +77,7 @@ def _own_skin(posed: PosedPoints) -> Evidence:
     labels = np.full(depth.shape, PixelLabel.BACKGROUND, np.uint8)
     depth[pixel[:, 1], pixel[:, 0]] = in_camera[:, 2]
     labels[pixel[:, 1], pixel[:, 0]] = PixelLabel.PATIENT
-    count = len(seen)
-    surface = Surface(
-        points_m=seen.astype(np.float32),
-        normals=posed.normals[facing].astype(np.float32),
-        ring=np.full((count, 8), -1, np.int32),
-        link_start=np.zeros(count + 1, np.int32),
-        link_node=np.zeros(0, np.int32),
-        link_length_m=np.zeros(0, np.float32),
-        camera=np.zeros(count, np.uint8),
-        pixel=pixel,
-        skin=np.full(count, -1, np.int32),
+    nodes = Nodes(
+        seen.astype(np.float32), posed.normals[facing].astype(np.float32), np.zeros(len(seen), np.uint8), pixel
     )
-    return gather_evidence(surface, (View(depth, labels),), (CAMERA,))
+    return gather_evidence(nodes, (View(depth, labels),), (CAMERA,))

@@ -1,4 +1,4 @@
-"""People who never leave their place, distinguished from the room by floor, size, movement and connected parts."""
+"""Find people who never leave their place: unlike the room they have a person's size, move, and have moving parts."""
 
 from __future__ import annotations
 

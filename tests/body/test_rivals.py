@@ -7,12 +7,12 @@ import pytest
 from body_builder import adult_body, hide_bones, joint_errors_m, joints_of, seen_body, standing
 
 from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.limb_search import DECIDED, MEMORY, Rival, follow_rivals, with_rivals
 from anchorpose.body.pose import Pose, PoseBelief, vague_belief
 from anchorpose.body.registration import Registration
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.simulate.render import TrueImage
-from anchorpose.tracker.rivals import DECIDED, MEMORY, Rival, follow_rivals, with_rivals
 
 BODY, CONFIG = adult_body(), RegistrationConfig()
 TRUTH = standing(LeftArm=(60.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0))
