@@ -68,7 +68,7 @@ def differences(expected: Digests, found: Digests) -> list[str]:
         if before is None or now is None:
             lines.append(f"{file} is {'new' if before is None else 'missing'}")
         elif before != now and file == RECORDING:
-            lines.append("the recording itself differs: the simulator changed, and what follows may come from that")
+            lines.append("the recording differs: the simulator changed; what follows may come from that")
         elif before != now:
             parts = [part for part in {**before, **now} if part != WHOLE and before.get(part) != now.get(part)]
             alike = "the same values in other bytes" if len(now) > 1 else "differs"

@@ -227,10 +227,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     way.add_argument("--against", metavar="COMMIT", help="compare with another commit")
     parser.add_argument("--only", nargs="+", choices=NAMES, default=NAMES, metavar="NAME", help=", ".join(NAMES))
     given = parser.parse_args(arguments)
-    with TemporaryDirectory() as scratch:
-        if given.against:
-            return against(given.against, given.only, Path(scratch))
-        return (update if given.update else check)(given.only, Path(scratch))
+    try:
+        with TemporaryDirectory() as scratch:
+            if given.against:
+                return against(given.against, given.only, Path(scratch))
+            return (update if given.update else check)(given.only, Path(scratch))
+    except Absent as absent:
+        raise SystemExit(f"{absent}; take the others with --only {' '.join(SIMULATED)}.") from None
 
 
 if __name__ == "__main__":

@@ -177,6 +177,14 @@ def test_one_recording_of_another_machine_cannot_be_stored(monkeypatch, tmp_path
     assert (tmp_path / "goldens.json").read_bytes() == before
 
 
+def test_without_the_real_recording_the_others_are_named(monkeypatch, tmp_path):
+    monkeypatch.setattr(goldens, "DATA", tmp_path / "data")
+    monkeypatch.setattr(goldens, "MSR", tmp_path / "data" / "msr")
+    for way in ([], ["--update"], ["--against", "HEAD"]):
+        with pytest.raises(SystemExit, match=r"data/msr is absent.* --only single hole clinic"):
+            goldens.main([*way, "--only", "msr"])
+
+
 def test_every_recording_is_stored():
     recordings = goldens.read_stored()["recordings"]
     assert tuple(recordings) == goldens.NAMES
