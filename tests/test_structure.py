@@ -63,7 +63,6 @@ OPENING = {
 
 OPENS_ITSELF = {
     "recording/regular_file.py": "the one place",
-    "recording/array_file.py": "np.load, of a file that open_regular opened",
     "results/parquet.py": "pyarrow, of a path that refuse_unreadable asked about",
     "batch/table.py": "pyarrow, of a path that refuse_unreadable asked about, and of a table that was just written",
     "research/benchmark/answers.py": "pyarrow, of a file that open_regular opened",

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.array_file import read_arrays
+from anchorpose.recording.regular_file import read_arrays
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.tracking.motion_file import (
     FORMAT,

@@ -17,8 +17,7 @@ from anchorpose.calibration.marker_layout import Board, MarkerLayout, Tag, read_
 from anchorpose.calibration.marker_pose import MarkerPose, NoMarkers, place_by_markers, pose_from_markers
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
-from anchorpose.recording.recording import Recording
-from anchorpose.recording.subject import UNKNOWN
+from anchorpose.recording.recording import UNKNOWN, Recording
 
 DICTIONARY = "DICT_APRILTAG_36h11"
 FACING_X = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # a tag that is read from +X: its x is -Z, its z is X

@@ -8,8 +8,7 @@ import pytest
 from bad_images import BAD, RNG, large_recording, room
 from recording_builder import DATA, HEIGHT, WIDTH, depth_grey, write_picture
 
-from anchorpose.recording.depth_image import RecordedFrames
-from anchorpose.recording.image_content import FARTHEST_M, content_problem, measured_m
+from anchorpose.recording.depth_image import FARTHEST_M, RecordedFrames, content_problem, measured_m
 from anchorpose.recording.reader import open_recording, read_frames
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from anchorpose.agreement.reliability import COLUMNS, Reliability, reliability_of
 from anchorpose.errors import InputError
-from anchorpose.recording.csv_text import cell_text, read_rows, require_distinct
+from anchorpose.recording.document import cell_text, read_rows, require_distinct
 from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
 
 REPEATED: Final = ("session", "rater", "device")

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import read_json, read_text, validate
-from anchorpose.recording.json_text import require_plain
+from anchorpose.recording.document import read_json, read_text, require_plain, validate
 from anchorpose.settings import Unfit
 
 if TYPE_CHECKING:

@@ -25,8 +25,7 @@ from anchorpose.recording.document import (
     require_file_name,
     require_rigid,
 )
-from anchorpose.recording.recording import Recording
-from anchorpose.recording.subject import CoveredPart, MissingPart, Subject
+from anchorpose.recording.recording import CoveredPart, MissingPart, Recording, Subject
 from anchorpose.settings import Unfit, shown
 
 FARTHEST_CAMERA_M: Final = 100.0

@@ -81,11 +81,6 @@ def _require_seconds(path: Path, time_s: np.ndarray) -> None:
         raise InputError(path, problem, "write seconds, from the start of the recording or since 1970")
 
 
-def times_from_rate(frames: np.ndarray, fps: float) -> np.ndarray:
-    """(n,) float64 seconds of frames (n,) numbered at a steady rate; a missing number is a dropped frame."""
-    return frames / fps
-
-
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     lines = read_text(path).splitlines()
     if not lines or [cell.strip() for cell in lines[0].split(",")] != ["frame", "time_s"]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from anchorpose.body.kinematics import BodyMesh
 from anchorpose.body.missing import below, stump_of
-from anchorpose.recording.subject import MissingPart
+from anchorpose.recording.recording import MissingPart
 from anchorpose.settings import settings
 
 Build = Literal["ordinary", "varied", "wasted-legs", "heavy", "child"]

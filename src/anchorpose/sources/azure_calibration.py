@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.lens import Intrinsics, LensModel
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.document import parse_json
 
 DEPTH_CAMERA: Final = "CALIBRATION_CameraLocationD0"
 MODEL: Final = "CALIBRATION_LensDistortionModelBrownConrady"

@@ -15,7 +15,7 @@ from filelock import FileLock, Timeout
 
 from anchorpose import __version__
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.recording.json_text import LARGEST_BYTES, parse_json
+from anchorpose.recording.document import LARGEST_BYTES, parse_json
 from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import hash_files

@@ -15,8 +15,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
-from anchorpose.recording.document import read_json
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.document import parse_json, read_json
 from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.sources.grey_images import FrameFile, ImageFiles, Size, first_size, images_in, natural_order
 from anchorpose.sources.image_folder import frame_files

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.json_text import LARGEST_BYTES, parse_json
+from anchorpose.recording.document import LARGEST_BYTES, parse_json
 from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 from anchorpose.sources.grey_images import ImageFiles, natural_order
 from anchorpose.sources.image_folder import SIDECAR, SidecarDocument, camera_of, file_times, frame_files, times_of

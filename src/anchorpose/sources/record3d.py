@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError, MissingPackage
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.document import parse_json
 from anchorpose.sources.metres import GREY_M, to_grey
 from anchorpose.sources.numbers_in import finite, finite_list
 from anchorpose.sources.source import SourceCamera, SourceFrame, damaged_notes, movement_note

@@ -16,8 +16,7 @@ from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.recording.recording import FrameSet
-from anchorpose.recording.subject import Subject
+from anchorpose.recording.recording import FrameSet, Subject
 from anchorpose.rotations import unit
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.config import TrackConfig

@@ -25,7 +25,7 @@ from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.document import parse_json
 
 NUMBERS: Final = "biuf"  # kinds of dtype: boolean, integers, floats; all others are refused
 ALSO: Final = {

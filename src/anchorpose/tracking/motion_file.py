@@ -12,7 +12,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
-from anchorpose.recording.array_file import read_arrays
+from anchorpose.recording.regular_file import read_arrays
 from anchorpose.tracking.motion import MotionConfig, joint_database
 from anchorpose.tracking.motion_database import MotionDatabase
 
