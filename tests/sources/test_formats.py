@@ -14,7 +14,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import FARTHEST_M
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.sources.plan import ConvertOptions
-from anchorpose.sources.readers import open_source
+from anchorpose.sources.source import open_source
 
 THIRTIETHS = [round(k / 30, 6) for k in range(FRAMES)]
 

@@ -21,7 +21,7 @@ from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.regular_file import open_regular
 from anchorpose.sources.azure_calibration import DepthMode, depth_mode, lens_of
-from anchorpose.sources.source import NO_READING, SourceCamera, SourceFrame
+from anchorpose.sources.source import MILLIMETRE_M, NO_READING, Reader, SourceCamera, SourceFrame
 
 if TYPE_CHECKING:
     from av import Packet, VideoStream
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 EBML: Final = b"\x1a\x45\xdf\xa3"
 SEGMENT: Final = b"\x18\x53\x80\x67"
-DEPTH_SCALE: Final = 0.001  # the SDK's DEPTH16: millimetres
 AGAIN: Final = "copy it from the recording computer again"
 CALIBRATION: Final = "calibration.json"
 
@@ -49,7 +48,7 @@ def open_source(path: Path) -> AzureKinectFile:
             name=re.sub(r"[^\w+-]", "-", path.stem).lstrip("+-") or "camera",
             width=mode.width,
             height=mode.height,
-            depth_scale=DEPTH_SCALE,
+            depth_scale=MILLIMETRE_M,
             intrinsics=lens,
             model=container.metadata.get("title", ""),  # Femto's wrapper calls itself Azure Kinect, too
             serial=container.metadata.get("K4A_DEVICE_SERIAL_NUMBER", ""),
@@ -204,3 +203,6 @@ def _is_whole(path: Path) -> bool:
     unknown = (1 << 7 * width) - 1
     length = int.from_bytes(head[start : start + width]) & unknown
     return length != unknown and start + width + length == path.stat().st_size
+
+
+READERS: Final = (Reader(matches, open_source),)
