@@ -84,12 +84,12 @@ def image_of_grey(grey: np.ndarray, camera: Camera, judged: bool = True) -> Dept
 
 
 def largest_png(width: int, height: int) -> int:
-    """Bytes that the file of a 16-bit grey image may have, also of one that cannot be compressed."""
+    """Return bytes that the file of a 16-bit grey image may have, also of one that cannot be compressed."""
     return 4 * width * height + _OTHER_BYTES
 
 
 def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | None, str]:
-    """The grey values (height, width) uint16 of a PNG file; or None and what is wrong with it.
+    """Return the grey values (height, width) uint16 of a PNG file; or None and what is wrong with it.
 
     Only the chunks of the image itself reach the decoder, which would mix the frames of an animation into it.
     """
@@ -133,7 +133,8 @@ def _header_problem(head: bytes, wide: int, high: int) -> str:
 
 
 def image_chunks(data: bytes) -> tuple[bytes, str]:
-    """A PNG file with nothing but the chunks that its image needs, and what is wrong with it, empty where nothing is.
+    """Return a PNG file with nothing but the chunks that its image needs, and what is wrong with it, empty where
+    nothing is.
 
     Every chunk is checked up to the end: decoders may return half an image for a truncated file. What may be left out
     (PNG, Section 5.4: names that begin with a small letter) is left out; what may not be, and is unknown, is a problem.
@@ -159,7 +160,7 @@ def image_chunks(data: bytes) -> tuple[bytes, str]:
 
 
 def measured_m(grey: np.ndarray, depth_scale: float) -> np.ndarray:
-    """(height, width) float32 metres of grey values (height, width) uint16; 0 where there is no measurement.
+    """Return (height, width) float32 metres of grey values (height, width) uint16; 0 where there is no measurement.
 
     That is no reading, the largest value of the file, and all that is beyond ``FARTHEST_M``.
     """
@@ -169,7 +170,8 @@ def measured_m(grey: np.ndarray, depth_scale: float) -> np.ndarray:
 
 
 def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
-    """Why an image is not a measurement, as the end of a sentence that begins with its name; empty where it may be one.
+    """Return why an image is not a measurement, as the end of a sentence that begins with its name; empty where it may
+    be one.
 
     grey (height, width) uint16 as the file has it; depth_m (height, width) float32 metres of it, 0 = no reading.
     """
@@ -193,7 +195,7 @@ def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
 
 
 def _three_in_a_row(read: np.ndarray) -> bool:
-    """Whether three neighbouring pixels have a reading anywhere: without them there is no surface."""
+    """Return whether three neighbouring pixels have a reading anywhere: without them there is no surface."""
     return bool((read[:, :-2] & read[:, 1:-1] & read[:, 2:]).any())
 
 
@@ -202,14 +204,14 @@ class DepthFrames(Protocol):
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """The cameras, the reference first."""
+        """Return the cameras, the reference first."""
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
-        """One per camera: (n,) float64, strictly increasing, its own clock."""
+        """Return one per camera: (n,) float64, strictly increasing, its own clock."""
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
-        """(height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
+        """Return (height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,11 +223,11 @@ class RecordedFrames:
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
-        """One per camera: (n,) float64, its own clock."""
+        """Return one per camera: (n,) float64, its own clock."""
         return tuple(stream.time_s for stream in self.recording.streams)
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
-        """(height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
+        """Return (height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
         stream = self.recording.streams[camera]
         if stream.duplicate is not None and stream.duplicate[position]:
             return None

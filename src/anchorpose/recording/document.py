@@ -53,7 +53,8 @@ FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
 
 
 def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
-    """The values of a JSON text, every key of an object once; NaN and infinities are left to the caller to refuse.
+    """Return the values of a JSON text, every key of an object once; NaN and infinities are left to the caller to
+    refuse.
 
     Bytes are text in UTF-8, UTF-16 or UTF-32. Raises Unfit, a ValueError, in time that grows with the size of the text:
     where it is no JSON, larger than ``largest_bytes`` or not plain (``require_plain``).
@@ -134,13 +135,14 @@ def numbers(*shape: int, meaning: str) -> PlainValidator:
 
 
 def is_rotation(matrix: np.ndarray) -> bool:
-    """Whether a (3, 3) matrix is a proper rotation within ``ROTATION_TOLERANCE``."""
+    """Return whether a (3, 3) matrix is a proper rotation within ``ROTATION_TOLERANCE``."""
     orthonormal = np.abs(matrix.T @ matrix - np.eye(3)).max() <= ROTATION_TOLERANCE
     return bool(orthonormal and np.linalg.det(matrix) > 0)
 
 
 def require_rigid(pose: np.ndarray, instead: str = "") -> np.ndarray:
-    """The pose (4, 4); raises Unfit unless it is a rigid motion: lengths in a scaled or mirrored world mean nothing."""
+    """Return the pose (4, 4); raises Unfit unless it is a rigid motion: lengths in a scaled or mirrored world mean
+    nothing."""
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9 or not is_rotation(pose[:3, :3]):
         remedy = f"write a rotation and a translation in metres with the last row 0 0 0 1{instead}"
         raise Unfit("is not a rigid motion", remedy)
@@ -155,7 +157,8 @@ def _require_inside(name: str) -> str:
 
 
 def require_file_name(name: str) -> str:
-    """The name; raises Unfit where no file can have it: it is too long, or has characters that names cannot hold."""
+    """Return the name; raises Unfit where no file can have it: it is too long, or has characters that names cannot
+    hold."""
     if not name.isprintable() or len(name.encode()) > LONGEST_NAME:
         raise Unfit(f"is {shown(name)}", "it names a file: use letters, digits, - and _, no more than 50 of them")
     return name
@@ -179,12 +182,12 @@ FileInFolder = Annotated[Text, AfterValidator(_require_inside)]
 
 
 def read_document(path: Path, kind: type[Document]) -> Document:
-    """A JSON file as the declared ``kind``; raises InputError naming the file, the key and the remedy."""
+    """Return a JSON file as the declared ``kind``; raises InputError naming the file, the key and the remedy."""
     return validate(path, kind, read_json(path))
 
 
 def validate(path: Path, kind: type[Document], values: Any) -> Document:
-    """``values`` of the file ``path`` as ``kind``, nothing rounded or converted from text; raises InputError."""
+    """Return ``values`` of the file ``path`` as ``kind``, nothing rounded or converted from text; raises InputError."""
     try:
         found: Document = _adapter(cast(Any, kind)).validate_json(json.dumps(values, default=str), strict=True)
     except ValidationError as error:
@@ -200,7 +203,7 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def read_text(path: Path, largest_bytes: int = LARGEST_BYTES) -> str:
-    """The text of a file in UTF-8; raises InputError."""
+    """Return the text of a file in UTF-8; raises InputError."""
     if not is_there(path):
         raise InputError(path, "there is no such file", "check the path")
     try:
@@ -210,7 +213,7 @@ def read_text(path: Path, largest_bytes: int = LARGEST_BYTES) -> str:
 
 
 def read_json(path: Path, largest_bytes: int = LARGEST_BYTES) -> dict[str, Any]:
-    """The object that a JSON file holds; raises InputError unless it is one that ``parse_json`` accepts."""
+    """Return the object that a JSON file holds; raises InputError unless it is one that ``parse_json`` accepts."""
     try:
         values = parse_json(read_text(path, largest_bytes), largest_bytes)
     except Unfit as error:

@@ -89,13 +89,13 @@ class EquipmentDocument(Entry):
 
 
 def read_equipment(path: Path) -> EquipmentModel:
-    """The model chi_0 in an equipment.json; raises InputError naming the file, the key and the remedy."""
+    """Return the model chi_0 in an equipment.json; raises InputError naming the file, the key and the remedy."""
     document = read_document(path, EquipmentDocument)
     return EquipmentModel(tuple(_part(path, f"parts[{i}]", entry) for i, entry in enumerate(document.parts)))
 
 
 def equipment_files(path: Path) -> tuple[Path, ...]:
-    """The equipment.json at ``path`` and the meshes that it names."""
+    """Return the equipment.json at ``path`` and the meshes that it names."""
     parts = read_document(path, EquipmentDocument).parts
     return path, *(path.parent / part.file for part in parts if isinstance(part, MeshEntry))
 

@@ -26,8 +26,8 @@ LOOKED_AT: Final = 40  # depth images of each camera, evenly spread: about as ma
 
 
 def open_recording(folder: Path) -> Recording:
-    """A checked recording; of the depth images, a few of each camera are decoded. Cameras that were dead throughout are
-    left out, with a note.
+    """Return a checked recording; of the depth images, a few of each camera are decoded. Cameras that were dead
+    throughout are left out, with a note.
 
     Times come from timestamps.csv; where that is absent, from ``fps`` and the numbers of the depth images.
     Raises InputError naming the file and the remedy. A damaged depth image among usable ones of the same camera is not
@@ -60,7 +60,7 @@ def open_recording(folder: Path) -> Recording:
 
 
 def _without_dead_cameras(recording: Recording) -> Recording:
-    """The recording without the cameras that measured nothing from first to last, and with a note on each.
+    """Return the recording without the cameras that measured nothing from first to last, and with a note on each.
 
     Such a camera was blinded, covered or broken: its files are whole and hold no measurement (``content_problem``).
     Raises InputError where no camera is left.
@@ -87,7 +87,7 @@ def _without_dead_cameras(recording: Recording) -> Recording:
 
 
 def _why_dead(recording: Recording, camera: int) -> str:
-    """Why no depth image of a camera can be used; empty where one can."""
+    """Return why no depth image of a camera can be used; empty where one can."""
     count = len(recording.streams[camera].files)
     problem = ""
     for position in np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int)).tolist():
@@ -99,7 +99,7 @@ def _why_dead(recording: Recording, camera: int) -> str:
 
 
 def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -> Iterator[FrameSet]:
-    """The frame sets ``start`` to ``stop`` (positions in the first camera's stream), decoded one at a time.
+    """Return the frame sets ``start`` to ``stop`` (positions in the first camera's stream), decoded one at a time.
 
     Raises InputError at once where the cameras never overlap in time or the range is empty; a damaged depth image is
     None with a sentence in the set's ``problems``.
@@ -110,12 +110,12 @@ def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -
 
 
 def read_frame(recording: Recording, position: int) -> FrameSet:
-    """The frame set at one position in the first camera's stream; raises InputError as ``read_frames``."""
+    """Return the frame set at one position in the first camera's stream; raises InputError as ``read_frames``."""
     return next(read_frames(recording, position, position + 1))
 
 
 def frame_range(recording: Recording, start: int = 0, stop: int | None = None) -> range:
-    """The positions ``start`` to ``stop`` of the first camera; raises InputError where there are none."""
+    """Return the positions ``start`` to ``stop`` of the first camera; raises InputError where there are none."""
     count = len(recording.streams[0].files)
     stop = count if stop is None else min(stop, count)
     if not 0 <= start < stop:
@@ -147,7 +147,7 @@ def _read_set(recording: Recording, pair: np.ndarray, position: int) -> FrameSet
 
 
 def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStream:
-    """The depth images of a camera's folder; most_bytes: of the file of one."""
+    """Return the depth images of a camera's folder; most_bytes: of the file of one."""
     files = _number_files(folder / "depth")
     numbers, repeated = np.array(sorted(files), dtype=np.int64), 0
     path = folder / "timestamps.csv"
@@ -175,7 +175,7 @@ def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStrea
 
 
 def _number_files(folder: Path) -> dict[int, str]:
-    """The names of a camera's depth images by their numbers."""
+    """Return the names of a camera's depth images by their numbers."""
     if not folder.is_dir():
         raise InputError(folder, "there is no such folder", "put the camera's depth images there")
     files: dict[int, str] = {}
@@ -231,7 +231,7 @@ def _read_background(folder: Path, camera: Camera) -> np.ndarray | None:
 
 
 def input_files(recording: Recording) -> Iterator[Path]:
-    """Every file that was read for ``recording``, depth images included, in a fixed order."""
+    """Yield every file that was read for ``recording``, depth images included, in a fixed order."""
     document = recording.folder / "recording.json"
     yield document
     equipment = read_document(document, RecordingDocument).equipment

@@ -44,12 +44,12 @@ class Subject:
 
     @property
     def unmeasured(self) -> Subject:
-        """The same without what the pictures can contradict: height, age and sex."""
+        """Return the same without what the pictures can contradict: height, age and sex."""
         return Subject(missing=self.missing, covered=self.covered)
 
     @property
     def grown(self) -> bool | None:
-        """Whether the patient is an adult, None where that is unknown.
+        """Return whether the patient is an adult, None where that is unknown.
 
         Of a birth year alone only those who were grown when the first depth cameras appeared: the year of the recording
         is not known, and results do not depend on today's date.
@@ -113,7 +113,8 @@ class Recording:
 
     @property
     def rate_hz(self) -> float:
-        """Frames per second of the reference camera, without dropped frames; 30, the usual rate, for a single frame."""
+        """Return frames per second of the reference camera, without dropped frames; 30, the usual rate, for a single
+        frame."""
         time_s = self.streams[0].time_s
         return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 30.0
 
@@ -138,16 +139,16 @@ class Clock:
     at_s: float = 0.0  # the reference time at which ahead_s holds
 
     def reference_s(self, own_s: np.ndarray) -> np.ndarray:
-        """The reference times at which this clock showed ``own_s``, (n,) float64."""
+        """Return the reference times at which this clock showed ``own_s``, (n,) float64."""
         return np.asarray(self.at_s + (own_s - self.at_s - self.ahead_s) / (1.0 + self.drift))
 
     def own_s(self, reference_s: float) -> float:
-        """The time that this clock shows at a reference time."""
+        """Return the time that this clock shows at a reference time."""
         return reference_s + self.ahead_s + self.drift * (reference_s - self.at_s)
 
 
 def align_clocks(recording: Recording, clocks: Sequence[Clock]) -> Recording:
-    """``recording`` with the times of every camera on the reference clock; one clock per camera."""
+    """Return ``recording`` with the times of every camera on the reference clock; one clock per camera."""
     streams = tuple(
         replace(stream, time_s=clock.reference_s(stream.time_s))
         for stream, clock in zip(recording.streams, clocks, strict=True)

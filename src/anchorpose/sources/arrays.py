@@ -26,7 +26,7 @@ ReadImage = Callable[[int], np.ndarray]
 
 
 def matches(path: Path, head: bytes) -> bool:
-    """Whether this is one of the two formats."""
+    """Return whether this is one of the two formats."""
     return head.startswith((_NPY, _MAT, _MAT_73))
 
 
@@ -60,11 +60,11 @@ class DepthArray:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """None: an array has no damaged images."""
+        """Return no notes: an array has no damaged images."""
         return ()
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """The depth images in order; raises InputError where the file ends early."""
+        """Yield the depth images in order; raises InputError where the file ends early."""
         for position in range(skip[0], self._count):
             image = self._read(position)
             grey = to_grey(image) if self._metres else image.astype(np.uint16)

@@ -75,12 +75,12 @@ class BagFile(ABC):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """All topics of the file; two publishers on a topic are one channel."""
+        """Return all topics of the file; two publishers on a topic are one channel."""
         return tuple(dict.fromkeys(self._channels.values()))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what could not be read, complete once all was read."""
+        """Return sentences on what could not be read, complete once all was read."""
         return (self._damage,) if self._damage else ()
 
     def count(self, topic: str) -> int | None:
@@ -172,7 +172,7 @@ class Ros1File(_RosbagsFile):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """See ``BagFile``."""
+        """Return sentences on what could not be read, complete once all was read."""
         cut = f"{self._path.name} has no usable index, as where recording was cut off; it was read as far as it goes."
         return super().notes if self._indexed else (cut,)
 
@@ -255,21 +255,21 @@ class BagFolder:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Those of all files."""
+        """Return the topics of all files."""
         return tuple(dict.fromkeys(channel for file in self._files for channel in file.channels))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Those of all files."""
+        """Return the notes of all files."""
         return tuple(note for file in self._files for note in file.notes)
 
     def count(self, topic: str) -> int | None:
-        """Of all files."""
+        """Return how many messages a topic has in all files; None as ``BagFile.count``."""
         counts = [file.count(topic) for file in self._files]
         return None if None in counts else sum(count or 0 for count in counts)
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """File by file."""
+        """Yield the messages of the topics, file by file."""
         for file in self._files:
             yield from file.messages(topics)
 

@@ -30,7 +30,7 @@ TEXTS: Final = {".json", ".txt", ".csv", ".yaml", ".yml"}
 
 
 def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict[str, Any]:
-    """What makes two conversions the same: the program's version, the inputs' content and the options."""
+    """Return what makes two conversions the same: the program's version, the inputs' content and the options."""
     prints = [(path, fingerprint(path)) for path in inputs]
     return {
         "format": "conversion",
@@ -42,7 +42,7 @@ def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict
 
 
 def read_conversion(folder: Path) -> dict[str, Any] | None:
-    """The conversion.json of a folder; None where it has none that can be read."""
+    """Return the conversion.json of a folder; None where it has none that can be read."""
     try:
         values = parse_json(read_bounded(folder / CONVERSION_FILE, LARGEST_BYTES))
     except (Unreadable, ValueError):
@@ -51,7 +51,7 @@ def read_conversion(folder: Path) -> dict[str, Any] | None:
 
 
 def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
-    """Whether a folder's conversion is of the same inputs, whatever their names now, with the same options."""
+    """Return whether a folder's conversion is of the same inputs, whatever their names now, with the same options."""
     return _identity(found) == _identity(begun)
 
 
@@ -62,8 +62,8 @@ def _identity(document: dict[str, Any]) -> tuple[Any, ...]:
 
 
 def is_untouched(folder: Path) -> bool:
-    """Whether a folder with a conversion.json holds what was written into it and nothing else, as far as names and
-    recording.json tell: then it can be made again without losing anybody's work."""
+    """Return whether a folder with a conversion.json holds what was written into it and nothing else, as far as names
+    and recording.json tell: then it can be made again without losing anybody's work."""
     for file in folder.iterdir():
         of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
         if not of_camera and file.name not in (RECORDING_FILE, CONVERSION_FILE, LOCK_FILE):
@@ -76,7 +76,8 @@ def is_untouched(folder: Path) -> bool:
 
 
 def fingerprint(path: Path) -> tuple[int, str]:
-    """Bytes in all, and a SHA-256 of names, sizes and samples of the content; it does not depend on where it lies."""
+    """Return bytes in all, and a SHA-256 of names, sizes and samples of the content; it does not depend on where it
+    lies."""
     digest = hashlib.sha256()
     if path.is_file():
         _sample(path, digest)

@@ -115,7 +115,7 @@ def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
 def _write_images(
     sources: Sequence[Source], plan: Plan, out: Path, options: ConvertOptions, progress: Progress
 ) -> tuple[dict[str, int], tuple[str, ...]]:
-    """Images per camera name, and notes; raises InputError where no image at all can be read."""
+    """Return images per camera name, and notes; raises InputError where no image at all can be read."""
     counts, notes = dict[str, int](), list[str]()
     expected = [one.count for own in plan.cameras for one in own]
     total = None if None in expected else sum(count or 0 for count in expected)
@@ -144,7 +144,7 @@ def _write_images(
 
 
 def _require_images(source: Source, cameras: Sequence[CameraPlan], counts: dict[str, int]) -> list[str]:
-    """A note for each camera without an image; raises InputError where the source gave none at all."""
+    """Return a note for each camera without an image; raises InputError where the source gave none at all."""
     empty = [own.camera.name for own in cameras if not counts[own.camera.name]]
     if len(empty) == len(cameras):
         told = source.notes[-1].rstrip(".") if source.notes else "nothing says why"
@@ -157,7 +157,7 @@ def _turned(options: ConvertOptions) -> bool:
 
 
 def _finish(out: Path, begun: dict[str, Any], plan: Plan, counts: dict[str, int], notes: tuple[str, ...]) -> None:
-    """recording.json last: without it the folder is no recording."""
+    """Write recording.json last: without it the folder is not a recording."""
     cameras = [own.document() for group in plan.cameras for own in group if counts[own.camera.name]]
     for name, count in counts.items():
         if not count:
@@ -182,7 +182,7 @@ class DirectInput:
 
 
 def look_at(path: Path) -> DirectInput:
-    """What ``path`` is. A recording, and anything that no reader knows, is left to ``open_recording``.
+    """Return what ``path`` is. A recording, and anything that no reader knows, is left to ``open_recording``.
 
     Raises InputError where the recording made of it is of other content and holds files that were added by hand.
     """
@@ -216,6 +216,7 @@ def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
 
 
 def _may_write(folder: Path) -> bool:
-    """A folder that is marked as read-only stays so for an administrator too, to whom the system allows everything."""
+    """Return a folder that is marked as read-only stays so for an administrator too, to whom the system allows
+    everything."""
     marked = os.name == "posix" and not folder.stat().st_mode & 0o222
     return not marked and os.access(folder, os.W_OK)

@@ -61,7 +61,7 @@ class SidecarDocument(Entry):
 
 
 def _is_images(path: Path, head: bytes) -> bool:
-    """Whether a folder, or its ``depth``, holds 16-bit grey images."""
+    """Return whether a folder, or its ``depth``, holds 16-bit grey images."""
     return path.is_dir() and any(grey_size(file) is not None for file in _images(path)[:LOOK_AT])
 
 
@@ -83,8 +83,8 @@ def _open_images(path: Path) -> ImageFiles:
 
 
 def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
-    """The images with their times by ``<number>-<microseconds>`` in their names, else their numbers; and whether these
-    are times. Images whose names hold no number of their own are counted."""
+    """Return the images with their times by ``<number>-<microseconds>`` in their names, else their numbers; and whether
+    these are times. Images whose names hold no number of their own are counted."""
     stamps = [re.fullmatch(r"\D*\d+-(\d{9,})", file.stem) for file in images]
     micros = [int(stamp[1]) for stamp in stamps if stamp is not None]
     if len(micros) == len(images) > 1 and FASTEST_S < np.median(np.diff(sorted(micros))) / 1e6 < SLOWEST_S:
@@ -98,7 +98,7 @@ def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
 
 
 def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> SourceCamera:
-    """``camera`` with what the sidecar ``path`` says; raises InputError where the images have another size."""
+    """Return ``camera`` with what the sidecar ``path`` says; raises InputError where the images have another size."""
     for name, own, said in (("width", camera.width, given.width), ("height", camera.height, given.height)):
         if said is not None and said != own:
             raise InputError(path, f"{name} is {said}, the images have {own}", "correct the number")
@@ -113,7 +113,8 @@ def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> Sourc
 
 
 def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndarray | None:
-    """(n,) seconds of images with these numbers, or None; raises InputError where ``times_s`` has another length."""
+    """Return (n,) seconds of images with these numbers, or None; raises InputError where ``times_s`` has another
+    length."""
     if given.times_s is not None:
         if len(given.times_s) != len(numbers):
             problem = f"times_s has {len(given.times_s)} times for {len(numbers)} depth images"
@@ -123,7 +124,7 @@ def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndar
 
 
 def file_times(given: SidecarDocument, path: Path, files: Sequence[FrameFile]) -> list[FrameFile] | None:
-    """The files, now numbered, with the sidecar's times; None where it has none."""
+    """Return the files, now numbered, with the sidecar's times; None where it has none."""
     times = times_of(given, path, np.array([file.time_s for file in files]))
     return None if times is None else [replace(file, time_s=t) for file, t in zip(files, times.tolist(), strict=True)]
 
@@ -133,7 +134,7 @@ def _images(path: Path) -> list[Path]:
 
 
 def _is_raw_dump(path: Path, head: bytes) -> bool:
-    """Whether a sidecar that gives a size describes this file or folder."""
+    """Return whether a sidecar that gives a size describes this file or folder."""
     sidecar = _sidecar(path)
     if sidecar == path:
         return False
@@ -180,7 +181,7 @@ class RawFile:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Whether the last image is incomplete."""
+        """Return whether the last image is incomplete."""
         if not self._rest:
             return ()
         return (
@@ -188,7 +189,7 @@ class RawFile:
         )
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """The depth images in the order of the file."""
+        """Yield the depth images in the order of the file."""
         camera = self.cameras[0]
         with open_regular(self.path) as file:
             file.seek(skip[0] * self._bytes)

@@ -52,7 +52,8 @@ class _Unit:
 
 
 def find_streams(bag: Bag, path: Path) -> Streams | None:
-    """The depth images of a recording, None where it is not Orbbec's. Raises InputError where it has no depth."""
+    """Return the depth images of a recording, None where it is not Orbbec's. Raises InputError where it has no
+    depth."""
     if any(_OF_SDK_1 in channel.definition for channel in bag.channels):
         raise InputError(path, "it is of Orbbec Viewer or SDK 1, whose format is not published", _PLAY_IT)
     if _DEPTH not in {channel.topic for channel in bag.channels}:
@@ -80,7 +81,8 @@ def find_streams(bag: Bag, path: Path) -> Streams | None:
 
 
 def read_depth(message: Message) -> ImageMessage:
-    """An image with the device's time; SDK 2.3 has the length of metadata before the data, which begin with them.
+    """Return an image with the device's time; SDK 2.3 has the length of metadata before the data, which begin with
+    them.
 
     Raises DamagedBag.
     """
@@ -109,7 +111,7 @@ def _notes(lens: Lens | None, unit: _Unit) -> tuple[str, ...]:
 
 
 def _properties(bag: Bag) -> dict[int, bytes]:
-    """The device's settings by their number."""
+    """Return the device's settings by their number."""
     properties = {}
     for message in bag.messages((_PROPERTY,)):
         try:
@@ -123,7 +125,8 @@ def _properties(bag: Bag) -> dict[int, bytes]:
 
 
 def _refuse_disparity(bag: Bag, properties: dict[int, bytes], path: Path) -> None:
-    """Stereo cameras record disparity where the computer, not the camera, turns it into depth."""
+    """Raise InputError for disparity: stereo cameras record it where the computer, not the camera, turns it into
+    depth."""
     stereo = any(channel.topic == _DISPARITY for channel in bag.channels)
     if stereo and not any(properties.get(_DISPARITY_TO_DEPTH, b"")):
         raise InputError(
@@ -145,7 +148,7 @@ def _unit(properties: dict[int, bytes]) -> _Unit:
 
 
 def _read_lens(message: Message) -> Lens:
-    """``custom_msg/OBStreamProfileInfo``; its coefficients are k1 to k6, then p1, p2."""
+    """Return ``custom_msg/OBStreamProfileInfo``; its coefficients are k1 to k6, then p1, p2."""
     reader = MessageFields(message)
     reader.header()
     reader.take(2 + 4 * (9 + 3) + 2 * 3)  # stream and format, pose to colour, width, height and rate
@@ -163,7 +166,7 @@ def _read_lens(message: Message) -> Lens:
 
 
 def _read_about(message: Message) -> tuple[str, str]:
-    """``custom_msg/OBDeviceInfo``: name and serial number."""
+    """Return ``custom_msg/OBDeviceInfo``: name and serial number."""
     reader = MessageFields(message)
     reader.header()
     name, _, _ = reader.text(), reader.text(), reader.text()

@@ -62,7 +62,7 @@ _REMEDY: Final = "export it again from Record3D"
 
 
 def _is_stray(path: Path, head: bytes) -> bool:
-    """Whether a folder has the app's files."""
+    """Return whether a folder has the app's files."""
     return all((path / name).is_file() for name in ("camera_matrix.csv", "odometry.csv")) and (path / "depth").is_dir()
 
 
@@ -89,7 +89,7 @@ def _open_stray(path: Path) -> ImageFiles:
 
 
 def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> Intrinsics:
-    """The lens (3, 3) of a colour picture for the depth image that shows the same view with fewer pixels.
+    """Return the lens (3, 3) of a colour picture for the depth image that shows the same view with fewer pixels.
 
     Pixel centres are at whole numbers, so the scale is about the images' corners at -0.5. Raises InputError where the
     matrix is not of a picture of that size, or the shapes differ.
@@ -108,7 +108,7 @@ def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> I
 
 
 def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
-    """Time by frame number, and positions (n, 3) metres; raises InputError where the columns are others."""
+    """Return time by frame number, and positions (n, 3) metres; raises InputError where the columns are others."""
     lines = read_text(path).splitlines()
     columns = [cell.strip() for cell in lines[0].split(",")] if lines else []
     if not {"timestamp", "frame", "x", "y", "z"} <= set(columns):
@@ -128,7 +128,7 @@ def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
 
 
 def _is_record3d(path: Path, head: bytes) -> bool:
-    """Whether this is a zip with Record3D's files."""
+    """Return whether this is a zip with Record3D's files."""
     if not head.startswith(b"PK\x03\x04"):
         return False
     try:
@@ -178,11 +178,11 @@ class Record3DFile:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences for the user, complete once all frames were read."""
+        """Return sentences for the user, complete once all frames were read."""
         return (*self._notes, *damaged_notes(self._left_out))
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """The depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
+        """Yield the depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
         taken, camera = 0, self.cameras[0]
         with zipfile.ZipFile(self.path) as archive:
             for name, time_s in zip(self._names, self._times, strict=True):
@@ -196,7 +196,7 @@ class Record3DFile:
 
 
 def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
-    """The metadata, and the names of the depth images in order."""
+    """Return the metadata, and the names of the depth images in order."""
     try:
         with zipfile.ZipFile(path) as archive:
             values = parse_json(_read(archive, "metadata", LARGEST_METADATA), LARGEST_METADATA)
@@ -228,7 +228,8 @@ def _whole(path: Path, values: dict[str, Any], key: str) -> int:
 
 
 def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list[float], bool]:
-    """The time of each image, else its number, and whether these are times: of the device, else by its frame rate."""
+    """Return the time of each image, else its number, and whether these are times: of the device, else by its frame
+    rate."""
     stamps = values.get("frameTimestamps")
     if isinstance(stamps, list) and stamps and numbers[-1] < len(stamps):
         times = finite_list(stamps, len(stamps))
@@ -242,7 +243,7 @@ def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list
 
 
 def _positions(values: dict[str, Any]) -> np.ndarray:
-    """(n, 3) metres of the device: a pose is a quaternion and a translation."""
+    """Return (n, 3) metres of the device: a pose is a quaternion and a translation."""
     poses = values.get("poses")
     rows = [finite_list(pose, 7) for pose in poses] if isinstance(poses, list) else []
     return np.array([row[4:] for row in rows if row is not None]).reshape(-1, 3)

@@ -42,7 +42,7 @@ POSES_READ: Final = 100  # spread over the recording; enough to see that a camer
 
 
 def _is_tum(path: Path, head: bytes) -> bool:
-    """Whether a folder holds such a list."""
+    """Return whether a folder holds such a list."""
     listing = _list_in(path)
     if listing is None:
         return False
@@ -82,7 +82,7 @@ def _list_in(path: Path) -> Path | None:
 
 
 def _rows(folder: Path, text: str) -> list[FrameFile]:
-    """Each line's time and depth image; a line of two pairs has a colour image as well."""
+    """Return each line's time and depth image; a line of two pairs has a colour image as well."""
     files = list[FrameFile]()
     for line in text.splitlines():
         cells = line.split()
@@ -97,7 +97,7 @@ def _rows(folder: Path, text: str) -> list[FrameFile]:
 
 
 def _frame_file(folder: Path, time: str, name: str) -> FrameFile | None:
-    """None where it is not a time and an image inside of the folder."""
+    """Return a line's time and image; None where it is not a time and an image inside the folder."""
     try:
         time_s = float(time)
         inside = (folder / name).resolve().is_relative_to(folder.resolve())
@@ -109,7 +109,7 @@ def _frame_file(folder: Path, time: str, name: str) -> FrameFile | None:
 
 
 def _is_exported(path: Path, head: bytes) -> bool:
-    """Whether a folder has ``depth`` and a file of the camera."""
+    """Return whether a folder has ``depth`` and a file of the camera."""
     return path.is_dir() and bool(images_in(path / "depth")) and _camera_file(path) is not None
 
 
@@ -170,7 +170,7 @@ def _lens(path: Path, values: dict[str, Any]) -> Intrinsics:
 
 
 def _positions(folder: Path) -> np.ndarray:
-    """(n, 3) metres of some of the poses; damaged ones are left out, since nothing but a note rests on them."""
+    """Return (n, 3) metres of some of the poses; damaged ones are left out, since nothing but a note rests on them."""
     files = sorted(folder.glob("*.txt"), key=natural_order)
     positions = list[np.ndarray]()
     for file in files[:: max(1, len(files) // POSES_READ)]:

@@ -37,7 +37,8 @@ Image = ImageMessage | CompressedMessage
 
 
 def find_streams(bag: Bag, path: Path) -> Streams | None:
-    """The depth images of a recording, None where it is not RealSense's. Raises InputError where no unit is known."""
+    """Return the depth images of a recording, None where it is not RealSense's. Raises InputError where no unit is
+    known."""
     topics = sorted(channel.topic for channel in bag.channels)
     matches = [match for topic in topics if (match := _DEPTH.fullmatch(topic))]
     if not matches:
@@ -56,7 +57,7 @@ def find_streams(bag: Bag, path: Path) -> Streams | None:
 
 
 def device_time_ns(message: Message) -> int | None:
-    """The time that a metadata message of a database gives, None where it has none. Raises DamagedBag."""
+    """Return the time that a metadata message of a database gives, None where it has none. Raises DamagedBag."""
     milliseconds = _number(_texts(message).get("timestamp", ""))
     return None if milliseconds is None else round(milliseconds * 1_000_000)
 
@@ -85,7 +86,7 @@ def _stream(bag: Bag, match: re.Match[str], image: Image, path: Path, number: in
 
 
 def _depth_unit(bag: Bag, sensor: str, image: Image) -> float | None:
-    """Metres per grey value, of the image itself or of the sensor's option."""
+    """Return metres per grey value, of the image itself or of the sensor's option."""
     if isinstance(image, ImageMessage) and image.frame_id == _OWN_FIELDS:
         unit = float(image.reader.number("f"))
     else:
@@ -123,7 +124,7 @@ def _lens_with(fx: float, fy: float, cx: float, cy: float, D: tuple[float, ...],
 
 
 def _about(bag: Bag, device: str) -> dict[str, str]:
-    """Name and serial number, among others: one message for each in a bag, one for all in a database."""
+    """Return name and serial number, among others: one message for each in a bag, one for all in a database."""
     about: dict[str, str] = {}
     for message in bag.messages((f"{device}/info",)):
         try:
@@ -134,7 +135,7 @@ def _about(bag: Bag, device: str) -> dict[str, str]:
 
 
 def _texts(message: Message) -> dict[str, str]:
-    """Names and values of a message: ``diagnostic_msgs/KeyValue``, or ``name=value;...`` in a text."""
+    """Return names and values of a message: ``diagnostic_msgs/KeyValue``, or ``name=value;...`` in a text."""
     reader = MessageFields(message)
     if not message.channel.cdr:
         return {reader.text(): reader.text()}

@@ -36,7 +36,7 @@ from anchorpose.sources.source import Reader, SourceCamera, SourceFrame
 
 
 def matches(path: Path, head: bytes) -> bool:
-    """See ``Reader``: a bag by its first bytes, a folder of ROS 2 by the bags in it."""
+    """Recognise a bag by its first bytes, a folder of ROS 2 by the bags in it."""
     if path.is_dir():
         return bool(files_of(path))
     database = head.startswith(SQLITE_MAGIC) and b"CREATE TABLE topics" in head
@@ -44,7 +44,7 @@ def matches(path: Path, head: bytes) -> bool:
 
 
 def open_source(path: Path) -> BagSource:
-    """See ``Reader``."""
+    """Open a bag; raises InputError where it has no depth images that can be read."""
     try:
         bag = open_bag(path)
         for find in (realsense_bags.find_streams, orbbec_bags.find_streams, ros_streams.find_streams):
@@ -71,12 +71,12 @@ class BagSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """See ``Source``."""
+        """Return sentences for the user, complete once all frames were read."""
         counted = (tally.notes(camera.name) for tally, camera in zip(self._tallies, self.cameras, strict=True))
         return (*self._said, *self._bag.notes, *(note for notes in counted for note in notes))
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """See ``Source``; where a file is cut off, what it has up to there, with a note."""
+        """Yield the depth images; where a file is cut off, what it has up to there, with a note."""
         self._tallies = tuple(_Tally() for _ in self.cameras)
         given = [0] * len(self.cameras)
         try:
@@ -114,7 +114,7 @@ class BagSource:
             self._tallies[camera].damaged += 1
 
     def _read(self, camera: int, message: Message) -> tuple[int, np.ndarray]:
-        """Time in nanoseconds, and (height, width) uint16. Raises DamagedBag."""
+        """Return time in nanoseconds, and (height, width) uint16. Raises DamagedBag."""
         stream = self._streams[camera]
         image = stream.read(message)
         encoding = encoding_of(image)
@@ -144,7 +144,7 @@ class BagSource:
 
 
 def _stamped(camera: int, received_ns: int, depth: np.ndarray, message: Message) -> SourceFrame:
-    """RealSense's image that waited for its time stamp, which is received with it. Raises DamagedBag."""
+    """Return RealSense's image that waited for its time stamp, which is received with it. Raises DamagedBag."""
     time_ns = realsense_bags.device_time_ns(message)
     if time_ns is None or received_ns != message.received_ns:
         raise DamagedBag("an image and its time stamp do not belong together")

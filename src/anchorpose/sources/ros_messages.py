@@ -46,43 +46,43 @@ class MessageFields:
             self._start = self._place = 4
 
     def number(self, kind: str) -> int | float:
-        """The next value; kind: a letter of ``struct``."""
+        """Return the next value; kind: a letter of ``struct``."""
         size = struct.calcsize("<" + kind)
         self._align(size)
         return struct.unpack(self._order + kind, self.take(size))[0]
 
     def whole(self, kind: str) -> int:
-        """The next whole number."""
+        """Return the next whole number."""
         return int(self.number(kind))
 
     def numbers(self, kind: str, count: int) -> np.ndarray:
-        """(count,) float64."""
+        """Return (count,) float64."""
         size = struct.calcsize("<" + kind)
         if count:
             self._align(size)
         return np.frombuffer(self.take(size * count), self._order + kind).astype(np.float64)
 
     def text(self) -> str:
-        """The next text."""
+        """Return the next text."""
         raw = bytes(self.take(self.whole("I")))
         return raw.removesuffix(b"\0").decode("utf-8", "replace") if self._cdr else raw.decode("utf-8", "replace")
 
     def take(self, size: int) -> memoryview:
-        """The next bytes as they are."""
+        """Return the next bytes as they are."""
         if size > len(self._data) - self._place:
             raise DamagedBag("a message is shorter than what it holds")
         self._place += size
         return self._data[self._place - size : self._place]
 
     def header(self) -> tuple[int, str]:
-        """``std_msgs/Header``: the stamp in nanoseconds, and the frame."""
+        """Return ``std_msgs/Header``: the stamp in nanoseconds, and the frame."""
         if not self._cdr:
             self.take(4)  # ROS 1's sequence number
         stamp_ns = self.whole("I") * 1_000_000_000 + self.whole("I")
         return stamp_ns, self.text()
 
     def _align(self, size: int) -> None:
-        """CDR begins each number at a multiple of its size."""
+        """Skip to the next multiple of a number's size, where CDR begins it."""
         if self._cdr:
             self._place += -(self._place - self._start) % size
 
@@ -160,7 +160,7 @@ def read_camera_info(message: Message) -> CameraInfo:
 
 
 def read_transforms(message: Message) -> list[tuple[str, str, np.ndarray]]:
-    """``tf2_msgs/TFMessage``: parent and child frame, and (7,) translation in metres and quaternion x, y, z, w.
+    """Return ``tf2_msgs/TFMessage``: parent and child frame, and (7,) translation in metres and quaternion x, y, z, w.
 
     Raises DamagedBag.
     """
@@ -173,7 +173,7 @@ def read_transforms(message: Message) -> list[tuple[str, str, np.ndarray]]:
 
 
 def encoding_of(image: ImageMessage | CompressedMessage) -> str:
-    """The encoding, empty for what is no depth image without loss."""
+    """Return the encoding, empty for what is no depth image without loss."""
     if isinstance(image, ImageMessage):
         return image.encoding if image.encoding in INTEGERS | {METRES} else ""
     encoding, _, packing = image.format.partition(";")
@@ -182,7 +182,7 @@ def encoding_of(image: ImageMessage | CompressedMessage) -> str:
 
 
 def size_of(image: ImageMessage | CompressedMessage) -> tuple[int, int]:
-    """Width and height. Raises DamagedBag."""
+    """Return width and height. Raises DamagedBag."""
     if isinstance(image, ImageMessage):
         return image.width, image.height
     png = _png_of(image)
@@ -193,7 +193,7 @@ def size_of(image: ImageMessage | CompressedMessage) -> tuple[int, int]:
 
 
 def grey_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
-    """(height, width) uint16 of an image whose values are whole numbers, 0 = no reading. Raises DamagedBag."""
+    """Return (height, width) uint16 of an image whose values are whole numbers, 0 = no reading. Raises DamagedBag."""
     grey = _plain(image, 2) if isinstance(image, ImageMessage) else _decode(_png_of(image))
     grey = grey.astype(np.uint16)
     grey[grey == NO_READING] = 0
@@ -201,7 +201,7 @@ def grey_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
 
 
 def metres_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
-    """(height, width) float32 of an image in metres, NaN = no reading. Raises DamagedBag."""
+    """Return (height, width) float32 of an image in metres, NaN = no reading. Raises DamagedBag."""
     if isinstance(image, ImageMessage):
         metres = _plain(image, 4).astype(np.float32)
     else:
@@ -215,7 +215,7 @@ def metres_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
 
 
 def _plain(image: ImageMessage, size: int) -> np.ndarray:
-    """(height, width) of values of ``size`` bytes, rows perhaps padded."""
+    """Return (height, width) of values of ``size`` bytes, rows perhaps padded."""
     row = image.width * size
     step = image.step or row
     if not 0 < row <= step or image.height == 0 or step * image.height > len(image.data):
@@ -247,7 +247,7 @@ Image = ImageMessage | CompressedMessage
 
 
 def read_any_image(message: Message) -> Image:
-    """An image message, plain or compressed. Raises DamagedBag."""
+    """Return an image message, plain or compressed. Raises DamagedBag."""
     return read_compressed(message) if message.channel.kind == COMPRESSED else read_image(message)
 
 
@@ -275,7 +275,7 @@ class Streams:
 
 
 def first(bag: Bag, topic: str, read: Callable[[Message], T]) -> T | None:
-    """The first message of a topic that can be read, or None."""
+    """Return the first message of a topic that can be read, or None."""
     for message in bag.messages((topic,)):
         try:
             return read(message)
@@ -285,6 +285,6 @@ def first(bag: Bag, topic: str, read: Callable[[Message], T]) -> T | None:
 
 
 def first_grey_image(bag: Bag, topic: str, read: Callable[[Message], Image] = read_any_image) -> Image | None:
-    """The first image of a topic, or None where its values are not whole numbers of depth."""
+    """Return the first image of a topic, or None where its values are not whole numbers of depth."""
     image = first(bag, topic, read)
     return image if image is not None and encoding_of(image) in INTEGERS else None

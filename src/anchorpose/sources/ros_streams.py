@@ -75,13 +75,14 @@ class _Candidate:
 
     @property
     def cost(self) -> tuple[bool, ...]:
-        """The lowest is the most direct: as the sensor saw it, in its own numbers, not moved into the colour image."""
+        """Return the lowest is the most direct: as the sensor saw it, in its own numbers, not moved into the colour
+        image."""
         moved = not _MOVED.isdisjoint(self.words)
         return moved, self.in_metres, self.rectified, self.channel.kind == COMPRESSED
 
     @property
     def camera(self) -> str:
-        """A name for the camera: the words that are left, suitable for a folder."""
+        """Return a name for the camera: the words that are left, suitable for a folder."""
         words = (re.sub(r"[^A-Za-z0-9-]", "", word) for word in self.words if word.lower() not in _OF_DEPTH)
         return "_".join(filter(None, words))[:_LONGEST_NAME] or "depth"
 
@@ -135,7 +136,7 @@ class _Search:
         return None
 
     def _infos_of(self, candidate: _Candidate, size: tuple[int, int]) -> list[CameraInfo]:
-        """The info beside the images where its size fits, otherwise those of the same optical frame and size."""
+        """Return the info beside the images where its size fits, otherwise those of the same optical frame and size."""
         topic = re.sub(r"/compressed(Depth)?$", "", candidate.channel.topic)
         beside = self.infos.get(f"{topic.rpartition('/')[0]}/camera_info")
         if beside is not None and image_size(beside) == size:
@@ -153,7 +154,7 @@ class _Search:
 
 
 def find_streams(bag: Bag, path: Path) -> Streams:
-    """The most direct depth images of each camera. Raises InputError where there are none."""
+    """Return the most direct depth images of each camera. Raises InputError where there are none."""
     notes: list[str] = []
     candidates = _candidates(bag, notes)
     if not candidates:
@@ -172,7 +173,8 @@ def find_streams(bag: Bag, path: Path) -> Streams:
 
 
 def _candidates(bag: Bag, notes: list[str]) -> list[_Candidate]:
-    """Topics that say depth in their name and have images of an encoding for it; infrared has the same encodings."""
+    """List topics that say depth in their name and have images of an encoding for it; infrared has the same
+    encodings."""
     candidates = []
     for channel in bag.channels:
         if channel.kind not in (IMAGE, COMPRESSED) or "depth" not in channel.topic.lower():
@@ -200,14 +202,14 @@ class Lens:
 
 
 def image_size(info: CameraInfo) -> tuple[int, int]:
-    """Width and height of the images that belong to an info, after its region and binning."""
+    """Return width and height of the images that belong to an info, after its region and binning."""
     _, _, height, width = info.roi
     across, down = _binning(info)
     return (width or info.width) // across, (height or info.height) // down
 
 
 def lens_of(info: CameraInfo, rectified: bool) -> Lens:
-    """The lens of an image; rectified: the image has been freed of distortion, so that P holds and not K."""
+    """Return the lens of an image; rectified: the image has been freed of distortion, so that P holds and not K."""
     if rectified and info.P[0] > 0.0:
         focal_centre = info.P[0], info.P[5], info.P[2], info.P[6]
     elif rectified and any(info.D):
@@ -221,12 +223,13 @@ def lens_of(info: CameraInfo, rectified: bool) -> Lens:
 
 
 def may_be_a_lens(focal_centre: tuple[float, ...], D: tuple[float, ...]) -> bool:
-    """Whether focal lengths, centre and coefficients are numbers that a lens can have, and not damage or zeros."""
+    """Return whether focal lengths, centre and coefficients are numbers that a lens can have, and not damage or
+    zeros."""
     return all(abs(value) < _LARGEST for value in (*focal_centre, *D)) and min(focal_centre[:2]) >= _SHORTEST_PX
 
 
 def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, ...], model: str) -> Lens:
-    """From focal lengths, centre, and coefficients of a model by ROS's name."""
+    """Return the lens of focal lengths, centre and coefficients, the model by ROS's name."""
     fx, fy, cx, cy = focal_centre
     if not any(D):
         return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy))
@@ -241,7 +244,7 @@ def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, .
 
 
 def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tuple[float, float, float, float]:
-    """Of the full image's lens, that of a region of it whose pixels are joined.
+    """Return the lens of a region of the full image whose pixels are joined.
 
     A joined pixel's centre lies between those of its parts, hence the halves.
     """
@@ -252,7 +255,7 @@ def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tu
 
 
 def _binning(info: CameraInfo) -> tuple[int, int]:
-    """Pixels joined across and down; ROS writes 0 for 1."""
+    """Return pixels joined across and down; ROS writes 0 for 1."""
     return max(info.binning[0], 1), max(info.binning[1], 1)
 
 
@@ -269,7 +272,8 @@ class StaticTransforms:
                 continue  # a chain without it ends in no world
 
     def place(self, frame: str) -> tuple[np.ndarray | None, str]:
-        """T_world_camera (4, 4) of an optical frame, None without a fixed world; and the last frame of its chain."""
+        """Return T_world_camera (4, 4) of an optical frame, None without a fixed world; and the last frame of its
+        chain."""
         T_frame_camera, found = np.eye(4), None
         frame = frame.lstrip("/")
         for _ in range(_LONGEST):
@@ -286,7 +290,7 @@ class StaticTransforms:
 
 
 def _matrix(values: np.ndarray) -> np.ndarray | None:
-    """(4, 4) of translation in metres and quaternion x, y, z, w; None where they are none."""
+    """Return (4, 4) of translation in metres and quaternion x, y, z, w; None where they are none."""
     if not (np.abs(values) < _FARTHEST_M).all():  # nor are those that are no numbers
         return None
     length = np.linalg.norm(values[3:])

@@ -78,7 +78,7 @@ class Source(Protocol):
     cameras: tuple[SourceCamera, ...]
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """The depth images in the order of the file, streamed; skip: how many of each camera were taken before.
+        """Yield the depth images in the order of the file, streamed; skip: how many of each camera were taken before.
 
         A damaged image is left out with a note; raises InputError where the rest of the file cannot be read.
         """
@@ -86,7 +86,7 @@ class Source(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences for the user, complete once all frames were read."""
+        """Return sentences for the user, complete once all frames were read."""
         ...
 
 
@@ -103,7 +103,8 @@ class Reader:
 
 
 def damaged_notes(left_out: Mapping[str, str]) -> tuple[str, ...]:
-    """A sentence on depth images that were left out, by name and what is wrong with each; none where none was."""
+    """Return a sentence on depth images that were left out, by name and what is wrong with each; none where none
+    was."""
     if not left_out:
         return ()
     first, problem = next(iter(left_out.items()))
@@ -111,7 +112,7 @@ def damaged_notes(left_out: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
-    """A sentence where a camera at ``positions_m`` (n, 3) was moved; NaN rows are unknown."""
+    """Return a sentence where a camera at ``positions_m`` (n, 3) was moved; NaN rows are unknown."""
     known = positions_m[np.isfinite(positions_m).all(axis=1)]
     if len(known) == 0:
         return ()
@@ -158,13 +159,13 @@ def _head(path: Path) -> bytes:
 
 
 def finite(value: Any) -> float | None:
-    """A finite number of a JSON file; None for anything else."""
+    """Return a finite number of a JSON file; None for anything else."""
     number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
     return float(value) if number and math.isfinite(value) else None
 
 
 def finite_list(value: Any, count: int) -> list[float] | None:
-    """A list of so many finite numbers; None for anything else."""
+    """Return a list of so many finite numbers; None for anything else."""
     if not isinstance(value, list) or len(value) != count:
         return None
     numbers = [number for cell in value if (number := finite(cell)) is not None]
@@ -172,7 +173,7 @@ def finite_list(value: Any, count: int) -> list[float] | None:
 
 
 def read_matrix(path: Path, rows: int, columns: int) -> np.ndarray:
-    """(rows, columns) float64 of a text file, separated by spaces or commas; raises InputError."""
+    """Return (rows, columns) float64 of a text file, separated by spaces or commas; raises InputError."""
     try:
         cells = [line.replace(",", " ").split() for line in read_text(path).splitlines() if line.strip()]
         matrix = np.array(cells, dtype=np.float64)
@@ -206,7 +207,8 @@ def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
 
 
 def _is_zed(path: Path, head: bytes) -> bool:
-    """An .svo2 is an MCAP file that names its writer; the older .svo has no published mark, so its name decides."""
+    """Return whether a file is of a ZED: an .svo2 is an MCAP file that names its writer; the older .svo has no published
+    mark, so its name decides."""
     if head.startswith(b"\x89MCAP0\r\n"):
         return b"stereolabs" in head[:256]
     return path.is_file() and path.suffix.lower() in {".svo", ".svo2"}
