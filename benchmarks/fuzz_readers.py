@@ -26,7 +26,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import scipy.io
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "builders"))
 import azure_builder
@@ -68,11 +67,6 @@ def record3d(path: Path) -> None:
     sources_builder.r3d(path, np.random.default_rng(0).uniform(0.3, 4.0, (3, 16, 12)).astype(np.float32))
 
 
-def matlab_unpacked(path: Path, grey: np.ndarray) -> None:
-    with path.open("wb") as file:
-        scipy.io.savemat(file, {"depth": np.moveaxis(grey, 0, 2), "note": "x"})
-
-
 def images(write: Callable[[Path, np.ndarray], None]) -> Callable[[Path], None]:
     return lambda path: write(path, sources_builder.noise(3))
 
@@ -86,7 +80,6 @@ READERS: dict[str, Callable[[Path], None]] = {
     "orbbec-2.3": vendor(partial(vendor_bags_builder.orbbec_bag, sdk="2.3")),
     "record3d": record3d,
     **{name: images(write) for name, write in sources_builder.FORMATS.items()},
-    "mat-unpacked": images(matlab_unpacked),
 }
 
 

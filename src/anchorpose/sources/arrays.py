@@ -111,7 +111,11 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 
 
 def _open_mat(path: Path) -> DepthArray:
-    """Open a MATLAB file, which cannot be read in part: the array is held whole."""
+    """Open a MATLAB file, which cannot be read in part: the array is held whole.
+
+    A damaged byte in the header of an uncompressed array can end the process inside scipy; nothing is written by then.
+    A file that is cut off, and any damage to a compressed one, is refused.
+    """
     from scipy.io import loadmat, whosmat
 
     try:

@@ -207,8 +207,7 @@ def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
 
 
 def _is_zed(path: Path, head: bytes) -> bool:
-    """Return whether a file is of a ZED: an .svo2 is an MCAP file that names its writer; the older .svo has no published
-    mark, so its name decides."""
+    """Return whether a ZED wrote a file: .svo2 is MCAP and names its writer; .svo has no published mark but its name."""
     if head.startswith(b"\x89MCAP0\r\n"):
         return b"stereolabs" in head[:256]
     return path.is_file() and path.suffix.lower() in {".svo", ".svo2"}
