@@ -23,7 +23,7 @@ from anchorpose.recording.reader import open_recording
 from anchorpose.sources import convert as convert_module
 from anchorpose.sources.convert import Converted, convert
 from anchorpose.sources.plan import ConvertOptions
-from anchorpose.sources.readers import open_source
+from anchorpose.sources.source import open_source
 
 PIECE: Final = 64  # bytes: half of all damage is in the first or last pieces of a file, with headers and indices
 Make = Callable[[Path], None]

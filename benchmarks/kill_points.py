@@ -21,10 +21,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.results.event_log import LOG_FILE
 from anchorpose.results.unfinished import unfinished_results
 from anchorpose.tracker import passes
+from anchorpose.tracker.config import TrackConfig
 
 WITH_TIMES: Final = {"report.html", LOG_FILE, f".{LOG_FILE}.lock"}
 

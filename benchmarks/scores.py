@@ -16,7 +16,6 @@ from recordings import Ready
 from anchorpose.body.learning import BONES
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.recording.recording import Recording
 from anchorpose.research.benchmark.labels import (
@@ -35,6 +34,7 @@ from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.uncertainty import NORMAL_95
+from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import settle
 
 Scores = dict[str, float]

@@ -63,7 +63,8 @@ def main() -> None:
     from numba.core import event
 
     from anchorpose.errors import AnchorposeError
-    from anchorpose.pipeline import TrackConfig, track_recording
+    from anchorpose.pipeline import track_recording
+    from anchorpose.tracker.config import TrackConfig
 
     recording, results, config = Path(sys.argv[1]), Path(sys.argv[2]), json.loads(sys.argv[3])
     compiling = event.TimingListener()

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, find_anchors
+from anchorpose.geodesics.anchors import find_anchors
 from anchorpose.geodesics.distance import geodesic_distance
+from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.recording.reader import open_recording
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import inspect_frame

@@ -8,10 +8,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.results.evaluate import evaluate
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.config import TrackConfig
 
 
 def main() -> None:

@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from anchorpose.errors import InputError
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.results.unfinished import unfinished_results
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker import journal, passes
+from anchorpose.tracker.config import TrackConfig
 
 FRAMES, FPS = 8, 8.0
 WRITES = 3  # between two stops

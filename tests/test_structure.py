@@ -63,12 +63,11 @@ OPENING = {
 
 OPENS_ITSELF = {
     "recording/regular_file.py": "the one place",
-    "recording/array_file.py": "np.load, of a file that open_regular opened",
     "results/parquet.py": "pyarrow, of a path that refuse_unreadable asked about",
     "batch/table.py": "pyarrow, of a path that refuse_unreadable asked about, and of a table that was just written",
     "research/benchmark/answers.py": "pyarrow, of a file that open_regular opened",
     "research/benchmark/truth.py": "np.loadtxt, of a text that read_text read",
-    "sources/ros2_database.py": "SQLite, of a path whose first bytes open_regular read",
+    "sources/bag_file.py": "SQLite, of a path whose first bytes open_regular read",
     "agreement/c3d_file.py": "ezc3d, of a path that require_regular asked about",
     "live/recorder.py": "copies of files that require_regular asked about",
     "research/benchmark/make.py": "a file of the package, and copies of images that were just written",

@@ -19,10 +19,11 @@ import cv2
 import numpy as np
 from playwright.sync_api import sync_playwright
 
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.report.comparison import write_comparison
 from anchorpose.simulate.config import clinic
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.config import TrackConfig
 from anchorpose.viewing import open_viewer
 
 SEED, SECONDS = 5, 12.0

@@ -13,9 +13,10 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.simulate.config import clinic
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.config import TrackConfig
 
 SEED, SECONDS = 5, 3.0
 FRAME = 27  # of the report's pictures the nearest to it: both therapists are there, one beside the knee

@@ -17,9 +17,10 @@ from probe import Row, Scene, answer
 from anchorpose.live.first_seconds import LiveOptions, User
 from anchorpose.live.playback import Playback
 from anchorpose.live.session import track_live
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.recording.reader import open_recording
 from anchorpose.results.evaluate import evaluate
+from anchorpose.tracker.config import TrackConfig
 
 LEARNT_S = 6.0
 

@@ -17,7 +17,7 @@ from anchorpose.motion.database_file import (
     read_skeletons,
     write_motions,
 )
-from anchorpose.recording.array_file import read_arrays
+from anchorpose.recording.regular_file import read_arrays
 from anchorpose.results.own_tables import require_own
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 

@@ -30,17 +30,17 @@ OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))
 
 
 def is_address(text: object) -> bool:
-    """Whether it is an address rather than a path."""
+    """Return whether it is an address rather than a path."""
     return isinstance(text, str) and "://" in text
 
 
 def name_of(address: str) -> str:
-    """The last part of an address."""
+    """Return the last part of an address."""
     return parts_of(address)[-1]
 
 
 def parts_of(address: str) -> tuple[str, ...]:
-    """Host and folders of an address, without user and password."""
+    """Return host and folders of an address, without user and password."""
     place = without_password(address).partition("://")[2].partition("?")[0].strip("/")
     return tuple(part for part in re.sub(r"^[^/]*@", "", place).split("/") if part) or ("recording",)
 
@@ -69,7 +69,7 @@ def local_copy(given: str | Path) -> Iterator[Path]:
 
 
 def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
-    """The parts of a file's name below a place; raises InputError where the server leads out of it."""
+    """Return the parts of a file's name below a place; raises InputError where the server leads out of it."""
     parts = PurePosixPath(file).relative_to(place).parts
     if ".." in parts or any("\\" in part for part in parts):
         raise InputError(address, f"holds a file with the name {file}", "rename it")
@@ -129,7 +129,7 @@ def _remove_own(system: Any, replaced: str, kept: str) -> None:
 
 
 def _rename(system: Any, source: str, target: str) -> None:
-    """At once where there are folders; an object store has none, there every file is copied."""
+    """Rename at once where there are folders; an object store has none, there every file is copied."""
     if OBJECT_STORES.isdisjoint((system.protocol,) if isinstance(system.protocol, str) else system.protocol):
         system.mv(source, target, recursive=True)
         return
@@ -160,7 +160,7 @@ def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
 
 
 def _without_own_password(text: str, address: str) -> str:
-    """The text of an error that may hold the password of the address, with or without its escapes."""
+    """Return the text of an error that may hold the password of the address, with or without its escapes."""
     given = re.search(r"://[^:/@]*:(.*)@", address)
     for password in () if given is None else sorted({given[1], unquote(given[1])}, key=len, reverse=True):
         text = text.replace(password, "***") if password else text

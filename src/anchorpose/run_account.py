@@ -19,7 +19,7 @@ from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.pairing import CameraGaps, find_gaps
-from anchorpose.recording.subject import CoveredPart
+from anchorpose.recording.recording import CoveredPart
 from anchorpose.results.corrections import JointCorrection
 from anchorpose.results.explained import ExplainedSummary
 from anchorpose.results.poor_intervals import PoorInterval

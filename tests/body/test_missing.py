@@ -16,7 +16,7 @@ from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import build_body, pose_points, skin_points
 from anchorpose.body.standing_off import patches_of
 from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES
-from anchorpose.recording.subject import CoveredPart, MissingPart
+from anchorpose.recording.recording import CoveredPart, MissingPart
 
 PARTS = get_args(MissingPart)
 

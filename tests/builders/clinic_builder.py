@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.recording.recording import FrameSet, Recording
-from anchorpose.recording.subject import UNKNOWN
+from anchorpose.recording.recording import UNKNOWN, FrameSet, Recording
 from anchorpose.simulate.clinic import Clinic, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.shoot import set_up

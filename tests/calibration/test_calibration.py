@@ -16,8 +16,7 @@ from anchorpose.camera import transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.equipment import Box, EquipmentModel
 from anchorpose.recording.reader import open_recording, read_frame
-from anchorpose.recording.recording import FrameSet, Recording
-from anchorpose.recording.subject import UNKNOWN
+from anchorpose.recording.recording import UNKNOWN, FrameSet, Recording
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 

@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.calibration import marker_corners, marker_pose
 from anchorpose.calibration.calibration import PoseSource
+from anchorpose.calibration.marker_corners import NoMarkers
 from anchorpose.calibration.marker_layout import Board, MarkerLayout, Tag, read_marker_layout
-from anchorpose.calibration.marker_pose import MarkerPose, NoMarkers, place_by_markers, pose_from_markers
+from anchorpose.calibration.marker_pose import MarkerPose, place_by_markers, pose_from_markers
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
-from anchorpose.recording.recording import Recording
-from anchorpose.recording.subject import UNKNOWN
+from anchorpose.recording.recording import UNKNOWN, Recording
 
 DICTIONARY = "DICT_APRILTAG_36h11"
 FACING_X = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # a tag that is read from +X: its x is -Z, its z is X

@@ -4,7 +4,8 @@ import time
 
 import numpy as np
 
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
+from anchorpose.lens import Intrinsics
 from anchorpose.live.backlog import STEP_S, Backlog, _pack
 from anchorpose.live.feed import Feed, LiveSet
 from anchorpose.live.source import LiveImage

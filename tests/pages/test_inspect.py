@@ -18,11 +18,12 @@ from anchorpose.joints import JOINT_NAMES
 from anchorpose.pages.canvas import EQUIPMENT, PATIENT, SKY, enlarge, scale_of, shade
 from anchorpose.pages.inspection_page import FACTS_FILE, INSPECTION, Section, StagePicture, write_inspection
 from anchorpose.pages.stage_drawing import Layer, draw_layers, draw_values
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.results.folder import new_results_folder
 from anchorpose.results.tables import read_joints
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.config import TrackConfig
 
 FPS, FRAMES, LOOKED_AT = 8.0, 4, 1
 STAGES = (

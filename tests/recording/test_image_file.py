@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from anchorpose.recording.image_file import read_image
+from anchorpose.recording.regular_file import read_image
 
 PIXELS = np.random.default_rng(3).integers(0, 256, (40, 50, 3), dtype=np.uint8)
 

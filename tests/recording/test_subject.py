@@ -9,9 +9,8 @@ from recording_builder import edit_json, write_recording
 
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import open_recording
-from anchorpose.recording.recording import Recording
+from anchorpose.recording.recording import UNKNOWN, Recording, Subject
 from anchorpose.recording.recording_file import with_height
-from anchorpose.recording.subject import UNKNOWN, Subject
 from anchorpose.tracker.config import TrackConfig
 
 

@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from body_builder import FRONT, adult_body, asset, before_wall, photograph, points, skin_in, standing
 
+from anchorpose.body.config import VisibilityConfig
 from anchorpose.body.contact_regions import (
     HAND_M,
     REGION_BONES,
@@ -19,7 +20,6 @@ from anchorpose.body.contact_regions import (
     region_of_points,
 )
 from anchorpose.body.skin_points import pose_points
-from anchorpose.body.visibility import VisibilityConfig
 from anchorpose.errors import InputError
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
 from anchorpose.isolation.view import PixelLabel

@@ -19,11 +19,18 @@ from anchorpose.cli import main
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.lens import Intrinsics, LensModel, lens_array, project
 from anchorpose.recording.reader import open_recording
-from anchorpose.sources.convert import convert
-from anchorpose.sources.direct import look_at, make_recording
-from anchorpose.sources.plan import ConvertOptions, folder_name, make_plan, parse_intrinsics
+from anchorpose.sources.convert import convert, look_at, make_recording
+from anchorpose.sources.plan import (
+    ConvertOptions,
+    can_turn,
+    folder_name,
+    make_plan,
+    parse_intrinsics,
+    turn_image,
+    turn_lens,
+    turn_pose,
+)
 from anchorpose.sources.source import SourceCamera, SourceFrame
-from anchorpose.sources.turning import can_turn, turn_image, turn_lens, turn_pose
 
 GIVE = ["--intrinsics", ",".join(map(str, LENS)), "--depth-scale", "0.001", "--fps", "30"]
 
@@ -422,7 +429,7 @@ def test_a_link_in_the_place_of_the_made_recording_is_refused(tmp_path):
 
 def test_a_file_in_a_folder_that_cannot_be_written(tmp_path, monkeypatch):
     build.open3d(tmp_path / "walk", noise())
-    monkeypatch.setattr("anchorpose.sources.direct.os.access", lambda path, mode: False)
+    monkeypatch.setattr("anchorpose.sources.convert.os.access", lambda path, mode: False)
     with pytest.raises(InputError, match="anchorpose convert walk OUT"):
         make_recording(look_at(tmp_path / "walk"), nothing)
 

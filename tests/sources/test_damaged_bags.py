@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import tracemalloc
 import zlib
@@ -95,26 +96,22 @@ def test_what_is_before_the_cut_is_read_bit_for_bit(tmp_path: Path, form: str) -
         assert len(frames) == 4 or notes
 
 
-@pytest.mark.parametrize("form", ["ros1", "mcap"])
-def test_a_recorder_that_was_killed_leaves_what_it_wrote(tmp_path: Path, form: str) -> None:
+def test_a_recorder_of_ros_1_that_was_killed_leaves_what_it_wrote(tmp_path: Path) -> None:
     """Without the index, and with the last image cut in half."""
-    path = depth_bag(tmp_path, form, count=6)
+    path = depth_bag(tmp_path, "ros1", count=6)
     whole = path.read_bytes()
-    last = whole.rindex(depth_values(5).tobytes())
-    if form == "ros1":
-        path.write_bytes(whole[: last + 100])
-    else:
-        chunk = whole.index(b"\x06", whole.index(b"ros2"))  # MCAP's first chunk, which is the only one
-        path.write_bytes(whole[:chunk] + _loose_messages(whole, last))
+    path.write_bytes(whole[: whole.rindex(depth_values(5).tobytes()) + 100])
     frames, notes = read_all(path)
     assert len(frames) == 5
     assert all(np.array_equal(frame.depth, expected(depth_values(k))) for k, frame in enumerate(frames))
-    assert "no usable index" in notes[0]
+    assert "no usable index" in notes[-2]
 
 
-def _loose_messages(whole: bytes, last: int) -> bytes:
-    """The content of a chunk as if it had been recorded without chunks, cut in the last image."""
-    return whole[_chunk(whole)[1] : last + 100]
+def test_an_mcap_file_without_its_end_is_refused_with_the_tool_that_repairs_it(tmp_path: Path) -> None:
+    path = depth_bag(tmp_path, "mcap")
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"recorded\.mcap: the bag is damaged: .*'mcap recover FILE -o NEW'"):
+        read_all(path)
 
 
 def _chunk(whole: bytes) -> tuple[int, int, int]:
@@ -138,18 +135,19 @@ def test_a_wrong_checksum_leaves_a_chunk_out(tmp_path: Path) -> None:
         read_all(path)
 
 
-def test_a_broken_chunk_is_left_out_and_counted(tmp_path: Path) -> None:
+def test_a_broken_chunk_ends_the_reading_with_a_note(tmp_path: Path) -> None:
     """Images of a quarter of a megabyte, so that each megabyte chunk of rosbags' writer holds a few."""
     values = np.random.default_rng(1).integers(500, 5000, (360, 400)).astype(np.uint16)
     sent = [Sent("/depth/image", IMAGE, k, image_of(values + k, "16UC1", 5 + k)) for k in range(16)]
-    path = write_bag(tmp_path, "ros1", sent)
-    parts = path.read_bytes().split(b"compression=none")
-    assert len(parts) > 3
-    path.write_bytes(b"compression=none".join(parts[:3]) + b"compression=nope" + b"compression=none".join(parts[3:]))
+    path = write_bag(tmp_path, "ros1-bz2", sent)
+    data = bytearray(path.read_bytes())
+    place = [found.end() for found in re.finditer(b"compression=bz2", data)][3]
+    data[place + 3000] ^= 255
+    path.write_bytes(data)
     frames, notes = read_all(path)
-    assert 8 <= len(frames) < 16
-    assert "1 of" in notes[-1]
-    assert "damaged" in notes[-1]
+    assert 4 <= len(frames) < 16
+    assert all(np.array_equal(frame.depth, values + k) for k, frame in enumerate(frames))
+    assert "what follows is missing: repair it with 'rosbag reindex" in notes[-1]
 
 
 @pytest.mark.parametrize("form", ["ros1", "db3", "mcap"])
@@ -177,7 +175,7 @@ def test_an_image_that_changes_its_encoding_is_left_out(tmp_path: Path, encoding
 @pytest.mark.parametrize("form", ["ros1", "db3", "mcap"])
 def test_memory_does_not_grow_with_the_length(tmp_path: Path, form: str) -> None:
     peaks = []
-    for count in (20, 80):
+    for count in (40, 160):
         folder = tmp_path / str(count)
         folder.mkdir()
         values = np.full((240, 320), 1500, np.uint16)
@@ -188,18 +186,20 @@ def test_memory_does_not_grow_with_the_length(tmp_path: Path, form: str) -> None
         assert sum(1 for _ in source.frames([0])) == count
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[1] < peaks[0] + 150_000  # less than one of the images that came in addition
+    assert peaks[1] < peaks[0] + 500_000  # of 18 MB of images that came in addition
 
 
 @pytest.mark.parametrize(
-    ("form", "module", "package"), [("ros1-lz4", "lz4.frame", "lz4"), ("mcap-zstd", "backports.zstd", "zstd")]
+    ("form", "module"),
+    [("ros1", "rosbags.rosbag1"), ("mcap", "rosbags.rosbag2.storage_mcap"), ("db3-zstd", "backports.zstd")],
 )
 def test_a_missing_library_is_named_with_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str, module: str, package: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str, module: str
 ) -> None:
     path = depth_bag(tmp_path, form)
     monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.delattr(f"{module.partition('.')[0]}.{module.partition('.')[2]}", raising=False)
+    parent, _, name = module.rpartition(".")
+    monkeypatch.delattr(sys.modules[parent], name)
     with pytest.raises(MissingPackage, match=r"anchorpose\[ros\]"):
         read_all(path)
 

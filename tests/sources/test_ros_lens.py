@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from anchorpose.lens import LensModel, rays_of_pixels
-from anchorpose.sources.ros_camera import image_size, lens_of
 from anchorpose.sources.ros_messages import CameraInfo
+from anchorpose.sources.ros_streams import image_size, lens_of
 
 INFO = CameraInfo(
     frame_id="optical",

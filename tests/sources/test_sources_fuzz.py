@@ -15,7 +15,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.sources.convert import convert
 from anchorpose.sources.plan import ConvertOptions
-from anchorpose.sources.readers import open_source
+from anchorpose.sources.source import open_source
 
 CASES = 40  # of each format
 

@@ -14,7 +14,7 @@ from anchorpose.body.pose import POSE_SIZE, Pose, PoseBelief
 from anchorpose.body.skin_points import FittedShape, body_points, build_body, even_clothes
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.results.corrections import Corrections, JointCorrection, UnusableInterval, recording_of_run
 from anchorpose.results.corrections_file import read_corrections, write_corrections
 from anchorpose.results.explained import read_explained
@@ -25,6 +25,7 @@ from anchorpose.results.run_document import read_run
 from anchorpose.results.tables import JointTable, read_joints
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import Review as ToldReview
 from anchorpose.tracker.room import held_joints, review_of
 

@@ -15,7 +15,7 @@ from anchorpose.body.learning import LearnedBody
 from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import ShapeBelief, adult_belief
 from anchorpose.body.skin_points import FittedShape, even_clothes
-from anchorpose.recording.subject import UNKNOWN
+from anchorpose.recording.recording import UNKNOWN
 from anchorpose.tracker import learning_pass
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning_pass import LearntPatient, Stretch, learn_patient

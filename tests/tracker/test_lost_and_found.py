@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.config import TrackConfig
 
 FPS, SECONDS = 10.0, {"enters-late": 10.0, "leaves": 12.0, "hidden": 8.0, "sits": 8.0}
 IN_VIEW_PX = 4000  # of one camera: a third of a standing body

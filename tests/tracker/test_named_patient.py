@@ -15,7 +15,7 @@ from anchorpose.calibration.clocks import ClockConfig, clock_notes, clocks_of_re
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import Corrections, NamedPatient, UnusableInterval, recording_of_run
 from anchorpose.results.corrections_file import read_corrections, write_corrections
@@ -25,6 +25,7 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs
 from anchorpose.tracker import preparation
+from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import settle
 from anchorpose.viewer.depth_frames import open_depth_frames
 

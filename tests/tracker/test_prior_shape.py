@@ -7,7 +7,7 @@ import pytest
 from body_builder import adult, asset
 
 from anchorpose.body.shape_prior import adult_belief, child_belief, shape_of_height, standing_height
-from anchorpose.recording.subject import UNKNOWN, Subject
+from anchorpose.recording.recording import UNKNOWN, Subject
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likeliest, stature_m
 

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from recording_builder import edit_json
 
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.recording.recording import FrameSet
 from anchorpose.results.run_document import read_run
 from anchorpose.results.tables import JointTable, read_joints
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import displaced, nobody_found
 
 BLIND = range(14, 22)

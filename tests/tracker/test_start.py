@@ -15,9 +15,10 @@ from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, b
 from anchorpose.isolation.people import PatientChoice, Person
 from anchorpose.tracker import start as start_module
 from anchorpose.tracker.observation import Start
+from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
-from anchorpose.tracker.start import TRIES, WELL, best_of, hangs, is_human, rank_initial_frames
+from anchorpose.tracker.start import TRIES, WELL, best_of, hangs, rank_initial_frames
 
 ASSET = body_points().asset
 

@@ -13,10 +13,11 @@ import pytest
 from viewer_builder import viewer_of, write_small_recording, write_small_results
 from viewer_page import opened, until
 
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import inspect_frame
 from anchorpose.viewer.hypotheses import HypothesisWorker, Progress
 from anchorpose.viewer.payloads import unpack

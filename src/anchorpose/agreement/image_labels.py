@@ -11,7 +11,7 @@ import numpy as np
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, LOST, JointState
-from anchorpose.recording.csv_text import read_rows
+from anchorpose.recording.document import read_rows
 from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Clock, Recording

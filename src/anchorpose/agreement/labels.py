@@ -9,7 +9,7 @@ from typing import Final
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.recording.csv_text import read_rows
+from anchorpose.recording.document import read_rows
 
 SIDES: Final = {"L": "Left", "R": "Right"}
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from anchorpose.agreement.captured import METRES, Captured, checked, metres_per_unit, repeated_label
 from anchorpose.errors import InputError
-from anchorpose.recording.csv_text import read_rows
-from anchorpose.recording.document import read_text
+from anchorpose.recording.document import read_rows, read_text
 from anchorpose.recording.regular_file import LARGEST_TABLE
 
 AXES: Final = ("x", "y", "z")

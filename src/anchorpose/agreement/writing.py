@@ -18,7 +18,7 @@ from anchorpose.agreement.page import page_text
 from anchorpose.agreement.rows import COLUMNS, LEAST_SUBJECTS
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.recording.csv_text import cell_text
+from anchorpose.recording.document import cell_text
 from anchorpose.results.folder import whole_or_nothing
 
 AGREEMENT_FILE: Final = "agreement.csv"

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from anchorpose.cli.track import TrackOptions
 from anchorpose.errors import InputError, without_password
-from anchorpose.recording.csv_text import read_rows, require_distinct
+from anchorpose.recording.document import read_rows, require_distinct
 from anchorpose.remote import is_address, parts_of
 
 RECORDING_FILE: Final = "recording.json"

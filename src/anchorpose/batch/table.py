@@ -18,8 +18,7 @@ from anchorpose.batch.sessions import Session
 from anchorpose.batch.worker import Outcome
 from anchorpose.errors import InputError
 from anchorpose.joints import JointState
-from anchorpose.recording.csv_text import cell_text
-from anchorpose.recording.document import read_json
+from anchorpose.recording.document import cell_text, read_json
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.parquet import RecordTable, refuse_unreadable
 from anchorpose.results.records import MEASURES_FILE, Measure, read_measures

@@ -15,7 +15,7 @@ from anchorpose.body.asset import BodyAsset
 from anchorpose.body.segments import SIDES, TRUNK
 from anchorpose.body.skin_points import CLOTHES, FittedShape, SkinPoints
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.recording.subject import CoveredPart
+from anchorpose.recording.recording import CoveredPart
 
 LEAST_M: Final = 0.015  # at 95 of 100 skin points: 0.010 at most on ten people without braces, 0.021 to 0.040 with one
 TOO_THICK: Final = 2.0  # deviations of girth above the other side: 0.9 at most without braces, 2.9 to 6.7 with

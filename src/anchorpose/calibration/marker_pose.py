@@ -16,8 +16,8 @@ from anchorpose.calibration.marker_corners import NoMarkers, SeenMarkers, detect
 from anchorpose.calibration.marker_layout import MarkerLayout
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
-from anchorpose.recording.image_file import read_image
 from anchorpose.recording.recording import Recording
+from anchorpose.recording.regular_file import read_image
 
 MARKER_IMAGES: Final = ("infrared.png", "color.png")  # in a camera's folder, of the depth images' geometry
 SAME_M, SAME_RAD = 0.002, 0.002  # the solver's own spread; mirrored poses are degrees apart

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import read_json, read_text, validate
-from anchorpose.recording.json_text import require_plain
+from anchorpose.recording.document import read_json, read_text, require_plain, validate
 from anchorpose.settings import Unfit
 
 if TYPE_CHECKING:
-    from anchorpose.pipeline import TrackConfig
+    from anchorpose.tracker.config import TrackConfig
 
 Config = TypeVar("Config")
 
@@ -28,7 +27,7 @@ def load_track_config(path: Path | None) -> TrackConfig:
 
     Also raises InputError for settings of version 0.1.0 that are constants now.
     """
-    from anchorpose.pipeline import TrackConfig
+    from anchorpose.tracker.config import TrackConfig
 
     if path is None:
         return TrackConfig()

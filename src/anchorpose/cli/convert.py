@@ -83,7 +83,7 @@ def convert(*paths: Path, options: ConvertFlags | None = None) -> None:
 def as_recording(path: Path) -> Path:
     """The recording that a verb was given; a recorder's file is converted first, beside it."""
     from anchorpose.cli.console import progress_bar
-    from anchorpose.sources.direct import look_at, make_recording
+    from anchorpose.sources.convert import look_at, make_recording
 
     direct = look_at(path)
     if direct.ready:

@@ -26,12 +26,13 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
     """
     from anchorpose.cli.console import print_outcome, progress_bar
     from anchorpose.cli.evaluate import print_evaluation
-    from anchorpose.pipeline import TrackConfig, track_recording
+    from anchorpose.pipeline import track_recording
     from anchorpose.results.evaluate import evaluate
     from anchorpose.results.evaluation_file import write_evaluation
     from anchorpose.results.folder import whole_or_nothing
     from anchorpose.simulate.config import SimulationConfig
     from anchorpose.simulate.write import simulate_recording
+    from anchorpose.tracker.config import TrackConfig
     from anchorpose.tracker.warm_up import start_warm_up
 
     if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from anchorpose.exports.formats import STATES, ExportConfig, Product, Source, number_text
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.recording.csv_text import cell_text
+from anchorpose.recording.document import cell_text
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.parquet import opened_parquet, pieces
 

@@ -19,8 +19,7 @@ from anchorpose.live.intake import Intake
 from anchorpose.live.recorder import Recorder
 from anchorpose.motion.database_file import load_motions
 from anchorpose.recording.reader import open_recording
-from anchorpose.recording.recording import Recording, align_clocks
-from anchorpose.recording.subject import UNKNOWN
+from anchorpose.recording.recording import UNKNOWN, Recording, align_clocks
 from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning_pass import LearntPatient, learn_patient

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from anchorpose.live.first_seconds import Prepared, in_room
+from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.journal import Blocks
-from anchorpose.tracker.passes import TrackedFrame
 from anchorpose.writing import write_results
 
 

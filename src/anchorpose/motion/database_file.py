@@ -14,7 +14,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.motion.database import MotionDatabase
 from anchorpose.motion.prediction import MotionConfig, joint_database
-from anchorpose.recording.array_file import read_arrays
+from anchorpose.recording.regular_file import read_arrays
 
 SHIPPED: Final = Path(__file__).parent / "data" / "motions.npz"
 """Movements of stand training by the simulator's people; made by ``tools/build_motion_database.py``."""

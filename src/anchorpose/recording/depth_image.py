@@ -1,6 +1,10 @@
-"""Depth images: 16-bit grey PNG files, checked to their last byte before they are used.
+"""Depth images: 16-bit grey PNG files, checked to their last byte before they are used, and then by their content.
 
-``DepthFrames`` gives those of several cameras one by one, each camera on its own clock, before frames are paired.
+A sensor that is blinded, covered or broken still delivers whole files. What they hold does not look like any scene: no
+readings, one value everywhere, or neighbours that have nothing in common. Such an image is left out like one that was
+never delivered. Nothing here is a prediction: the laws hold for every room and every pose.
+
+``DepthFrames`` gives the images of several cameras one by one, each camera on its own clock, before frames are paired.
 """
 
 from __future__ import annotations
@@ -14,15 +18,26 @@ from typing import Final, Protocol
 import numpy as np
 
 from anchorpose.camera import Camera
-from anchorpose.recording.image_content import content_problem, measured_m
 from anchorpose.recording.recording import Recording
-from anchorpose.recording.regular_file import FileStamp, Unreadable, read_bounded
+from anchorpose.recording.regular_file import Stamp, Unreadable, read_bounded
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES: Final = 33  # signature and the IHDR chunk
 _GREY: Final = 0  # PNG's colour type
 _DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # all that a grey image is made of
 _OTHER_BYTES: Final = 1 << 20  # for chunks of notes, and for compression that compresses nothing
+
+FARTHEST_M: Final = 20.0
+"""No depth camera for indoor use measures farther: such a value is an error code, or light from outside."""
+
+SATURATED: Final = np.iinfo(np.uint16).max  # the largest value that the file can hold is a code, not a distance
+ROWS: Final = 128  # that are looked at, evenly spaced: surfaces are many rows high
+LEAST_READ: Final = 0.001  # of the pixels; a person alone, who is far away, fills 0.03 of them
+ENOUGH: Final = 4000  # readings: in fewer, chance may look like anything, and a drawing like a clipped image
+MOST_ALIKE: Final = 0.98  # of the readings with one value; a whole body on a coarse scale has 0.3
+LEAST_BESIDE: Final = 0.5  # of the readings with one beside them in the row; 0.93 and more in real images
+JUMP: Final = 0.1  # of the distance: more than any surface that is not seen edge-on changes from pixel to pixel
+MOST_JUMPS: Final = 0.25  # of neighbouring readings; 0.03 at most in real images of cluttered rooms
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,44 +48,35 @@ class DepthImage:
     problem: str  # empty where it can be used
 
 
-def read_depth_image(path: Path, camera: Camera) -> DepthImage:
-    """The depth image of a file in metres, without what lies beyond the lens's valid radius, and without readings that
-    are no measurement (``measured_m``).
+def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: Stamp | None = None) -> DepthImage:
+    """Return the depth image of a file, as ``image_of_grey``; a damaged one is a result with its ``problem``.
 
-    A damaged one is a result with its ``problem``, not an error.
+    listed: the file's stamp when the recording was opened. Raises InputError where it was replaced since.
     """
-    return _read(path, camera, None, judged=False)
-
-
-def read_measured_image(path: Path, camera: Camera) -> DepthImage:
-    """As ``read_depth_image``; one whose content is not a measurement (``content_problem``) has a ``problem`` too."""
-    return _read(path, camera, None, judged=True)
-
-
-def read_stream_image(recording: Recording, camera: int, position: int) -> DepthImage:
-    """A camera's depth image at a position in its stream, as by ``read_measured_image``.
-
-    Raises InputError where the file was replaced since the recording was opened.
-    """
-    stream = recording.streams[camera]
-    listed = None if stream.listed is None else FileStamp(*stream.listed[position].item())
-    return _read(stream.files[position], recording.cameras[camera], listed, judged=True)
-
-
-def _read(path: Path, camera: Camera, listed: FileStamp | None, judged: bool) -> DepthImage:
     try:
         data = read_bounded(path, largest_png(camera.width, camera.height), listed)
     except Unreadable as error:
         return DepthImage(None, str(error))
     grey, problem = decode_grey_png(data, camera.width, camera.height)
-    if grey is None:
-        return DepthImage(None, problem)
-    return image_of_grey(grey, camera, judged)
+    return DepthImage(None, problem) if grey is None else image_of_grey(grey, camera, judged)
+
+
+def read_stream_image(recording: Recording, camera: int, position: int) -> DepthImage:
+    """Return a camera's depth image at a position in its stream, judged by its content.
+
+    Raises InputError where the file was replaced since the recording was opened.
+    """
+    stream = recording.streams[camera]
+    listed = None if stream.listed is None else stream.listed[position].item()
+    return read_depth_image(stream.files[position], recording.cameras[camera], judged=True, listed=listed)
 
 
 def image_of_grey(grey: np.ndarray, camera: Camera, judged: bool = True) -> DepthImage:
-    """The depth image of grey values (height, width) uint16, without what is beyond the lens's valid radius or is no
-    measurement (``measured_m``). judged: one whose content is not a measurement is only a ``problem``."""
+    """Return the depth image of grey values (height, width) uint16, without readings beyond the lens's valid radius
+    and those that are not a measurement (``measured_m``).
+
+    judged: an image whose content is not a measurement (``content_problem``) is only a ``problem``.
+    """
     depth_m = measured_m(grey, camera.depth_scale)
     depth_m[~camera.valid_pixels()] = 0.0
     problem = content_problem(grey, depth_m) if judged else ""
@@ -78,12 +84,12 @@ def image_of_grey(grey: np.ndarray, camera: Camera, judged: bool = True) -> Dept
 
 
 def largest_png(width: int, height: int) -> int:
-    """Bytes that the file of a 16-bit grey image may have, also of one that cannot be compressed."""
+    """Return bytes that the file of a 16-bit grey image may have, also of one that cannot be compressed."""
     return 4 * width * height + _OTHER_BYTES
 
 
 def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | None, str]:
-    """The grey values (height, width) uint16 of a PNG file; or None and what is wrong with it.
+    """Return the grey values (height, width) uint16 of a PNG file; or None and what is wrong with it.
 
     Only the chunks of the image itself reach the decoder, which would mix the frames of an animation into it.
     """
@@ -102,27 +108,33 @@ def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | 
 
 
 def grey_png_size(head: bytes) -> tuple[int, int] | None:
-    """Width and height of a PNG file by its first 33 bytes; None where it is not one of 16-bit grey."""
+    """Return width and height of a PNG file by its first 33 bytes; None where it is not one of 16-bit grey."""
+    header = _png_header(head)
+    return header[:2] if header is not None and header[2:] == (16, _GREY) else None
+
+
+def _png_header(head: bytes) -> tuple[int, int, int, int] | None:
+    """Return width, height, bits and colour type by a file's first 33 bytes; None where it is not a PNG file."""
     if len(head) < _HEADER_BYTES or not head.startswith(_SIGNATURE) or head[12:16] != b"IHDR":
         return None
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
-    return (width, height) if (bits, colour) == (16, _GREY) else None
+    return width, height, bits, colour
 
 
 def _header_problem(head: bytes, wide: int, high: int) -> str:
-    """What is wrong with the first 33 bytes; empty where they fit a camera's width and height."""
-    if len(head) < _HEADER_BYTES or not head.startswith(_SIGNATURE) or head[12:16] != b"IHDR":
+    """Return what is wrong with the first 33 bytes; empty where they fit a camera's width and height."""
+    header = _png_header(head)
+    if header is None:
         return "is not a PNG file"
-    width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
+    width, height, bits, colour = header
     if (bits, colour) != (16, _GREY):
         return f"is not 16-bit grey ({bits} bits, colour type {colour})"
-    if (width, height) != (wide, high):
-        return f"is {width} x {height}, the camera is {wide} x {high} pixels"
-    return ""
+    return "" if (width, height) == (wide, high) else f"is {width} x {height}, the camera is {wide} x {high} pixels"
 
 
 def image_chunks(data: bytes) -> tuple[bytes, str]:
-    """A PNG file with nothing but the chunks that its image needs, and what is wrong with it, empty where nothing is.
+    """Return a PNG file with nothing but the chunks that its image needs, and what is wrong with it, empty where
+    nothing is.
 
     Every chunk is checked up to the end: decoders may return half an image for a truncated file. What may be left out
     (PNG, Section 5.4: names that begin with a small letter) is left out; what may not be, and is unknown, is a problem.
@@ -147,19 +159,59 @@ def image_chunks(data: bytes) -> tuple[bytes, str]:
     return b"", "is truncated"
 
 
+def measured_m(grey: np.ndarray, depth_scale: float) -> np.ndarray:
+    """Return (height, width) float32 metres of grey values (height, width) uint16; 0 where there is no measurement.
+
+    That is no reading, the largest value of the file, and all that is beyond ``FARTHEST_M``.
+    """
+    depth_m = grey.astype(np.float32) * np.float32(depth_scale)
+    depth_m[(grey == SATURATED) | (depth_m > FARTHEST_M)] = 0.0
+    return depth_m
+
+
+def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
+    """Return why an image is not a measurement, as the end of a sentence that begins with its name; empty where it may
+    be one.
+
+    grey (height, width) uint16 as the file has it; depth_m (height, width) float32 metres of it, 0 = no reading.
+    """
+    step = max(1, len(depth_m) // ROWS)
+    values, rows = grey[::step], depth_m[::step]
+    read = rows > 0
+    count = int(np.count_nonzero(read))
+    beside = read[:, :-1] & read[:, 1:]
+    if count <= LEAST_READ * rows.size or not _three_in_a_row(read):
+        lost = int(np.count_nonzero((values > 0) & ~read))
+        return "is saturated or beyond the range of the camera" if 2 * lost > rows.size else "holds no readings"
+    if count < ENOUGH:
+        return ""
+    if int(np.bincount(values[read]).max()) > MOST_ALIKE * count:
+        return "has the same value nearly everywhere, so that the sensor was blinded or its values are clipped"
+    near, next_to = rows[:, :-1][beside], rows[:, 1:][beside]
+    jumps = int(np.count_nonzero(np.abs(near - next_to) > JUMP * np.minimum(near, next_to)))
+    if len(near) < LEAST_BESIDE * count or jumps > MOST_JUMPS * len(near):
+        return "is noise: neighbouring readings have nothing in common"
+    return ""
+
+
+def _three_in_a_row(read: np.ndarray) -> bool:
+    """Return whether three neighbouring pixels have a reading anywhere: without them there is no surface."""
+    return bool((read[:, :-2] & read[:, 1:-1] & read[:, 2:]).any())
+
+
 class DepthFrames(Protocol):
     """Anything that gives the depth images of several cameras one by one."""
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """The cameras, the reference first."""
+        """Return the cameras, the reference first."""
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
-        """One per camera: (n,) float64, strictly increasing, its own clock."""
+        """Return one per camera: (n,) float64, strictly increasing, its own clock."""
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
-        """(height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
+        """Return (height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,11 +223,11 @@ class RecordedFrames:
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
-        """One per camera: (n,) float64, its own clock."""
+        """Return one per camera: (n,) float64, its own clock."""
         return tuple(stream.time_s for stream in self.recording.streams)
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
-        """(height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
+        """Return (height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
         stream = self.recording.streams[camera]
         if stream.duplicate is not None and stream.duplicate[position]:
             return None

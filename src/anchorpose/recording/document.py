@@ -1,9 +1,16 @@
-"""Reading a JSON file as a declared document; every refusal names the file, the place in it and the remedy."""
+"""Read text files: JSON, as a declared document, and CSV; every refusal names the file, the place and the remedy.
+
+JSON text becomes values here alone: size, depth and numbers have limits, so no file can stall a run.
+"""
 
 from __future__ import annotations
 
+import csv
 import json
+from collections import Counter
+from collections.abc import Sequence
 from functools import cache
+from io import StringIO
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Final, Literal, TypeVar, cast
 
@@ -20,9 +27,17 @@ from pydantic import (
 )
 
 from anchorpose.errors import InputError
-from anchorpose.recording.json_text import LARGEST_BYTES, parse_json
-from anchorpose.recording.regular_file import is_there, read_whole
+from anchorpose.recording.regular_file import LARGEST_TABLE, is_there, read_whole
 from anchorpose.settings import LARGEST, STRICT, Unfit, explain, shown
+
+LARGEST_BYTES: Final = 16 * 2**20
+"""A description of a recording has some thousand bytes; the values of a text need up to twenty times its size."""
+
+DEEPEST: Final = 64
+"""Objects and lists within each other; no format of ours or of a recorder has more than ten."""
+
+LARGEST_INTEGER: Final = 2**64
+"""Beyond every counter and time stamp of a recorder; arrays and floats cannot hold arbitrarily large integers."""
 
 ROTATION_TOLERANCE: Final = 5e-4
 """Largest entry of R^T R - I that rounding to four decimals explains; more is a scale, a shear or a mistake."""
@@ -30,9 +45,74 @@ ROTATION_TOLERANCE: Final = 5e-4
 LONGEST_NAME: Final = 200
 """Bytes in a file's name: file systems allow 255 or fewer."""
 
-
 LARGEST_WITH_HASHES: Final = 128 * 2**20
 """Bytes of a document that has the hash of each depth image, about 100 bytes: 32 MB in an hour of three cameras."""
+
+FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
+"""First characters at which a spreadsheet takes a cell for a formula."""
+
+
+def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
+    """Return the values of a JSON text, every key of an object once; NaN and infinities are left to the caller to
+    refuse.
+
+    Bytes are text in UTF-8, UTF-16 or UTF-32. Raises Unfit, a ValueError, in time that grows with the size of the text:
+    where it is no JSON, larger than ``largest_bytes`` or not plain (``require_plain``).
+    """
+    if len(text) > largest_bytes:
+        raise Unfit(f"is larger than {largest_bytes / 2**20:g} MB", "give the right file: this one describes no more")
+    try:
+        decoded = text if isinstance(text, str) else text.decode(json.detect_encoding(text))
+        values = json.loads(decoded, object_pairs_hook=_unique_pairs, parse_int=_integer)
+    except UnicodeDecodeError:
+        raise Unfit("is not text in UTF-8", "save it again as UTF-8") from None
+    except json.JSONDecodeError as error:
+        raise Unfit(f"is not JSON (line {error.lineno}: {error.msg})", "correct that line") from None
+    except RecursionError:
+        raise _too_deep() from None
+    require_plain(values)
+    return values
+
+
+def require_plain(value: Any, levels: int = DEEPEST) -> None:
+    """Raise Unfit where values are nested too deeply, an integer is too large or a text cannot be a file's name or be
+    printed (it holds a null character or half a surrogate pair)."""
+    if levels < 0:
+        raise _too_deep()
+    if isinstance(value, str):
+        if "\0" in value or not (value.isascii() or value.encode("utf-8", "replace").decode() == value):
+            raise Unfit(f"holds a text with a character that has no meaning, {value[:40]!a}", "remove that character")
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            require_plain(key, levels - 1)
+            require_plain(inner, levels - 1)
+    elif isinstance(value, list):
+        for inner in value:
+            require_plain(inner, levels - 1)
+    elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        raise _too_large()
+
+
+def _unique_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values = dict(pairs)
+    if len(values) != len(pairs):
+        twice = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+        raise Unfit(f"cannot be used: the key '{twice}' is given twice", "remove one")
+    return values
+
+
+def _integer(digits: str) -> int:
+    if len(digits) > len(str(LARGEST_INTEGER)) + 1:  # and its sign
+        raise _too_large()
+    return int(digits)
+
+
+def _too_deep() -> Unfit:
+    return Unfit(f"is nested more than {DEEPEST} levels deep", "correct the file")
+
+
+def _too_large() -> Unfit:
+    return Unfit("holds an integer of more than 64 bits", "correct that number")
 
 
 class Entry(BaseModel):
@@ -55,13 +135,14 @@ def numbers(*shape: int, meaning: str) -> PlainValidator:
 
 
 def is_rotation(matrix: np.ndarray) -> bool:
-    """Whether a (3, 3) matrix is a proper rotation within ``ROTATION_TOLERANCE``."""
+    """Return whether a (3, 3) matrix is a proper rotation within ``ROTATION_TOLERANCE``."""
     orthonormal = np.abs(matrix.T @ matrix - np.eye(3)).max() <= ROTATION_TOLERANCE
     return bool(orthonormal and np.linalg.det(matrix) > 0)
 
 
 def require_rigid(pose: np.ndarray, instead: str = "") -> np.ndarray:
-    """The pose (4, 4); raises Unfit unless it is a rigid motion: lengths in a scaled or mirrored world mean nothing."""
+    """Return the pose (4, 4); raises Unfit unless it is a rigid motion: lengths in a scaled or mirrored world mean
+    nothing."""
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9 or not is_rotation(pose[:3, :3]):
         remedy = f"write a rotation and a translation in metres with the last row 0 0 0 1{instead}"
         raise Unfit("is not a rigid motion", remedy)
@@ -76,7 +157,8 @@ def _require_inside(name: str) -> str:
 
 
 def require_file_name(name: str) -> str:
-    """The name; raises Unfit where no file can have it: it is too long, or has characters that names cannot hold."""
+    """Return the name; raises Unfit where no file can have it: it is too long, or has characters that names cannot
+    hold."""
     if not name.isprintable() or len(name.encode()) > LONGEST_NAME:
         raise Unfit(f"is {shown(name)}", "it names a file: use letters, digits, - and _, no more than 50 of them")
     return name
@@ -100,12 +182,12 @@ FileInFolder = Annotated[Text, AfterValidator(_require_inside)]
 
 
 def read_document(path: Path, kind: type[Document]) -> Document:
-    """A JSON file as the declared ``kind``; raises InputError naming the file, the key and the remedy."""
+    """Return a JSON file as the declared ``kind``; raises InputError naming the file, the key and the remedy."""
     return validate(path, kind, read_json(path))
 
 
 def validate(path: Path, kind: type[Document], values: Any) -> Document:
-    """``values`` of the file ``path`` as ``kind``, nothing rounded or converted from text; raises InputError."""
+    """Return ``values`` of the file ``path`` as ``kind``, nothing rounded or converted from text; raises InputError."""
     try:
         found: Document = _adapter(cast("Any", kind)).validate_json(json.dumps(values, default=str), strict=True)
     except ValidationError as error:
@@ -121,7 +203,7 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def read_text(path: Path, largest_bytes: int = LARGEST_BYTES) -> str:
-    """The text of a file in UTF-8; raises InputError."""
+    """Return the text of a file in UTF-8; raises InputError."""
     if not is_there(path):
         raise InputError(path, "there is no such file", "check the path")
     try:
@@ -131,7 +213,7 @@ def read_text(path: Path, largest_bytes: int = LARGEST_BYTES) -> str:
 
 
 def read_json(path: Path, largest_bytes: int = LARGEST_BYTES) -> dict[str, Any]:
-    """The object that a JSON file holds; raises InputError unless it is one that ``parse_json`` accepts."""
+    """Return the object that a JSON file holds; raises InputError unless it is one that ``parse_json`` accepts."""
     try:
         values = parse_json(read_text(path, largest_bytes), largest_bytes)
     except Unfit as error:
@@ -139,3 +221,43 @@ def read_json(path: Path, largest_bytes: int = LARGEST_BYTES) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise InputError(path, "is not a JSON object", "it must start with a curly bracket")
     return values
+
+
+def read_rows(path: Path) -> list[tuple[int, list[str]]]:
+    """Return (number of the last line, cells without spaces around them) of each row that is not empty.
+
+    Raises InputError where the file cannot be read, or is not CSV.
+    """
+    text = read_text(path, LARGEST_TABLE)
+    if "\0" in text:
+        raise InputError(path, "holds null characters", "save it again as CSV in UTF-8")
+    rows = csv.reader(StringIO(text, newline=""))
+    try:
+        found = [(rows.line_num, [cell.strip() for cell in row]) for row in rows]
+    except csv.Error as error:
+        raise InputError(path, f"is not CSV in line {rows.line_num} ({error})", "correct that line") from None
+    return [(number, row) for number, row in found if any(row)]
+
+
+def require_distinct(path: Path, columns: Sequence[str]) -> None:
+    """Raise InputError where two columns have one name."""
+    repeated = next((name for name, count in Counter(columns).items() if count > 1 and name), None)
+    if repeated is not None:
+        raise InputError(path, f"has two columns '{repeated[:40]}'", "keep one of them")
+
+
+def cell_text(cell: object) -> str:
+    """Return a cell as text: empty for None, all digits of a float, and an apostrophe before a text that a spreadsheet
+    would run as a formula."""
+    if cell is None:
+        return ""
+    text = repr(float(cell)) if isinstance(cell, float) else str(cell)
+    return f"'{text}" if text.startswith(FORMULA) and not _is_number(text) else text
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -28,11 +28,11 @@ class Box:
     rotation: np.ndarray  # (3, 3)
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (8, 3) float64 and faces (12, 3) int32, counter-clockwise seen from outside."""
+        """Return vertices (8, 3) float64 and faces (12, 3) int32, counter-clockwise seen from outside."""
         return self.center_m + (_BOX_CORNERS * self.size_m) @ self.rotation.T, _BOX_FACES
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
-        """(n,) signed distance to the surface, exact; negative inside."""
+        """Return (n,) signed distance to the surface, exact; negative inside."""
         beyond = np.abs((points_m - self.center_m) @ self.rotation) - self.size_m / 2.0
         return np.linalg.norm(np.maximum(beyond, 0.0), axis=-1) + np.minimum(beyond.max(axis=-1), 0.0)
 
@@ -48,7 +48,7 @@ class Cylinder:
     length_m: float
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (2 s + 2, 3) float64 and faces (4 s, 3) int32 with s = ``CYLINDER_SIDES``."""
+        """Return vertices (2 s + 2, 3) float64 and faces (4 s, 3) int32 with s = ``CYLINDER_SIDES``."""
         sideways = np.eye(3)[np.argmin(np.abs(self.axis))]
         u = np.cross(self.axis, sideways)
         u /= np.linalg.norm(u)
@@ -64,7 +64,7 @@ class Cylinder:
         return vertices, np.concatenate([np.stack(ring, axis=1) for ring in rings]).astype(np.int32)
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
-        """(n,) signed distance to the surface, exact; negative inside."""
+        """Return (n,) signed distance to the surface, exact; negative inside."""
         offset = points_m - self.center_m
         along = offset @ self.axis
         across = np.linalg.norm(offset - along[..., None] * self.axis, axis=-1)
@@ -81,11 +81,11 @@ class Mesh:
     faces: np.ndarray  # (f, 3) int32
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (v, 3) float64 and faces (f, 3) int32."""
+        """Return vertices (v, 3) float64 and faces (f, 3) int32."""
         return self.vertices_m, self.faces
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
-        """(n,) distance to the nearest triangle, exact; never negative."""
+        """Return (n,) distance to the nearest triangle, exact; never negative."""
         return mesh_distance_m(points_m, self.vertices_m, self.faces)
 
 
@@ -99,7 +99,7 @@ class EquipmentModel:
     parts: tuple[EquipmentPart, ...]
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
-        """All parts as one mesh: vertices (v, 3) float64 and faces (f, 3) int32."""
+        """Return all parts as one mesh: vertices (v, 3) float64 and faces (f, 3) int32."""
         vertices, faces, count = [], [], 0
         for part in self.parts:
             part_vertices, part_faces = part.triangles()
@@ -109,7 +109,7 @@ class EquipmentModel:
         return np.concatenate(vertices), np.concatenate(faces).astype(np.int32)
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
-        """(n,) float64 distance of points (n, 3) in Gamma_0 to the nearest part's surface, exact.
+        """Return (n,) float64 distance of points (n, 3) in Gamma_0 to the nearest part's surface, exact.
 
         Negative inside a box or a cylinder; a mesh is a sheet, its distance is never negative. NaN where a point is.
         """
@@ -118,7 +118,8 @@ class EquipmentModel:
 
 
 def mesh_distance_m(points_m: np.ndarray, vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(n,) float64 distance of each point (n, 3) to the nearest triangle; never negative: a mesh need not be closed.
+    """Return (n,) float64 distance of each point (n, 3) to the nearest triangle; never negative: a mesh need not be
+    closed.
 
     vertices_m (v, 3), faces (f, 3) indices. NaN where a point is NaN.
     Source: closest point on a triangle, Ericson, Real-Time Collision Detection (2005), Section 5.1.5. A sphere around

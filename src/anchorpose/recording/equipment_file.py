@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -89,13 +89,13 @@ class EquipmentDocument(Entry):
 
 
 def read_equipment(path: Path) -> EquipmentModel:
-    """The model chi_0 in an equipment.json; raises InputError naming the file, the key and the remedy."""
+    """Return the model chi_0 in an equipment.json; raises InputError naming the file, the key and the remedy."""
     document = read_document(path, EquipmentDocument)
     return EquipmentModel(tuple(_part(path, f"parts[{i}]", entry) for i, entry in enumerate(document.parts)))
 
 
 def equipment_files(path: Path) -> tuple[Path, ...]:
-    """The equipment.json at ``path`` and the meshes that it names."""
+    """Return the equipment.json at ``path`` and the meshes that it names."""
     parts = read_document(path, EquipmentDocument).parts
     return path, *(path.parent / part.file for part in parts if isinstance(part, MeshEntry))
 
@@ -141,22 +141,12 @@ _ORDERS: Final = {"ascii": "", "binary_little_endian": "<", "binary_big_endian":
 _REMEDY: Final = "export the mesh again as PLY with vertices x y z in metres and triangular faces"
 
 
-@dataclass(frozen=True, slots=True)
-class _Property:
-    name: str
-    type: str
-    count_type: str | None  # of a list property; None for a single value
-
-
-@dataclass(frozen=True, slots=True)
-class _Element:
-    name: str
-    count: int
-    properties: list[_Property]
+_Property = tuple[str, str, str | None]  # name, type, and the type of the count of a list
+_Element = tuple[str, int, list[_Property]]  # name, count, properties
 
 
 def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) float64 and faces (f, 3) int32 of a PLY file.
+    """Return vertices (v, 3) float64 and faces (f, 3) int32 of a PLY file.
 
     Raises InputError where the file cannot be read, is cut short, or a face names a vertex that is not there.
     """
@@ -186,52 +176,49 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
             case ["format", name, _]:
                 order = _ORDERS[name]
             case ["element", name, count]:
-                elements.append(_Element(name, int(count), []))
+                elements.append((name, int(count), []))
             case ["property", "list", count_type, item_type, name]:
-                elements[-1].properties.append(_Property(name, _TYPES[item_type], _TYPES[count_type]))
+                elements[-1][2].append((name, _TYPES[item_type], _TYPES[count_type]))
             case ["property", item_type, name]:
-                elements[-1].properties.append(_Property(name, _TYPES[item_type], None))
+                elements[-1][2].append((name, _TYPES[item_type], None))
     if order is None:
         raise ValueError("its header names no format")
     return order, elements, data.index(b"\n", end) + 1
 
 
 def _parse_body(body: bytes, order: str, elements: list[_Element]) -> tuple[np.ndarray, list[list[int]]]:
-    values = _Values(body, order)
+    take = _value_reader(body, order)
     vertices, polygons = None, list[list[int]]()
-    for element in elements:
-        if element.count > len(body) or not element.properties:
+    for name, count, properties in elements:
+        if count > len(body) or not properties:
             raise ValueError("it is cut short")
-        if element.count > MOST_ELEMENTS:
-            raise ValueError(f"it has {element.count:,} of {element.name}, more than {MOST_ELEMENTS:,}")
-        rows = [{p.name: values.of(p) for p in element.properties} for _ in range(element.count)]
-        if element.name == "vertex":
+        if count > MOST_ELEMENTS:
+            raise ValueError(f"it has {count:,} of {name}, more than {MOST_ELEMENTS:,}")
+        rows = [
+            {key: take(kind, 1 if length is None else int(take(length, 1)[0])) for key, kind, length in properties}
+            for _ in range(count)
+        ]
+        if name == "vertex":
             vertices = np.array([[row[axis][0] for axis in "xyz"] for row in rows], dtype=np.float64).reshape(-1, 3)
-        if element.name == "face":
+        if name == "face":
             polygons = [[int(i) for i in row.get("vertex_indices", row.get("vertex_index", []))] for row in rows]
     if vertices is None:
         raise ValueError("it has no vertices")
     return vertices, polygons
 
 
-class _Values:
-    """The values of a PLY body, one after the other: words of text where ``order`` is empty, else binary numbers."""
+def _value_reader(body: bytes, order: str) -> Callable[[str, int], list[float]]:
+    """Return a function that takes the next values of a type: words of text where ``order`` is empty, else binary."""
+    words, place = [] if order else body.split(), 0
 
-    def __init__(self, body: bytes, order: str) -> None:
-        self._order, self._content = order, body if order else body.split()
-        self._next = 0
-
-    def of(self, wanted: _Property) -> list[float]:
-        """The next value of a property, or all values of its list."""
-        return self._take(wanted.type, 1 if wanted.count_type is None else int(self._take(wanted.count_type, 1)[0]))
-
-    def _take(self, type_name: str, count: int) -> list[float]:
-        dtype = np.dtype(self._order + type_name)
-        start, end = self._next, self._next + count * (dtype.itemsize if self._order else 1)
-        if count < 0 or end > len(self._content):
+    def take(kind: str, count: int) -> list[float]:
+        nonlocal place
+        dtype = np.dtype(order + kind)
+        start, place = place, place + count * (dtype.itemsize if order else 1)
+        if count < 0 or place > len(body if order else words):
             raise ValueError("it is cut short")
-        self._next = end
-        if isinstance(self._content, bytes):
-            found: list[float] = np.frombuffer(self._content, dtype, count, start).tolist()
-            return found
-        return [float(word) for word in self._content[start:end]]
+        if order:
+            return [float(value) for value in np.frombuffer(body, dtype, count, start).tolist()]
+        return [float(word) for word in words[start:place]]
+
+    return take

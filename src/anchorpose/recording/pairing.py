@@ -20,7 +20,8 @@ USUAL_PERIOD_S: Final = 1.0 / 30.0
 
 @lru_cache(maxsize=8)  # frames are read one by one, and each needs it
 def pair_frames(recording: Recording) -> np.ndarray:
-    """(n, cameras) int64, read only: for each frame of the first camera, the index of each camera's frame; -1 = none.
+    """Pair frames: (n, cameras) int64, read only, the index of each camera's frame at each frame of the first; -1 =
+    none.
 
     A pair is the nearest in time of each other, within half a period of the first camera, so no depth image is used
     twice. A duplicate shows another moment than its time states and is never paired; in the first camera it leaves a
@@ -54,12 +55,13 @@ def _pair_camera(
 
 
 def half_period_s(time_s: np.ndarray) -> float:
-    """Half of the median time between frames (n,); that of a usual depth camera where there is only one."""
+    """Return half of the median time between frames (n,); that of a usual depth camera where there is only one."""
     return float(np.median(np.diff(time_s)) if len(time_s) > 1 else USUAL_PERIOD_S) / 2.0
 
 
 def nearest_within(time_s: np.ndarray, other_s: np.ndarray, within_s: float) -> np.ndarray:
-    """(n,) int64: index into ``other_s`` (m,) of the mutually nearest time; -1 where none lies within ``within_s``."""
+    """Return (n,) int64: index into ``other_s`` (m,) of the mutually nearest time; -1 where none lies within
+    ``within_s``."""
     there, back = _nearest(time_s, other_s), _nearest(other_s, time_s)
     mutual = back[there] == np.arange(len(time_s))
     # a nanosecond of slack: times written with six decimals must not fall out of an exact half period
@@ -90,8 +92,8 @@ LEAST_ON_BEAT: Final = 0.8  # of the steps
 
 
 def nominal_period_s(stream: DepthStream) -> float:
-    """The time between frames when none is lost: as recording.json states, else the median step, or that of a usual
-    rate of which some steps are one period and the others several; 0 for a single frame without a stated rate.
+    """Return the time between frames when none is lost: as recording.json states, else the median step, or that of a
+    usual rate of which some steps are one period and the others several; 0 for a single frame without a stated rate.
 
     Frames that are lost in a regular pattern change the median. A recording that lost every second frame has even
     steps: only recording.json can tell it from one of half the rate.
@@ -110,7 +112,7 @@ def nominal_period_s(stream: DepthStream) -> float:
 
 
 def off_beat(steps_s: np.ndarray, period_s: float) -> np.ndarray:
-    """(n,) how far each step is from a whole number of periods, one or more, in periods."""
+    """Return (n,) how far each step is from a whole number of periods, one or more, in periods."""
     beats = steps_s / period_s
     return np.asarray(np.abs(beats - np.maximum(np.rint(beats), 1.0)))
 
@@ -143,7 +145,7 @@ class CameraGaps:
 
     @property
     def sentence(self) -> str:
-        """What people should know; empty where nothing is missing."""
+        """Return a sentence on what is missing; empty where nothing is missing."""
         parts = []
         if self.dropped:
             parts.append(f"{self.dropped} of {self.usable + self.dropped} depth images are missing")
@@ -160,7 +162,7 @@ class CameraGaps:
 
 
 def find_gaps(recording: Recording) -> tuple[CameraGaps, ...]:
-    """One per camera; the times of ``recording`` are on the reference clock (see ``align_clocks``)."""
+    """Return what each camera lacks; the times of ``recording`` are on the reference clock (see ``align_clocks``)."""
     pairs, reference_s = pair_frames(recording), recording.streams[0].time_s
     return tuple(_of_camera(recording, index, pairs[:, index], reference_s) for index in range(len(recording.cameras)))
 

@@ -5,28 +5,29 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import astuple
+from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
-from anchorpose.recording.depth_image import largest_png, read_depth_image, read_measured_image, read_stream_image
+from anchorpose.recording.depth_image import largest_png, read_depth_image, read_stream_image
 from anchorpose.recording.document import read_document
 from anchorpose.recording.equipment_file import equipment_files, read_equipment
 from anchorpose.recording.pairing import pair_frames
-from anchorpose.recording.recording import DepthStream, FolderFiles, FrameSet, Recording
+from anchorpose.recording.recording import UNKNOWN, DepthStream, FolderFiles, FrameSet, Recording
 from anchorpose.recording.recording_file import RecordingDocument
 from anchorpose.recording.regular_file import STAMP, is_there, list_file, reason
-from anchorpose.recording.subject import UNKNOWN
-from anchorpose.recording.timestamps import SHORTEST_STEP_S, find_duplicates, read_timestamps, times_from_rate
-from anchorpose.recording.usable_cameras import without_dead_cameras
+from anchorpose.recording.timestamps import SHORTEST_STEP_S, find_duplicates, read_timestamps
+
+LOOKED_AT: Final = 40  # depth images of each camera, evenly spread: about as many as the empty room is learnt from
 
 
 def open_recording(folder: Path) -> Recording:
-    """A checked recording; of the depth images, a few of each camera are decoded. Cameras that were dead throughout are
-    left out, with a note.
+    """Return a checked recording; of the depth images, a few of each camera are decoded. Cameras that were dead
+    throughout are left out, with a note.
 
     Times come from timestamps.csv; where that is absent, from ``fps`` and the numbers of the depth images.
     Raises InputError naming the file and the remedy. A damaged depth image among usable ones of the same camera is not
@@ -55,11 +56,50 @@ def open_recording(folder: Path) -> Recording:
         equipment=read_equipment(folder / document.equipment) if document.equipment else None,
         subject=document.subject.subject() if document.subject else UNKNOWN,
     )
-    return without_dead_cameras(recording)
+    return _without_dead_cameras(recording)
+
+
+def _without_dead_cameras(recording: Recording) -> Recording:
+    """Return the recording without the cameras that measured nothing from first to last, and with a note on each.
+
+    Such a camera was blinded, covered or broken: its files are whole and hold no measurement (``content_problem``).
+    Raises InputError where no camera is left.
+    """
+    dead = {number: why for number in range(len(recording.cameras)) if (why := _why_dead(recording, number))}
+    if not dead:
+        return recording
+    alive = [number for number in range(len(recording.cameras)) if number not in dead]
+    if not alive:
+        remedy = "nothing was measured: uncover the lens, keep the sun out, and record again"
+        raise InputError(recording.folder / recording.cameras[0].name / "depth", dead[0], remedy)
+    notes = [f"camera {recording.cameras[number].name} was left out: {why}" for number, why in dead.items()]
+    if 0 in dead:
+        notes.append(
+            f"frames and times are those of camera {recording.cameras[alive[0]].name}, the first that measured"
+        )
+    return replace(
+        recording,
+        cameras=tuple(recording.cameras[number] for number in alive),
+        streams=tuple(recording.streams[number] for number in alive),
+        backgrounds_m=tuple(recording.backgrounds_m[number] for number in alive),
+        notes=(*recording.notes, *notes),
+    )
+
+
+def _why_dead(recording: Recording, camera: int) -> str:
+    """Return why no depth image of a camera can be used; empty where one can."""
+    count = len(recording.streams[camera].files)
+    problem = ""
+    for position in np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int)).tolist():
+        image = read_stream_image(recording, camera, position)
+        if not image.problem:
+            return ""
+        problem = problem or f"{recording.streams[camera].files[position].name} {image.problem}"
+    return f"it measured nothing from first to last ({problem})"
 
 
 def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -> Iterator[FrameSet]:
-    """The frame sets ``start`` to ``stop`` (positions in the first camera's stream), decoded one at a time.
+    """Return the frame sets ``start`` to ``stop`` (positions in the first camera's stream), decoded one at a time.
 
     Raises InputError at once where the cameras never overlap in time or the range is empty; a damaged depth image is
     None with a sentence in the set's ``problems``.
@@ -70,12 +110,12 @@ def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -
 
 
 def read_frame(recording: Recording, position: int) -> FrameSet:
-    """The frame set at one position in the first camera's stream; raises InputError as ``read_frames``."""
+    """Return the frame set at one position in the first camera's stream; raises InputError as ``read_frames``."""
     return next(read_frames(recording, position, position + 1))
 
 
 def frame_range(recording: Recording, start: int = 0, stop: int | None = None) -> range:
-    """The positions ``start`` to ``stop`` of the first camera; raises InputError where there are none."""
+    """Return the positions ``start`` to ``stop`` of the first camera; raises InputError where there are none."""
     count = len(recording.streams[0].files)
     stop = count if stop is None else min(stop, count)
     if not 0 <= start < stop:
@@ -107,7 +147,7 @@ def _read_set(recording: Recording, pair: np.ndarray, position: int) -> FrameSet
 
 
 def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStream:
-    """The depth images of a camera's folder; most_bytes: of the file of one."""
+    """Return the depth images of a camera's folder; most_bytes: of the file of one."""
     files = _number_files(folder / "depth")
     numbers, repeated = np.array(sorted(files), dtype=np.int64), 0
     path = folder / "timestamps.csv"
@@ -118,11 +158,11 @@ def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStrea
         later = np.append(True, np.diff(time_s) > SHORTEST_STEP_S)
         repeated, numbers, time_s = int((~later).sum()), numbers[later], time_s[later]
     elif fps is not None:
-        time_s = times_from_rate(numbers, fps)
+        time_s = numbers / fps  # a missing number is a dropped frame
     else:
         raise InputError(path, "there is no such file", 'add it, or write the camera\'s "fps" into recording.json')
     kept = FolderFiles(folder / "depth", tuple(files[number] for number in numbers.tolist()))
-    listed = np.fromiter((astuple(list_file(file)) for file in kept), STAMP, len(kept))
+    listed = np.fromiter((list_file(file) for file in kept), STAMP, len(kept))
     return DepthStream(
         files=kept,
         time_s=time_s,
@@ -135,7 +175,7 @@ def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStrea
 
 
 def _number_files(folder: Path) -> dict[int, str]:
-    """The names of a camera's depth images by their numbers."""
+    """Return the names of a camera's depth images by their numbers."""
     if not folder.is_dir():
         raise InputError(folder, "there is no such folder", "put the camera's depth images there")
     files: dict[int, str] = {}
@@ -184,14 +224,14 @@ def _read_background(folder: Path, camera: Camera) -> np.ndarray | None:
     path = folder / camera.name / "background.png"
     if not is_there(path):
         return None
-    image = read_measured_image(path, camera)
+    image = read_depth_image(path, camera, judged=True)
     if image.depth_m is None:
         raise InputError(path, image.problem, "record the empty room again, or remove the file to do without it")
     return image.depth_m
 
 
 def input_files(recording: Recording) -> Iterator[Path]:
-    """Every file that was read for ``recording``, depth images included, in a fixed order."""
+    """Yield every file that was read for ``recording``, depth images included, in a fixed order."""
     document = recording.folder / "recording.json"
     yield document
     equipment = read_document(document, RecordingDocument).equipment

@@ -1,17 +1,67 @@
-"""The content of a recording folder, once read and checked, and the clocks of its cameras."""
+"""The content of a recording folder, once read and checked: patient, cameras and their clocks.
+
+What is stated about the patient is optional, and none of it is copied into results or exports.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import overload
+from typing import Final, Literal, overload
 
 import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.recording.equipment import EquipmentModel
-from anchorpose.recording.subject import UNKNOWN, Subject
+
+MissingPart = Literal[
+    "arm_left", "arm_right", "forearm_left", "forearm_right", "hand_left", "hand_right",
+    "leg_left", "leg_right", "shank_left", "shank_right", "foot_left", "foot_right",
+]  # fmt: skip
+"""A part that a body may lack, with all that hangs on it: a missing arm is missing from the shoulder on."""
+
+CoveredPart = Literal[
+    "head", "trunk", "upper_arm_left", "upper_arm_right", "forearm_left", "forearm_right", "hand_left", "hand_right",
+    "thigh_left", "thigh_right", "shank_left", "shank_right", "foot_left", "foot_right",
+]  # fmt: skip
+"""A segment that an orthosis, brace, helmet, harness or prosthesis may cover."""
+
+GROWN_YEARS: Final = 16.0  # from then on bodies are those of adults
+FIRST_RECORDED: Final = 2010  # depth cameras for everybody appeared in that year
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject:
+    """The patient. None: unknown."""
+
+    height_m: float | None = None
+    age_years: float | None = None
+    birth_year: int | None = None
+    sex: Literal["female", "male"] | None = None
+    missing: tuple[MissingPart, ...] = ()
+    covered: tuple[CoveredPart, ...] = ()
+
+    @property
+    def unmeasured(self) -> Subject:
+        """Return the same without what the pictures can contradict: height, age and sex."""
+        return Subject(missing=self.missing, covered=self.covered)
+
+    @property
+    def grown(self) -> bool | None:
+        """Return whether the patient is an adult, None where that is unknown.
+
+        Of a birth year alone only those who were grown when the first depth cameras appeared: the year of the recording
+        is not known, and results do not depend on today's date.
+        """
+        if self.age_years is not None:
+            return self.age_years >= GROWN_YEARS
+        if self.birth_year is not None and self.birth_year + GROWN_YEARS <= FIRST_RECORDED:
+            return True
+        return None
+
+
+UNKNOWN: Final = Subject()
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +113,8 @@ class Recording:
 
     @property
     def rate_hz(self) -> float:
-        """Frames per second of the reference camera, without dropped frames; 30, the usual rate, for a single frame."""
+        """Return frames per second of the reference camera, without dropped frames; 30, the usual rate, for a single
+        frame."""
         time_s = self.streams[0].time_s
         return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 30.0
 
@@ -88,16 +139,16 @@ class Clock:
     at_s: float = 0.0  # the reference time at which ahead_s holds
 
     def reference_s(self, own_s: np.ndarray) -> np.ndarray:
-        """The reference times at which this clock showed ``own_s``, (n,) float64."""
+        """Return the reference times at which this clock showed ``own_s``, (n,) float64."""
         return np.asarray(self.at_s + (own_s - self.at_s - self.ahead_s) / (1.0 + self.drift))
 
     def own_s(self, reference_s: float) -> float:
-        """The time that this clock shows at a reference time."""
+        """Return the time that this clock shows at a reference time."""
         return reference_s + self.ahead_s + self.drift * (reference_s - self.at_s)
 
 
 def align_clocks(recording: Recording, clocks: Sequence[Clock]) -> Recording:
-    """``recording`` with the times of every camera on the reference clock; one clock per camera."""
+    """Return ``recording`` with the times of every camera on the reference clock; one clock per camera."""
     streams = tuple(
         replace(stream, time_s=clock.reference_s(stream.time_s))
         for stream, clock in zip(recording.streams, clocks, strict=True)

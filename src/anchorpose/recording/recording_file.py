@@ -25,8 +25,7 @@ from anchorpose.recording.document import (
     require_file_name,
     require_rigid,
 )
-from anchorpose.recording.recording import Recording
-from anchorpose.recording.subject import CoveredPart, MissingPart, Subject
+from anchorpose.recording.recording import CoveredPart, MissingPart, Recording, Subject
 from anchorpose.settings import LARGEST, Unfit, shown
 
 FARTHEST_CAMERA_M: Final = 100.0
@@ -104,7 +103,7 @@ class LensEntry(Entry):
     valid_radius: Radius | None = None
 
     def lens(self) -> Intrinsics:
-        """The lens that is described."""
+        """Return the lens that is described."""
         return Intrinsics(**self.model_dump(exclude_none=True))
 
     @model_validator(mode="after")
@@ -148,7 +147,7 @@ class CameraEntry(Entry):
         return self
 
     def camera(self) -> Camera:
-        """The camera that is described."""
+        """Return the camera that is described."""
         same = self.model_dump(include={"name", "width", "height", "depth_scale"})
         return Camera(**same, intrinsics=self.intrinsics.lens(), T_world_camera=self.camera_to_world)
 
@@ -164,7 +163,7 @@ class SubjectEntry(Entry):
     covered: tuple[CoveredPart, ...] = ()
 
     def subject(self) -> Subject:
-        """The patient who is described."""
+        """Return the patient who is described."""
         return Subject(**self.model_dump())
 
 
@@ -195,7 +194,7 @@ class RecordingDocument(Entry):
 
 
 def camera_document(camera: Camera) -> dict[str, Any]:
-    """A camera as recording.json has it."""
+    """Return a camera as recording.json has it."""
     lens, pose = camera.intrinsics, camera.T_world_camera
     return {
         "name": camera.name,
@@ -216,7 +215,7 @@ def camera_document(camera: Camera) -> dict[str, Any]:
 
 
 def with_height(recording: Recording, height_m: float | None) -> Recording:
-    """The recording with the given height, or its own where none is given.
+    """Return the recording with the given height, or its own where none is given.
 
     Raises InputError where the two contradict each other: nobody can know which one is wrong.
     """
@@ -252,7 +251,7 @@ class CalibrationDocument(Entry, extra="ignore"):
 
 
 def read_calibration(path: Path) -> dict[str, np.ndarray]:
-    """T_world_camera (4, 4) by camera name; raises InputError naming the file, the key and the remedy."""
+    """Return T_world_camera (4, 4) by camera name; raises InputError naming the file, the key and the remedy."""
     file = path / CALIBRATION_FILE if path.is_dir() else path
     cameras = read_document(file, CalibrationDocument).cameras
     poses = {camera.name: camera.camera_to_world for camera in cameras}
@@ -264,7 +263,7 @@ def read_calibration(path: Path) -> dict[str, np.ndarray]:
 
 
 def with_poses(recording: Recording, path: Path) -> Recording:
-    """The recording with the poses of a calibration file instead of its own.
+    """Return the recording with the poses of a calibration file instead of its own.
 
     Raises InputError where the file has no pose for one of its cameras: old and new poses are in different worlds.
     """

@@ -1,18 +1,23 @@
-"""Opening every file that comes from a user or another program: regular files only, up to a bound on their size.
+"""Open every file that comes from a user or another program: regular files only, up to a bound on their size.
 
 A named pipe without a writer would stop the run for ever, and a device has no end. ``read_whole`` and ``read_bounded``
 read a whole file; ``open_regular`` opens one that is read in pieces; ``require_regular`` comes before a library that
-opens a path itself. No module opens an input otherwise (tests/test_structure.py).
+opens a path itself; ``read_arrays`` and ``read_image`` decode what is no depth frame. No module opens an input
+otherwise (tests/test_structure.py).
 """
 
 from __future__ import annotations
 
 import os
 import stat
-from dataclasses import dataclass
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
-from typing import Final
+from threading import Lock
+from typing import Any, Final
 
 import numpy as np
 
@@ -29,35 +34,30 @@ LARGEST_IMAGE: Final = 256 * 2**20
 LARGEST_ARRAYS: Final = 4 * 2**30
 """Bytes of arrays in memory, or of a stored state of a run: an hour of true joints at 30 Hz has 54 MB."""
 
+AS_STORED: Final = -1  # cv2.IMREAD_UNCHANGED
+
 PUT_FILE: Final = "put the file itself there, or remove it"
+
+
+Stamp = tuple[int, int, int]
+"""Size, time of change (ns) and inode: they differ once a file was replaced or written to."""
+
+_ERROR_STREAM: Final = 2
+_REDIRECTED: Final = Lock()
 
 
 class Unreadable(Exception):
     """Why a file is not read, as the end of a sentence that begins with its name."""
 
 
-@dataclass(frozen=True, slots=True)
-class FileStamp:
-    """By what a file is recognised that was replaced or written to since it was listed."""
-
-    size: int
-    changed_ns: int
-    inode: int
-
-
 STAMP: Final = np.dtype([("size", np.int64), ("changed_ns", np.int64), ("inode", np.uint64)])
-"""A ``FileStamp`` in an array: an hour has 324,000 files."""
+"""What ``list_file`` returns, as an array's type: an hour has 324,000 files."""
 
 
-def stamp_of(found: os.stat_result) -> FileStamp:
-    """The stamp of a file by its status."""
-    return FileStamp(found.st_size, found.st_mtime_ns, found.st_ino)
-
-
-def list_file(path: Path) -> FileStamp:
+def list_file(path: Path) -> Stamp:
     """Return the stamp of a regular file, which is not opened; raises InputError for anything else."""
     try:
-        return stamp_of(require_regular(path))
+        return _stamp_of(require_regular(path))
     except FileNotFoundError:
         raise InputError(
             path, "is a link to a file that is not there", "copy the file itself, or remove the link"
@@ -81,72 +81,69 @@ def require_regular(path: Path, most_bytes: int | None = None) -> os.stat_result
 
 def open_regular(path: Path) -> BufferedReader:
     """Open a regular file to be read in pieces; raises OSError as ``open``, InputError where it is anything else."""
+    try:
+        return _open(path)
+    except Unreadable as problem:
+        raise InputError(path, str(problem), PUT_FILE) from None
+
+
+def _open(path: Path) -> BufferedReader:
     descriptor = os.open(path, os.O_RDONLY | NEVER_BLOCKS)
-    problem = _not_a_file(os.fstat(descriptor).st_mode)
-    if problem:
+    if problem := _not_a_file(os.fstat(descriptor).st_mode):
         os.close(descriptor)
-        raise InputError(path, problem, PUT_FILE)
+        raise Unreadable(problem)
     return open(descriptor, "rb")
 
 
 def is_there(path: Path) -> bool:
-    """Whether anything has this name: also a link that leads nowhere, which must not pass for an absent file."""
+    """Return whether anything has this name: also a link that leads nowhere, which must not pass for an absent file."""
     return os.path.lexists(path)
 
 
-def read_bounded(path: Path, most_bytes: int, listed: FileStamp | None = None) -> bytes:
-    """The content of a regular file of at most so many bytes; raises Unreadable with the reason.
+def read_bounded(path: Path, most_bytes: int, listed: Stamp | None = None) -> bytes:
+    """Return the content of a regular file of at most so many bytes; raises Unreadable with the reason.
 
     listed: its stamp when the run began. Raises InputError where it is another file by now: the run would mix two
     recordings.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | NEVER_BLOCKS)
+        with _open(path) as file:
+            found = os.fstat(file.fileno())
+            if listed is not None and _stamp_of(found) != listed:
+                raise InputError(path, "was changed or replaced while the recording was read", "start again")
+            if found.st_size > most_bytes:
+                raise Unreadable(_too_large(found.st_size, most_bytes))
+            content = file.read(most_bytes + 1)
     except (OSError, ValueError) as error:
         raise Unreadable(f"cannot be read ({reason(error)})") from None
-    try:
-        content = _content(path, descriptor, most_bytes, listed)
-    except OSError as error:
-        raise Unreadable(f"cannot be read ({reason(error)})") from None
-    finally:
-        os.close(descriptor)
     if len(content) > most_bytes:  # some file systems state a size of 0
         raise Unreadable(f"has more than {most_bytes:,} bytes")
     return content
 
 
-def _content(path: Path, descriptor: int, most_bytes: int, listed: FileStamp | None) -> bytes:
-    """Up to one byte more than may be; its status is that of the very file that is read."""
-    found = os.fstat(descriptor)
-    if problem := _not_a_file(found.st_mode):
-        raise Unreadable(problem)
-    if listed is not None and stamp_of(found) != listed:
-        raise InputError(path, "was changed or replaced while the recording was read", "start again")
-    if found.st_size > most_bytes:
-        raise Unreadable(_too_large(found.st_size, most_bytes))
-    with open(descriptor, "rb", closefd=False) as file:
-        return file.read(most_bytes + 1)
-
-
 def read_whole(path: Path, most_bytes: int, remedy: str) -> bytes:
-    """As ``read_bounded``, and raises InputError with the remedy where the file is not read."""
+    """Return the content as ``read_bounded``; raises InputError with the remedy where the file is not read."""
     try:
         return read_bounded(path, most_bytes)
     except Unreadable as problem:
         raise InputError(path, str(problem), remedy) from None
 
 
+def reason(error: OSError | ValueError) -> str:
+    """Return what the system has against a file, in its own words; a name with a null byte is a ValueError."""
+    return getattr(error, "strerror", None) or str(error)
+
+
+def _stamp_of(found: os.stat_result) -> Stamp:
+    return found.st_size, found.st_mtime_ns, found.st_ino
+
+
 def _too_large(size: int, most_bytes: int) -> str:
     return f"has {size:,} bytes, and such a file has {most_bytes:,} at most"
 
 
-def reason(error: OSError | ValueError) -> str:
-    """What the system has against a file, in its own words; a name with a null byte is a ValueError."""
-    return getattr(error, "strerror", None) or str(error)
-
-
 def _not_a_file(mode: int) -> str:
-    """What a path is that is not a regular file; empty where it is one."""
+    """Return what a path is that is not a regular file; empty where it is one."""
     kinds = (
         (stat.S_ISREG, ""),
         (stat.S_ISDIR, "is a folder, not a file"),
@@ -154,3 +151,48 @@ def _not_a_file(mode: int) -> str:
         (stat.S_ISSOCK, "is a socket, not a file"),
     )
     return next((words for is_kind, words in kinds if is_kind(mode)), "is a device, not a file")
+
+
+def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]:
+    """Return those of the named arrays that an .npz file has; raises InputError where it is not one."""
+    try:
+        with open_regular(path) as stream, zipfile.ZipFile(stream) as packed:
+            size = sum(packed.getinfo(f"{name}.npy").file_size for name in names if f"{name}.npy" in packed.namelist())
+            if size > LARGEST_ARRAYS:
+                raise ValueError(f"{size:,} bytes unpacked, {LARGEST_ARRAYS:,} at most")
+            stream.seek(0)
+            with np.load(stream, allow_pickle=False) as file:
+                return {name: file[name] for name in names if name in file.files}
+    except FileNotFoundError:
+        raise InputError(path, "there is no such file", "check the path") from None
+    except (OSError, ValueError, zipfile.BadZipFile, zlib.error, EOFError, MemoryError, RuntimeError) as error:
+        first = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
+        raise InputError(path, f"is not a readable .npz file ({first})", remedy) from None
+
+
+def read_image(path: Path, flags: int = AS_STORED) -> np.ndarray | None:
+    """Return the pixels of an image file as OpenCV does, None where it cannot be read or is damaged."""
+    import cv2
+
+    try:
+        data = read_bounded(path, LARGEST_IMAGE)
+        with _silent_decoders():
+            return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except (Unreadable, cv2.error):  # the second: no bytes, or more pixels than it decodes
+        return None
+
+
+@contextmanager
+def _silent_decoders() -> Iterator[None]:
+    """Discard what libpng and libjpeg print about damaged files: no log level of OpenCV reaches them.
+
+    The error stream of the whole process is redirected, so this is not for images that are read while others work.
+    """
+    with _REDIRECTED, open(os.devnull, "wb") as nothing:
+        kept = os.dup(_ERROR_STREAM)
+        os.dup2(nothing.fileno(), _ERROR_STREAM)
+        try:
+            yield
+        finally:
+            os.dup2(kept, _ERROR_STREAM)
+            os.close(kept)

@@ -36,7 +36,7 @@ _USUAL_STEP_S: Final = 1.0 / 30.0
 
 
 def read_timestamps(path: Path) -> dict[int, float]:
-    """Frame number to time in seconds, in the order of the file.
+    """Return frame number to time in seconds, in the order of the file.
 
     Recorders sometimes stamp a frame with the time of the one before; such a time is kept, and the caller leaves its
     depth image out. Raises InputError where frame numbers do not increase, where time goes back, and where so many
@@ -84,11 +84,6 @@ def _require_seconds(path: Path, time_s: np.ndarray) -> None:
         raise InputError(path, problem, "write seconds, from the start of the recording or since 1970")
 
 
-def times_from_rate(frames: np.ndarray, fps: float) -> np.ndarray:
-    """(n,) float64 seconds of frames (n,) numbered at a steady rate; a missing number is a dropped frame."""
-    return frames / fps
-
-
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     lines = read_text(path).splitlines()
     if not lines or [cell.strip() for cell in lines[0].split(",")] != ["frame", "time_s"]:
@@ -114,7 +109,7 @@ MOST_DUPLICATES: Final = 0.5
 
 
 def find_duplicates(files: Sequence[Path], sizes: Sequence[int], most_bytes: int) -> np.ndarray:
-    """(n,) bool: which files, regular ones of so many bytes, are equal, byte for byte, to the file before.
+    """Return (n,) bool: which files, regular ones of so many bytes, are equal, byte for byte, to the file before.
 
     The noise of a depth sensor makes two images of the same scene differ, so equal files are one image. Files of
     different sizes are not opened, nor are those above ``most_bytes``, which no depth image has. All False where most

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.errors import InputError
-from anchorpose.recording.csv_text import read_rows, require_distinct
+from anchorpose.recording.document import read_rows, require_distinct
 
 Detectable = dict[tuple[str, str | None, str], float]
 """By measure, side and unit: the least change that errors and days alone exceed 5 times in 100."""

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from anchorpose.joints import LOST
-from anchorpose.recording.image_file import read_image
+from anchorpose.recording.regular_file import read_image
 from anchorpose.report.measure_section import measure_section
 from anchorpose.report.moment_section import moment_section
 from anchorpose.report.motion_section import angle_section, joint_charts, state_table

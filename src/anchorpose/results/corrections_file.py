@@ -12,6 +12,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from anchorpose.recording.document import Entry, Text, Version, read_document, validate
 from anchorpose.recording.recording import Clock
 from anchorpose.recording.recording_file import CameraPose
+from anchorpose.recording.timestamps import Seconds
 from anchorpose.results.corrections import (
     FARTHEST_M,
     Correction,
@@ -19,7 +20,6 @@ from anchorpose.results.corrections import (
     JointCorrection,
     NamedPatient,
     ReviewedRecording,
-    Seconds,
     Signature,
     UnusableInterval,
     Utc,

@@ -19,8 +19,7 @@ from filelock import FileLock
 from pydantic import Field, ValidationError
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import Entry
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.document import Entry, parse_json
 from anchorpose.recording.regular_file import read_whole
 from anchorpose.results.corrections import Utc
 from anchorpose.results.run_record import hash_files

@@ -14,7 +14,7 @@ from anchorpose import __version__
 from anchorpose.body.contact_regions import REGIONS
 from anchorpose.errors import InputError
 from anchorpose.joints import JointState
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.document import parse_json
 from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN, RecordTable, read_parquet_schema, required
 
 SEEN, INFERRED = "seen", "inferred"

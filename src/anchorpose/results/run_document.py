@@ -22,7 +22,8 @@ from anchorpose.recording.document import (
     validate,
 )
 from anchorpose.recording.recording_file import CameraPose
-from anchorpose.results.corrections import Frame, Seconds
+from anchorpose.recording.timestamps import Seconds
+from anchorpose.results.corrections import Frame
 from anchorpose.results.corrections_file import CameraEntry, HeldByRun
 from anchorpose.settings import Unfit
 

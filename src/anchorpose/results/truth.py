@@ -10,7 +10,7 @@ import numpy as np
 from anchorpose.body.contact_regions import REGION_BONES
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
-from anchorpose.recording.array_file import read_arrays
+from anchorpose.recording.regular_file import read_arrays
 from anchorpose.recording.timestamps import FARTHEST_TIME_S
 from anchorpose.results.corrections import FARTHEST_M
 

@@ -9,7 +9,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from anchorpose.body.kinematics import BodyMesh, below, stump_of
-from anchorpose.recording.subject import MissingPart
+from anchorpose.recording.recording import MissingPart
 from anchorpose.settings import settings
 
 Build = Literal["ordinary", "varied", "wasted-legs", "heavy", "child"]

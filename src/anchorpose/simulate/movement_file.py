@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.array_file import read_arrays
+from anchorpose.recording.regular_file import read_arrays
 
 CLIP_HZ: Final = 30.0
 MOVEMENTS: Final = {

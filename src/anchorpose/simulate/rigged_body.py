@@ -14,7 +14,7 @@ from anchorpose.body.asset import BodyAsset, stored_asset
 from anchorpose.body.kinematics import BodyMesh
 from anchorpose.body.skin_points import body_points
 from anchorpose.errors import InputError
-from anchorpose.recording.array_file import read_arrays
+from anchorpose.recording.regular_file import read_arrays
 from anchorpose.rotations import rotation_matrices
 
 KEYS: Final = ("vertices", "faces", "bone_names", "bone_heads", "bone_tails", "skin_bones", "skin_weights")

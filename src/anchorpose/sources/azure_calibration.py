@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.lens import Intrinsics, LensModel
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.document import parse_json
 
 DEPTH_CAMERA: Final = "CALIBRATION_CameraLocationD0"
 MODEL: Final = "CALIBRATION_LensDistortionModelBrownConrady"
@@ -48,12 +48,12 @@ MODES: Final = (
 
 
 def depth_mode(width: int, height: int) -> DepthMode | None:
-    """The mode whose images have this size; None where there is none."""
+    """Return the mode whose images have this size; None where there is none."""
     return next((mode for mode in MODES if (mode.width, mode.height) == (width, height)), None)
 
 
 def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
-    """The depth camera's lens in the pixels of a mode.
+    """Return the depth camera's lens in the pixels of a mode.
 
     calibration: the text of ``calibration.json``. Raises ValueError with what is wrong with it, to follow "which".
     """
@@ -75,7 +75,7 @@ def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
 
 
 def _depth_camera(calibration: bytes) -> dict:
-    """The entry of the depth camera."""
+    """Return the entry of the depth camera."""
     try:
         document = parse_json(calibration.rstrip(b"\0"))
         cameras = document["CalibrationInformation"]["Cameras"]
@@ -89,7 +89,7 @@ def _depth_camera(calibration: bytes) -> dict:
 
 
 def _parameters(camera: dict) -> tuple[float, ...]:
-    """The fourteen numbers of the depth camera, checked."""
+    """Return the fourteen numbers of the depth camera, checked."""
     try:
         model = camera["Intrinsics"]["ModelType"]
         numbers = np.array(camera["Intrinsics"]["ModelParameters"], dtype=np.float64)
@@ -105,7 +105,7 @@ def _parameters(camera: dict) -> tuple[float, ...]:
 
 
 def _radius(camera: dict) -> float | None:
-    """How far from the axis the lens was calibrated, in units of z; None where the maker did not find it (0)."""
+    """Return how far from the axis the lens was calibrated, in units of z; None where the maker did not find it (0)."""
     radius = camera.get("MetricRadius")
     if not isinstance(radius, int | float) or not np.isfinite(radius) or radius <= 1e-4:
         return None

@@ -21,7 +21,7 @@ from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.regular_file import open_regular
 from anchorpose.sources.azure_calibration import DepthMode, depth_mode, lens_of
-from anchorpose.sources.source import NO_READING, SourceCamera, SourceFrame
+from anchorpose.sources.source import MILLIMETRE_M, NO_READING, Reader, SourceCamera, SourceFrame
 
 if TYPE_CHECKING:
     from av import Packet, VideoStream
@@ -29,13 +29,12 @@ if TYPE_CHECKING:
 
 EBML: Final = b"\x1a\x45\xdf\xa3"
 SEGMENT: Final = b"\x18\x53\x80\x67"
-DEPTH_SCALE: Final = 0.001  # the SDK's DEPTH16: millimetres
 AGAIN: Final = "copy it from the recording computer again"
 CALIBRATION: Final = "calibration.json"
 
 
 def matches(path: Path, head: bytes) -> bool:
-    """Whether a file is Matroska; ``open_source`` refuses one that has no depth."""
+    """Return whether a file is Matroska; ``open_source`` refuses one that has no depth."""
     return head.startswith(EBML)
 
 
@@ -49,7 +48,7 @@ def open_source(path: Path) -> AzureKinectFile:
             name=re.sub(r"[^\w+-]", "-", path.stem).lstrip("+-") or "camera",
             width=mode.width,
             height=mode.height,
-            depth_scale=DEPTH_SCALE,
+            depth_scale=MILLIMETRE_M,
             intrinsics=lens,
             model=container.metadata.get("title", ""),  # Femto's wrapper calls itself Azure Kinect, too
             serial=container.metadata.get("K4A_DEVICE_SERIAL_NUMBER", ""),
@@ -72,12 +71,12 @@ class AzureKinectFile:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences for the user, complete once all frames were read."""
+        """Return sentences for the user, complete once all frames were read."""
         damaged = f"depth images left out because their size or time is damaged: {self.left_out}"
         return (*self.header_notes, damaged) if self.left_out else self.header_notes
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """The depth images by time, one in memory at a time; damaged ones are left out, and counted in a note.
+        """Yield the depth images by time, one in memory at a time; damaged ones are left out, and counted in a note.
 
         Raises InputError where the file has no depth image that can be read, or reading it fails.
         """
@@ -96,7 +95,7 @@ class AzureKinectFile:
             raise InputError(self.path, "holds no depth image that can be read", AGAIN)
 
     def _whole_images(self, packets: Iterator[Packet], size: int) -> Iterator[Packet]:
-        """The packets that hold an image of ``size`` bytes and a time."""
+        """Yield the packets that hold an image of ``size`` bytes and a time."""
         for packet in packets:
             if packet.size == size and packet.pts is not None and packet.pts >= 0:
                 yield packet
@@ -104,7 +103,7 @@ class AzureKinectFile:
                 self.left_out += 1
 
     def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
-        """Without the packets whose time is damaged: later than that of the next, or no later than the one before.
+        """Leave out the packets whose time is damaged: later than that of the next, or no later than the one before.
 
         One packet is held back until the next is known, so that a single time far ahead does not cost all after it.
         """
@@ -125,7 +124,8 @@ class AzureKinectFile:
 
 
 def _image(packet: Packet, height: int, width: int) -> np.ndarray:
-    """(height, width) uint16 of an uncompressed packet: its bytes are the pixels, so that no decoder touches them."""
+    """Return (height, width) uint16 of an uncompressed packet: its bytes are the pixels, so that no decoder touches
+    them."""
     depth = np.frombuffer(memoryview(packet), dtype=">u2").reshape(height, width).astype(np.uint16)
     depth[depth == NO_READING] = 0
     return depth
@@ -150,7 +150,7 @@ def _opened(path: Path) -> Iterator[InputContainer]:
 
 
 def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, DepthMode]:
-    """The track of depth and its mode, which its size states, and a tag where the file has it."""
+    """Return the track of depth and its mode, which its size states, and a tag where the file has it."""
     stream = next((video for video in container.streams.video if video.metadata.get("title") == "DEPTH"), None)
     if stream is None:
         raise InputError(
@@ -171,7 +171,7 @@ def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, De
 
 
 def _lens(container: InputContainer, mode: DepthMode) -> tuple[Intrinsics | None, str]:
-    """The lens, or None and why."""
+    """Return the lens, or None and why."""
     for attached in container.streams.attachments:
         if attached.name == CALIBRATION or "K4A_CALIBRATION_FILE" in attached.metadata:
             try:
@@ -182,7 +182,7 @@ def _lens(container: InputContainer, mode: DepthMode) -> tuple[Intrinsics | None
 
 
 def _start_us(container: InputContainer) -> tuple[int, str]:
-    """The device's clock at the file's time 0, microseconds, and a note where the file does not state it.
+    """Return the device's clock at the file's time 0, microseconds, and a note where the file does not state it.
 
     The recorder subtracts it from all time stamps, and the SDK's player adds it again. K4A_DEPTH_DELAY_NS only pairs
     depth with colour; the time stamps are as the device gave them.
@@ -194,7 +194,8 @@ def _start_us(container: InputContainer) -> tuple[int, str]:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether the file is as long as its segment states; a recorder that was stopped by force states no length."""
+    """Return whether the file is as long as its segment states; a recorder that was stopped by force states no
+    length."""
     with open_regular(path) as file:
         head = file.read(4096)
     start = head.find(SEGMENT) + len(SEGMENT)
@@ -204,3 +205,6 @@ def _is_whole(path: Path) -> bool:
     unknown = (1 << 7 * width) - 1
     length = int.from_bytes(head[start : start + width]) & unknown
     return length != unknown and start + width + length == path.stat().st_size
+
+
+READERS: Final = (Reader(matches, open_source),)

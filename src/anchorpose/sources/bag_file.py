@@ -1,41 +1,50 @@
-"""What the files that hold ROS messages have in common: channels, and the messages on them in the order of the file."""
+"""Files of ROS messages, as bytes by topic: ROS 1, and ROS 2 in MCAP, by rosbags; ROS 2 in SQLite by Python itself.
+
+Of rosbags only the readers of files are used: the definitions that RealSense and Orbbec embed lack fields that their
+messages have, so that it could not decode these. A ROS 1 bag that was cut off has no index; its chunks are then read
+one after the other. Other damage ends the reading, with the name of the tool that repairs the file.
+"""
 
 from __future__ import annotations
 
+import errno
 import re
+import sqlite3
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
-from enum import StrEnum
+from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, Final, NoReturn
+from typing import Any, BinaryIO, Final
 
-from anchorpose.errors import MissingPackage
-from anchorpose.recording.regular_file import open_regular
+from anchorpose.errors import InputError, MissingPackage
+from anchorpose.recording.regular_file import open_regular, require_regular
 
-ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
-_LARGEST_BYTES: Final = 1 << 30  # of what is unpacked at once: a hundred times a usual chunk; damage can ask for more
+ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
+MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
+SQLITE_MAGIC: Final = b"SQLite format 3\0"
+_ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
+_LARGEST_BYTES: Final = 1 << 30  # of a message that is unpacked: a hundred times a usual one; damage can ask for more
+_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # of ROS 1: values of the field "op"
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
 
-class Wire(StrEnum):
-    """How a message became bytes."""
-
-    ROS1 = "ros1"
-    CDR = "cdr"  # of ROS 2
+class DamagedBag(Exception):
+    """Bytes that cannot be what the format says; the message completes "the file is damaged: ..."."""
 
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A topic of the file.
+    """A topic of a file.
 
-    kind: the type of its messages as ROS 1 writes it, for example ``sensor_msgs/Image``; definition: its text,
-    where a bag of ROS 1 embeds it.
+    kind: the type of its messages as ROS 1 writes it, for example ``sensor_msgs/Image``; cdr: whether they are in the
+    encoding of ROS 2; definition: of the type, where the file embeds it.
     """
 
     topic: str
     kind: str
-    wire: Wire
+    cdr: bool
     definition: str = ""
 
 
@@ -48,114 +57,251 @@ class Message:
     data: bytes
 
 
-class DamagedBag(Exception):
-    """Bytes that cannot be what the format says; the message completes "the file is damaged: ..."."""
-
-
 class BagFile(ABC):
-    """An opened file of messages, with its channels by their number in the file."""
+    """An opened file of messages. Raises InputError where it cannot be opened, MissingPackage without rosbags."""
+
+    repair: str
 
     def __init__(self, path: Path) -> None:
+        require_regular(path)
         self._path = path
-        self._channels: dict[int, Channel] = {}
-        self._counts: dict[int, int] | None = None  # messages of each channel, None where only reading all tells
+        self._damage = ""
+        try:
+            connections = self._open()
+        except Exception as error:
+            raise InputError(path, f"the bag is damaged: {_damaged(error)}", self.repair) from error
+        self._channels = {number: channel for number, channel, _ in connections}
+        self._counts = {number: count for number, _, count in connections}
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """All that the file has, as far as it can be read; two publishers on a topic are one channel."""
+        """Return all topics of the file; two publishers on a topic are one channel."""
         return tuple(dict.fromkeys(self._channels.values()))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return sentences on what could not be read, complete once all was read."""
+        return (self._damage,) if self._damage else ()
+
     def count(self, topic: str) -> int | None:
-        """How many messages a topic has; None where only reading all of the file tells."""
-        return None if self._counts is None else sum(self._counts.get(number, 0) for number in self._on((topic,)))
+        """Return how many messages a topic has; None where only reading all of the file tells."""
+        counts = [self._counts[number] for number in self._on((topic,))]
+        return None if None in counts else sum(count or 0 for count in counts)
 
-    @abstractmethod
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """Those of the topics, in the order of the file; what is damaged is left out and becomes a note."""
-
-    @property
-    @abstractmethod
-    def notes(self) -> tuple[str, ...]:
-        """Sentences on what could not be read, complete once all was read."""
-
-    def _on(self, topics: Collection[str]) -> set[int]:
-        return {number for number, channel in self._channels.items() if channel.topic in topics}
-
-
-@dataclass(frozen=True, slots=True)
-class Block:
-    """A part of a file: where it begins, and which channels it has messages of; None where not known."""
-
-    position: int
-    channels: frozenset[int] | None
-
-
-class ChunkedBag(BagFile):
-    """A file of chunks, with or without an index that says where they are and what they hold."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self._blocks: list[Block] = []
-        self._indexed = True
-        self._unreadable = 0
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """See ``BagFile``."""
-        notes, name = [], self._path.name
-        if not self._indexed:
-            notes.append(
-                f"{name} has no usable index, as where recording was cut off; it was read from its beginning as far as "
-                "that goes."
+        """Yield the messages of the topics in the order of their receipt, as far as the file can be read."""
+        numbers, self._damage = self._on(topics), ""
+        try:
+            for number, received_ns, data in self._read(numbers) if numbers else ():
+                yield Message(self._channels[number], received_ns, _unpack(data))
+        except Exception as error:
+            self._damage = (
+                f"{self._path.name} is damaged ({_damaged(error)}), so that what follows is missing: {self.repair}."
             )
-        if self._unreadable:
-            notes.append(f"{self._unreadable} of {len(self._blocks)} chunks of {name} are damaged: left out.")
-        return tuple(notes)
-
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """See ``BagFile``."""
-        wanted, self._unreadable = self._on(topics), 0
-        with open_regular(self._path) as file:
-            for block in self._blocks:
-                if block.channels is not None and wanted.isdisjoint(block.channels):
-                    continue
-                try:
-                    file.seek(block.position)
-                    yield from self._messages_of(file, wanted)
-                except DamagedBag:
-                    self._unreadable += 1
 
     @abstractmethod
-    def _messages_of(self, file: BinaryIO, wanted: Collection[int]) -> Iterator[Message]:
-        """Those of the block at the place of the file. Raises DamagedBag."""
+    def _open(self) -> list[tuple[int, Channel, int | None]]:
+        """Return number, channel and count of messages of each connection."""
+
+    @abstractmethod
+    def _read(self, numbers: Collection[int]) -> Iterable[tuple[int, int, bytes]]:
+        """Yield number, time of receipt (ns) and bytes of the messages of some connections."""
+
+    def _on(self, topics: Collection[str]) -> list[int]:
+        return [number for number, channel in self._channels.items() if channel.topic in topics]
 
 
-class BagFolder(BagFile):
+class _RosbagsFile(BagFile):
+    """A file that a reader of rosbags keeps open."""
+
+    cdr = True
+
+    @abstractmethod
+    def _reader(self) -> Any:
+        """Return the reader of rosbags."""
+
+    def _open(self) -> list[tuple[int, Channel, int | None]]:
+        try:
+            self._bag = self._reader()
+        except ImportError:
+            raise MissingPackage("a bag of ROS messages", "rosbags", "ros") from None
+        self._bag.open()
+        return [
+            (each.id, Channel(each.topic, _kind(each.msgtype), self.cdr, each.msgdef.data), each.msgcount)
+            for each in self._bag.connections
+        ]
+
+    def _read(self, numbers: Collection[int]) -> Iterable[tuple[int, int, bytes]]:
+        wanted = [each for each in self._bag.connections if each.id in numbers]
+        return ((each.id, received_ns, data) for each, received_ns, data in self._bag.messages(wanted))
+
+
+class McapFile(_RosbagsFile):
+    """A bag of ROS 2 in MCAP (mcap.dev)."""
+
+    repair = "repair it with 'mcap recover FILE -o NEW', or record again"
+
+    def _reader(self) -> Any:
+        from rosbags.rosbag2.storage_mcap import McapReader
+
+        return McapReader(self._path)
+
+
+class Ros1File(_RosbagsFile):
+    """A bag of ROS 1 (wiki.ros.org/Bags/Format/2.0), also without its index."""
+
+    cdr = False
+    repair = "repair it with 'rosbag reindex FILE', or record again"
+
+    def _reader(self) -> Any:
+        from rosbags.rosbag1 import Reader
+
+        return Reader(self._path)
+
+    def _open(self) -> list[tuple[int, Channel, int | None]]:
+        self._indexed = True
+        try:
+            return super()._open()
+        except Exception as error:
+            _damaged(error)
+            self._indexed = False
+            found = {number: data for number, _, data in _scan(self._path) if isinstance(data, Channel)}
+            if not found:
+                raise
+        return [(number, channel, None) for number, channel in found.items()]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return sentences on what could not be read, complete once all was read."""
+        cut = f"{self._path.name} has no usable index, as where recording was cut off; it was read as far as it goes."
+        return super().notes if self._indexed else (cut,)
+
+    def _read(self, numbers: Collection[int]) -> Iterable[tuple[int, int, bytes]]:
+        if self._indexed:
+            return super()._read(numbers)
+        scanned = _scan(self._path)
+        return ((number, time, data) for number, time, data in scanned if number in numbers and isinstance(data, bytes))
+
+
+def _scan(path: Path) -> Iterator[tuple[int, int, bytes | Channel]]:
+    """Yield the messages and the connections of a ROS 1 bag without its index, chunk by chunk until one is cut off."""
+    from rosbags.rosbag1.reader import Header, decompressors
+
+    with open_regular(path) as bag:
+        bag.seek(len(ROS1_MAGIC))
+        for chunk, packed in _records(bag):
+            if chunk.get("op") != _CHUNK:
+                continue
+            try:
+                content = decompressors[chunk.get_string("compression")](packed)
+            except Exception:  # each library has errors of its own, all of which say that the data are damaged
+                return
+            for header, data in _records(BytesIO(content)):
+                if header.get("op") == _CONNECTION:
+                    about = Header.read(BytesIO(len(data).to_bytes(4, "little") + data))
+                    kind, definition = about.get_string("type"), about.get_string("message_definition")
+                    channel = Channel(header.get_string("topic"), _kind(kind), False, definition)
+                    yield header.get_uint32("conn"), 0, channel
+                elif header.get("op") == _MESSAGE:
+                    yield header.get_uint32("conn"), header.get_time("time"), data
+
+
+def _records(file: BinaryIO) -> Iterator[tuple[Any, bytes]]:
+    """Yield header and data of the records of ROS 1 until one is cut off; the data of the last one may be shorter."""
+    from rosbags.rosbag1.reader import Header, ReaderError, read_uint32
+
+    try:
+        while True:
+            yield Header.read(file), file.read(read_uint32(file))
+    except (ReaderError, UnicodeDecodeError):
+        return
+
+
+class Ros2Database(BagFile):
+    """A bag of ROS 2 in SQLite (rosbag2's ``.db3``), one message a row; RealSense writes the same tables."""
+
+    repair = "repair it with 'sqlite3 FILE .recover | sqlite3 NEW', or record again"
+
+    def _open(self) -> list[tuple[int, Channel, int | None]]:
+        with open_regular(self._path) as file:
+            head, size = file.read(32), file.seek(0, 2)
+        page = int.from_bytes(head[16:18], "big")  # sqlite.org/fileformat; 1 stands for 65536
+        if size < int.from_bytes(head[28:32], "big") * (65536 if page == 1 else page):
+            raise DamagedBag("its end is missing")  # SQLite would fill up with zeros
+        topics = "SELECT id, name, type, (SELECT COUNT(*) FROM messages WHERE topic_id = topics.id) FROM topics"
+        with closing(self._connect()) as connection:
+            return [
+                (int(number), Channel(str(topic), _kind(str(kind)), True), int(count))
+                for number, topic, kind, count in connection.execute(topics)
+            ]
+
+    def _read(self, numbers: Collection[int]) -> Iterable[tuple[int, int, bytes]]:
+        marks = ",".join(str(number) for number in numbers)
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id"
+        with closing(self._connect()) as connection:
+            for number, received_ns, data in connection.execute(query):
+                yield number, int(received_ns), bytes(data)
+
+    def _connect(self) -> sqlite3.Connection:
+        """Read only: nothing is written beside the file either, unless a recorder left its own journal there."""
+        return sqlite3.connect(f"{self._path.resolve().as_uri()}?mode=ro", uri=True)
+
+
+class BagFolder:
     """Several files as one, one after the other."""
 
-    def __init__(self, path: Path, files: Sequence[BagFile]) -> None:
-        super().__init__(path)
+    def __init__(self, files: Sequence[BagFile]) -> None:
         self._files = files
-        self._channels = dict(enumerate(channel for file in files for channel in file.channels))
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Return the topics of all files."""
+        return tuple(dict.fromkeys(channel for file in self._files for channel in file.channels))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Those of all files."""
+        """Return the notes of all files."""
         return tuple(note for file in self._files for note in file.notes)
 
     def count(self, topic: str) -> int | None:
-        """Of all files."""
+        """Return how many messages a topic has in all files; None as ``BagFile.count``."""
         counts = [file.count(topic) for file in self._files]
         return None if None in counts else sum(count or 0 for count in counts)
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """File by file."""
+        """Yield the messages of the topics, file by file."""
         for file in self._files:
             yield from file.messages(topics)
 
 
+Bag = BagFile | BagFolder
+
+
+def open_bag(path: Path) -> Bag:
+    """Open a file, or a folder of ROS 2; raises InputError and MissingPackage."""
+    if path.is_dir():
+        return BagFolder([_open_file(file) for file in files_of(path)])
+    return _open_file(path)
+
+
+def _open_file(path: Path) -> BagFile:
+    with open_regular(path) as file:
+        head = file.read(16)
+    kinds: dict[bytes, Callable[[Path], BagFile]] = {
+        ROS1_MAGIC: Ros1File,
+        MCAP_MAGIC: McapFile,
+        SQLITE_MAGIC: Ros2Database,
+    }
+    for magic, kind in kinds.items():
+        if head.startswith(magic):
+            return kind(path)
+    if head.startswith(_ZSTD_MAGIC):
+        raise InputError(path, "it is packed as a whole", "unpack it first: zstd -d FILE")
+    raise InputError(path, "is not a bag", "copy it again from where it was recorded")
+
+
 def files_of(folder: Path) -> tuple[Path, ...]:
-    """The bags of a ROS 2 folder in the order of their numbers, which rosbag2 writes without leading zeros."""
+    """Return the bags of a ROS 2 folder in the order of their numbers, which rosbag2 writes without leading zeros."""
     files = (path for path in folder.iterdir() if path.name.endswith(_ENDINGS) and path.is_file())
 
     def order(path: Path) -> tuple[tuple[int, str], ...]:
@@ -164,76 +310,33 @@ def files_of(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted(files, key=order))
 
 
-def read_at_most(file: BinaryIO, size: int) -> bytes:
-    """The next bytes, fewer at the end of the file; a damaged size does not ask for more memory than the file has."""
-    place = file.tell()
-    end = file.seek(0, 2)
-    file.seek(place)
-    return file.read(min(size, end - place))
-
-
-def kind_of(name: str) -> str:
-    """The type's name as ROS 1 writes it: ROS 2 puts ``msg`` in between."""
+def _kind(name: str) -> str:
+    """Return the type's name as ROS 1 writes it: ROS 2 puts ``msg`` in between."""
     return name.replace("/msg/", "/")
 
 
-def unpack(data: bytes, compression: str, size: int) -> bytes:
-    """Raises DamagedBag where the data do not unpack to ``size`` bytes; MissingPackage without the library."""
-    if compression in ("", "none"):
-        return data
-    if not 0 <= size <= _LARGEST_BYTES:
-        raise DamagedBag(f"{size} bytes cannot be the size of a chunk")
-    unpackers = {"bz2": _unpack_bz2, "lz4": _unpack_lz4, "zstd": _unpack_zstd}
-    if compression not in unpackers:
-        raise DamagedBag(f"it names a compression {compression[:20]!r} that does not exist")
-    try:
-        unpacked = unpackers[compression](data, size)
-    except MissingPackage:
-        raise
-    except Exception as error:  # each library has errors of its own, all of which say that the data are damaged
-        raise DamagedBag(f"data packed with {compression} do not unpack") from error
-    if len(unpacked) != size:
-        raise DamagedBag(f"data packed with {compression} are not complete")
-    return unpacked
+def _damaged(error: Exception) -> DamagedBag:
+    """Return what a library raised as DamagedBag; errors of the disk and missing packages are raised again."""
+    if isinstance(error, DamagedBag):
+        return error
+    of_the_disk = isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)  # bz2's has none; a bad place
+    if of_the_disk or isinstance(error, MissingPackage):
+        raise error
+    return DamagedBag((str(error).splitlines() or [""])[0][:100].rstrip(".") or type(error).__name__)
 
 
-def unpack_message(data: bytes) -> bytes:
-    """A message that is perhaps packed with zstd: RealSense and ROS 2 do so without a mark in the message.
+def _unpack(data: bytes) -> bytes:
+    """Return a message that is perhaps packed with zstd: RealSense and ROS 2 do so without a mark in the message.
 
     CDR begins with a zero byte, so that the two cannot be confused.
     """
-    if not data.startswith(ZSTD_MAGIC):
+    if not data.startswith(_ZSTD_MAGIC):
         return data
     try:
-        unpacked = _unpack_zstd(data, _LARGEST_BYTES)
-    except MissingPackage:
-        raise
-    except Exception as error:
-        raise DamagedBag("a message packed with zstd does not unpack") from error
-    return unpacked
-
-
-def _unpack_bz2(data: bytes, size: int) -> bytes:
-    import bz2
-
-    return bz2.BZ2Decompressor().decompress(data, max_length=size)
-
-
-def _unpack_lz4(data: bytes, size: int) -> bytes:
-    try:
-        import lz4.frame
-    except ImportError as error:
-        _missing("lz4", error)
-    return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))
-
-
-def _unpack_zstd(data: bytes, size: int) -> bytes:
-    try:
         from backports import zstd
-    except ImportError as error:
-        _missing("backports.zstd", error)
-    return bytes(zstd.ZstdDecompressor().decompress(data, max_length=size))
-
-
-def _missing(package: str, error: ImportError) -> NoReturn:
-    raise MissingPackage("a bag with compressed messages", package, "ros") from error
+    except ImportError:
+        raise MissingPackage("a bag with compressed messages", "backports.zstd", "ros") from None
+    try:
+        return bytes(zstd.ZstdDecompressor().decompress(data, max_length=_LARGEST_BYTES))
+    except zstd.ZstdError:
+        return b""  # too short for any message, so that it counts as damaged

@@ -60,8 +60,8 @@ class CameraWriter:
         return path
 
     def note(self, source: Path) -> str:
-        """How many images were left out for their times; empty for none. Raises InputError, naming ``source``, where
-        these are too many, or where those that are left cannot be seconds."""
+        """Return how many images were left out for their times; empty for none. Raises InputError, naming ``source``,
+        where these are too many, or where those that are left cannot be seconds."""
         if self.written:
             self._require_times(source)
         left_out = self.given - self.written
@@ -82,7 +82,7 @@ class CameraWriter:
 
 
 def encode_grey(grey: np.ndarray) -> bytes:
-    """A PNG file of grey values (height, width) uint16.
+    """Return a PNG file of grey values (height, width) uint16.
 
     Run lengths beside Huffman coding: noise has no longer repetitions, and looking for them doubles the time.
     """
@@ -94,7 +94,7 @@ def encode_grey(grey: np.ndarray) -> bytes:
 
 
 def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
-    """Number and time of the images that are there whole: all exist, and the last one can be decoded."""
+    """Return number and time of the images that are there whole: all exist, and the last one can be decoded."""
     path = folder / "timestamps.csv"
     if not path.is_file():
         return []

@@ -4,34 +4,35 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from filelock import FileLock, Timeout
 
-from anchorpose import __version__
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.recording.json_text import LARGEST_BYTES, parse_json
-from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.results.folder import write_text_whole
-from anchorpose.results.run_record import hash_files
 from anchorpose.sources.camera_writer import CameraWriter
-from anchorpose.sources.fingerprint import fingerprint
-from anchorpose.sources.plan import CameraPlan, ConvertOptions, Plan, make_plan
-from anchorpose.sources.readers import open_source
-from anchorpose.sources.source import Source
-from anchorpose.sources.turning import turn_image
+from anchorpose.sources.conversion_file import (
+    CONVERSION_FILE,
+    LOCK_FILE,
+    RECORDING_FILE,
+    conversion_document,
+    is_same,
+    is_untouched,
+    read_conversion,
+)
+from anchorpose.sources.plan import CameraPlan, ConvertOptions, Plan, make_plan, turn_image
+from anchorpose.sources.source import Source, find_reader, open_source
 from anchorpose.threads import one_thread
 
-RECORDING_FILE: Final = "recording.json"
-CONVERSION_FILE: Final = "conversion.json"
-LOCK_FILE: Final = ".conversion.lock"
-
 Progress = Callable[[int, int | None], None]
+
+ENDING: Final = ".anchorpose"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,52 +69,6 @@ def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress
             shutil.rmtree(out)
         raise refusal
     return Converted(out, tuple((name, count) for name, count in counts.items() if count), notes)
-
-
-def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict[str, Any]:
-    """What makes two conversions the same: the program's version, the inputs' content and the options."""
-    prints = [(path, fingerprint(path)) for path in inputs]
-    return {
-        "format": "conversion",
-        "version": 1,
-        "anchorpose": __version__,
-        "inputs": [{"name": path.resolve().name, "bytes": size, "sha256": sha256} for path, (size, sha256) in prints],
-        "options": json.loads(json.dumps(asdict(options))),
-    }
-
-
-def read_conversion(folder: Path) -> dict[str, Any] | None:
-    """The conversion.json of a folder; None where it has none that can be read."""
-    try:
-        values = parse_json(read_bounded(folder / CONVERSION_FILE, LARGEST_BYTES))
-    except (Unreadable, ValueError):
-        return None
-    return values if isinstance(values, dict) and values.get("format") == "conversion" else None
-
-
-def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
-    """Whether a folder's conversion is of the same inputs, whatever their names now, with the same options."""
-    return _identity(found) == _identity(begun)
-
-
-def _identity(document: dict[str, Any]) -> tuple[Any, ...]:
-    inputs = document.get("inputs")
-    prints = [(one.get("bytes"), one.get("sha256")) for one in inputs] if isinstance(inputs, list) else None
-    return prints, document.get("options"), document.get("anchorpose")
-
-
-def is_untouched(folder: Path) -> bool:
-    """Whether a folder with a conversion.json holds what was written into it and nothing else, as far as names and
-    recording.json tell: then it can be made again without losing anybody's work."""
-    for file in folder.iterdir():
-        of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
-        if not of_camera and file.name not in (RECORDING_FILE, CONVERSION_FILE, LOCK_FILE):
-            return False
-    document = folder / RECORDING_FILE
-    if not document.exists():
-        return True
-    found, digest = read_conversion(folder), dict(hash_files([document], folder))
-    return found is not None and found.get(RECORDING_FILE) == digest[RECORDING_FILE]
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
@@ -160,7 +115,7 @@ def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
 def _write_images(
     sources: Sequence[Source], plan: Plan, out: Path, options: ConvertOptions, progress: Progress
 ) -> tuple[dict[str, int], tuple[str, ...]]:
-    """Images per camera name, and notes; raises InputError where no image at all can be read."""
+    """Return images per camera name, and notes; raises InputError where no image at all can be read."""
     counts, notes = dict[str, int](), list[str]()
     expected = [one.count for own in plan.cameras for one in own]
     total = None if None in expected else sum(count or 0 for count in expected)
@@ -189,7 +144,7 @@ def _write_images(
 
 
 def _require_images(source: Source, cameras: Sequence[CameraPlan], counts: dict[str, int]) -> list[str]:
-    """A note for each camera without an image; raises InputError where the source gave none at all."""
+    """Return a note for each camera without an image; raises InputError where the source gave none at all."""
     empty = [own.camera.name for own in cameras if not counts[own.camera.name]]
     if len(empty) == len(cameras):
         told = source.notes[-1].rstrip(".") if source.notes else "nothing says why"
@@ -202,7 +157,7 @@ def _turned(options: ConvertOptions) -> bool:
 
 
 def _finish(out: Path, begun: dict[str, Any], plan: Plan, counts: dict[str, int], notes: tuple[str, ...]) -> None:
-    """recording.json last: without it the folder is no recording."""
+    """Write recording.json last: without it the folder is not a recording."""
     cameras = [own.document() for group in plan.cameras for own in group if counts[own.camera.name]]
     for name, count in counts.items():
         if not count:
@@ -215,3 +170,53 @@ def _finish(out: Path, begun: dict[str, Any], plan: Plan, counts: dict[str, int]
 
 def _json(document: dict[str, Any]) -> str:
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+@dataclass(frozen=True, slots=True)
+class DirectInput:
+    """What a verb was given, and the recording that it works with; ready where nothing needs to be done."""
+
+    given: Path
+    recording: Path
+    ready: bool
+
+
+def look_at(path: Path) -> DirectInput:
+    """Return what ``path`` is. A recording, and anything that no reader knows, is left to ``open_recording``.
+
+    Raises InputError where the recording made of it is of other content and holds files that were added by hand.
+    """
+    if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:
+        return DirectInput(path, path, True)
+    recording = path.resolve().with_name(path.resolve().name + ENDING)
+    if recording.is_symlink():
+        raise InputError(recording, "is in the way and is a link", "rename it, or use 'anchorpose convert'")
+    if not recording.is_dir() or not any(recording.iterdir()):
+        return DirectInput(path, recording, False)
+    found = read_conversion(recording)
+    if found is None:
+        raise InputError(
+            recording, "is in the way and was not made by anchorpose", "rename it, or use 'anchorpose convert'"
+        )
+    if is_same(found, conversion_document([path], ConvertOptions())):
+        return DirectInput(path, recording, (recording / RECORDING_FILE).exists())
+    if not is_untouched(recording):
+        problem = f"was made when {path.name} or anchorpose was another, and holds what was added or changed since"
+        raise InputError(recording, problem, "rename or remove it")
+    shutil.rmtree(recording)
+    return DirectInput(path, recording, False)
+
+
+def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
+    """Converts what is not ready and returns its notes; raises InputError with the way round where it cannot."""
+    if not _may_write(direct.recording.parent):
+        remedy = f"make the recording elsewhere with 'anchorpose convert {direct.given.name} OUT'"
+        raise InputError(direct.recording.parent, "cannot be written", remedy)
+    return convert([direct.given], direct.recording, ConvertOptions(), progress).notes
+
+
+def _may_write(folder: Path) -> bool:
+    """Return a folder that is marked as read-only stays so for an administrator too, to whom the system allows
+    everything."""
+    marked = os.name == "posix" and not folder.stat().st_mode & 0o222
+    return not marked and os.access(folder, os.W_OK)

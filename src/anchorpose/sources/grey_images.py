@@ -20,6 +20,14 @@ ENDINGS: Final = {".png", ".pgm"}
 Size = tuple[int, int]
 """Width and height in pixels."""
 
+_LARGEST: Final = 65534  # 65535 stands for no reading in some formats
+_SCALES: Final = (0.00025, 0.0005, 0.001)  # metres; up to 16, 33 and 65 m. The first is finer than any depth camera
+_WHOLE_MM: Final = 0.01  # of a millimetre: float32 is that exact up to 65 m
+_SPARE: Final = 1.25  # how much farther than the first image later ones may see
+GREY_M: Final = _SCALES[0]
+"""A grey value where only reading all of a file would tell how far it sees: 16.4 m, rounded to an eighth of a
+millimetre at most."""
+
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
@@ -49,11 +57,11 @@ class ImageFiles:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences for the user, complete once all frames were read."""
+        """Return sentences for the user, complete once all frames were read."""
         return (*self._notes, *damaged_notes(self._left_out))
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """The depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
+        """Yield the depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
         taken = 0
         for file in self._files:
             grey, problem = self._read(file.path, self.cameras[0])
@@ -67,7 +75,7 @@ class ImageFiles:
 
 
 def read_grey_image(path: Path, camera: SourceCamera) -> tuple[np.ndarray | None, str]:
-    """The grey values (height, width) uint16 of a PNG or PGM file, or None and what is wrong with it.
+    """Return the grey values (height, width) uint16 of a PNG or PGM file, or None and what is wrong with it.
 
     Raises OSError: a disk that was unplugged is no damaged image, and the conversion can be gone on with.
     """
@@ -79,7 +87,7 @@ def read_grey_image(path: Path, camera: SourceCamera) -> tuple[np.ndarray | None
 
 
 def grey_size(path: Path) -> Size | None:
-    """The size of an image by its header; None where it is not 16-bit grey PNG or PGM."""
+    """Return the size of an image by its header; None where it is not 16-bit grey PNG or PGM."""
     try:
         with open_regular(path) as file:
             head = file.read(512)
@@ -94,7 +102,7 @@ def grey_size(path: Path) -> Size | None:
 
 
 def first_size(path: Path, files: Sequence[Path]) -> Size:
-    """The size of the first image that is 16-bit grey; raises InputError where none is."""
+    """Return the size of the first image that is 16-bit grey; raises InputError where none is."""
     for file in files:
         size = grey_size(file)
         if size is not None:
@@ -103,7 +111,7 @@ def first_size(path: Path, files: Sequence[Path]) -> Size:
 
 
 def images_in(folder: Path) -> list[Path]:
-    """The PNG and PGM files of a folder, in the order of their names read as a person does: 2 before 10."""
+    """Return the PNG and PGM files of a folder, in the order of their names read as a person does: 2 before 10."""
     if not folder.is_dir():
         return []
     files = [file for file in folder.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")]
@@ -111,19 +119,19 @@ def images_in(folder: Path) -> list[Path]:
 
 
 def natural_order(path: Path) -> tuple[tuple[bool, int, str], ...]:
-    """A key that sorts names with numbers by the numbers."""
+    """Return a key that sorts names with numbers by the numbers."""
     parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
     return tuple((part[0] in "0123456789", int(part[:18]) if part[0] in "0123456789" else 0, part) for part in parts)
 
 
 def number_of(path: Path) -> int | None:
-    """The only number in a file's name; None where there is none, several, or one too long to count images."""
+    """Return the only number in a file's name; None where there is none, several, or one too long to count images."""
     numbers = re.findall(r"[0-9]+", path.stem)
     return int(numbers[0]) if len(numbers) == 1 and len(numbers[0]) <= 9 else None
 
 
 def _pgm_header(data: bytes) -> tuple[int, int, int] | None:
-    """Width, height and where the pixels begin, of a PGM file with two bytes per pixel; None for any other."""
+    """Return width, height and where the pixels begin, of a PGM file with two bytes per pixel; None for any other."""
     gap = rb"(?:\s|#[^\n]*\n)+"
     match = re.match(rb"P5" + gap + rb"(\d{1,5})" + gap + rb"(\d{1,5})" + gap + rb"(\d{1,5})\s", data)
     if match is None or not 255 < int(match[3]) < 65536:
@@ -142,3 +150,32 @@ def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, s
     if len(pixels) < 2 * width * height:
         return None, "is truncated"
     return np.frombuffer(pixels, ">u2").reshape(height, width).astype(np.uint16), ""  # the format is big-endian
+
+
+def scale_of(metres: np.ndarray) -> float | None:
+    """Return metres per grey value that keep an image: a millimetre where all are whole millimetres; None without a
+    reading.
+
+    Otherwise the finest of a few that reaches a quarter farther than the image does.
+    """
+    given = metres[np.isfinite(metres)].astype(np.float64)
+    if given.size == 0:
+        return None
+    if np.abs(given * 1000.0 - np.round(given * 1000.0)).max() < _WHOLE_MM:
+        return 0.001
+    return next((scale for scale in _SCALES if given.max() * _SPARE <= _LARGEST * scale), _SCALES[-1])
+
+
+def grey_of_metres(metres: np.ndarray, scale: float) -> tuple[np.ndarray, int]:
+    """Return (height, width) uint16, 0 = no reading, and how many readings are too far for the scale: they are 0."""
+    with np.errstate(invalid="ignore"):
+        grey = np.round(metres.astype(np.float64) / scale)
+    too_far = np.isfinite(grey) & (grey > _LARGEST)
+    grey[~np.isfinite(grey) | too_far | (grey < 0.0)] = 0.0
+    return grey.astype(np.uint16), int(too_far.sum())
+
+
+def to_grey(depth_m: np.ndarray) -> np.ndarray:
+    """Convert (height, width) metres to uint16 in steps of ``GREY_M``; 0 where there is no reading, and beyond 16.4
+    m."""
+    return grey_of_metres(np.asarray(depth_m), GREY_M)[0]

@@ -1,4 +1,5 @@
-"""A plain folder of 16-bit grey PNG or PGM images, also in a subfolder ``depth``, and the sidecar that describes them.
+"""Depth images and a sidecar that describes them: a folder of 16-bit grey PNG or PGM, also in a subfolder ``depth``, or
+raw dumps of 16-bit values, one file for all images or a folder with one each.
 
 Numbers in the names show which images are missing; a sidecar depth.json may give the lens, the unit and the rate.
 """
@@ -6,7 +7,7 @@ Numbers in the names show which images are missing; a sidecar depth.json may giv
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -15,11 +16,20 @@ import numpy as np
 from pydantic import Field
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import Entry, Text, Version, read_document
+from anchorpose.recording.document import LARGEST_BYTES, Entry, Text, Version, parse_json, read_document
 from anchorpose.recording.recording_file import COARSEST_DEPTH_SCALE_M, FINEST_DEPTH_SCALE_M, LensEntry, Rate, Size
+from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 from anchorpose.recording.timestamps import Seconds
-from anchorpose.sources.grey_images import FrameFile, ImageFiles, first_size, grey_size, images_in, number_of
-from anchorpose.sources.source import SourceCamera
+from anchorpose.sources.grey_images import (
+    FrameFile,
+    ImageFiles,
+    first_size,
+    grey_size,
+    images_in,
+    natural_order,
+    number_of,
+)
+from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
 SIDECAR: Final = "depth.json"
 """The name of the sidecar of a folder; that of a single file is the file's name with .json instead of its ending."""
@@ -51,12 +61,12 @@ class SidecarDocument(Entry):
         return read_document(path, SidecarDocument)
 
 
-def matches(path: Path, head: bytes) -> bool:
-    """Whether a folder, or its ``depth``, holds 16-bit grey images."""
+def _is_images(path: Path, head: bytes) -> bool:
+    """Return whether a folder, or its ``depth``, holds 16-bit grey images."""
     return path.is_dir() and any(grey_size(file) is not None for file in _images(path)[:LOOK_AT])
 
 
-def open_source(path: Path) -> ImageFiles:
+def _open_images(path: Path) -> ImageFiles:
     """Raises InputError where the sidecar cannot be used."""
     images = _images(path)
     width, height = first_size(path, images)
@@ -74,8 +84,8 @@ def open_source(path: Path) -> ImageFiles:
 
 
 def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
-    """The images with their times by ``<number>-<microseconds>`` in their names, else their numbers; and whether these
-    are times. Images whose names hold no number of their own are counted."""
+    """Return the images with their times by ``<number>-<microseconds>`` in their names, else their numbers; and whether
+    these are times. Images whose names hold no number of their own are counted."""
     stamps = [re.fullmatch(r"\D*\d+-(\d{9,})", file.stem) for file in images]
     micros = [int(stamp[1]) for stamp in stamps if stamp is not None]
     if len(micros) == len(images) > 1 and FASTEST_S < np.median(np.diff(sorted(micros))) / 1e6 < SLOWEST_S:
@@ -89,7 +99,7 @@ def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
 
 
 def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> SourceCamera:
-    """``camera`` with what the sidecar ``path`` says; raises InputError where the images have another size."""
+    """Return ``camera`` with what the sidecar ``path`` says; raises InputError where the images have another size."""
     for name, own, said in (("width", camera.width, given.width), ("height", camera.height, given.height)):
         if said is not None and said != own:
             raise InputError(path, f"{name} is {said}, the images have {own}", "correct the number")
@@ -104,7 +114,8 @@ def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> Sourc
 
 
 def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndarray | None:
-    """(n,) seconds of images with these numbers, or None; raises InputError where ``times_s`` has another length."""
+    """Return (n,) seconds of images with these numbers, or None; raises InputError where ``times_s`` has another
+    length."""
     if given.times_s is not None:
         if len(given.times_s) != len(numbers):
             problem = f"times_s has {len(given.times_s)} times for {len(numbers)} depth images"
@@ -114,10 +125,103 @@ def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndar
 
 
 def file_times(given: SidecarDocument, path: Path, files: Sequence[FrameFile]) -> list[FrameFile] | None:
-    """The files, now numbered, with the sidecar's times; None where it has none."""
+    """Return the files, now numbered, with the sidecar's times; None where it has none."""
     times = times_of(given, path, np.array([file.time_s for file in files]))
     return None if times is None else [replace(file, time_s=t) for file, t in zip(files, times.tolist(), strict=True)]
 
 
 def _images(path: Path) -> list[Path]:
     return images_in(path) or images_in(path / "depth")
+
+
+def _is_raw_dump(path: Path, head: bytes) -> bool:
+    """Return whether a sidecar that gives a size describes this file or folder."""
+    sidecar = _sidecar(path)
+    if sidecar == path:
+        return False
+    try:
+        values = parse_json(read_bounded(sidecar, LARGEST_BYTES))
+    except (Unreadable, ValueError):
+        return False
+    return isinstance(values, dict) and values.get("format") == "depth-sidecar" and (path.is_file() or _is_raw(path))
+
+
+def _open_raw(path: Path) -> Source:
+    """Raises InputError where the sidecar does not fit."""
+    sidecar = _sidecar(path)
+    given = SidecarDocument.read(sidecar)
+    if given.width is None or given.height is None:
+        raise InputError(sidecar, "has no width and height", "add both: raw images do not tell their size")
+    name = path.resolve().stem if path.is_file() else path.resolve().name
+    camera = camera_of(
+        given,
+        SourceCamera(name=name, width=given.width, height=given.height, depth_scale=None, has_times=False),
+        sidecar,
+    )
+    order = ">u2" if given.byte_order == "big" else "<u2"
+    if path.is_file():
+        return RawFile(path, camera, order, given)
+    files, _ = frame_files(sorted(_raw_files(path), key=natural_order))
+    files = file_times(given, sidecar, files) or files
+    return ImageFiles(path, camera, files, read=lambda file, shape: _read_raw(file, shape, order))
+
+
+class RawFile:
+    """All depth images of one camera, one after another in one file."""
+
+    def __init__(self, path: Path, camera: SourceCamera, order: str, given: SidecarDocument) -> None:
+        self._bytes = 2 * camera.width * camera.height
+        self._count, self._rest = divmod(path.stat().st_size, self._bytes)
+        if self._count == 0:
+            problem = f"is shorter than one image of {camera.width} x {camera.height} pixels"
+            raise InputError(path, problem, "check width and height in its sidecar")
+        times = times_of(given, _sidecar(path), np.arange(self._count, dtype=float))
+        self._times = np.arange(self._count, dtype=float) if times is None else times
+        self.path, self._order = path, order
+        self.cameras: tuple[SourceCamera, ...] = (camera,)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return whether the last image is incomplete."""
+        if not self._rest:
+            return ()
+        return (
+            f"{self.path.name} ends within an image, which was left out; its sidecar's width and height may be wrong.",
+        )
+
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+        """Yield the depth images in the order of the file."""
+        camera = self.cameras[0]
+        with open_regular(self.path) as file:
+            file.seek(skip[0] * self._bytes)
+            for position in range(skip[0], self._count):
+                data = file.read(self._bytes)
+                if len(data) < self._bytes:
+                    raise InputError(self.path, "became shorter while it was read", "convert it once it is complete")
+                grey = np.frombuffer(data, self._order).reshape(camera.height, camera.width).astype(np.uint16)
+                grey[grey == NO_READING] = 0
+                yield SourceFrame(0, float(self._times[position]), grey)
+
+
+def _read_raw(path: Path, camera: SourceCamera, order: str) -> tuple[np.ndarray | None, str]:
+    wanted, size = 2 * camera.width * camera.height, path.stat().st_size
+    if size != wanted:
+        return None, f"has {size} bytes, an image of this size has {wanted}"
+    with open_regular(path) as file:
+        data = file.read(wanted)
+    return np.frombuffer(data, order).reshape(camera.height, camera.width).astype(np.uint16), ""
+
+
+def _sidecar(path: Path) -> Path:
+    return path / SIDECAR if path.is_dir() else path.with_suffix(".json")
+
+
+def _raw_files(folder: Path) -> list[Path]:
+    return [file for file in folder.iterdir() if file.suffix.lower() in {".raw", ".bin"} and file.name[0] != "."]
+
+
+def _is_raw(path: Path) -> bool:
+    return path.is_dir() and bool(_raw_files(path))
+
+
+READERS: Final = (Reader(_is_raw_dump, _open_raw), Reader(_is_images, _open_images))

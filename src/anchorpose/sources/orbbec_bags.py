@@ -14,11 +14,18 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.errors import InputError
-from anchorpose.sources.bag_file import BagFile, DamagedBag, Message
-from anchorpose.sources.depth_stream import READ_BY_HAND, DepthStream, Streams, first, first_grey_image
-from anchorpose.sources.ros_camera import Lens, lens_with, may_be_a_lens
-from anchorpose.sources.ros_depth import size_of
-from anchorpose.sources.ros_messages import ImageMessage, Reader
+from anchorpose.sources.bag_file import Bag, DamagedBag, Message
+from anchorpose.sources.ros_messages import (
+    READ_BY_HAND,
+    DepthStream,
+    ImageMessage,
+    MessageFields,
+    Streams,
+    first,
+    first_grey_image,
+    size_of,
+)
+from anchorpose.sources.ros_streams import Lens, lens_with, may_be_a_lens
 from anchorpose.sources.source import SourceCamera
 
 _DEPTH: Final = "/cam/sensor_3/frameType_3"  # OB_SENSOR_DEPTH, OB_FRAME_DEPTH
@@ -44,8 +51,9 @@ class _Unit:
     stated: bool
 
 
-def find_streams(bag: BagFile, path: Path) -> Streams | None:
-    """The depth images of a recording, None where it is not Orbbec's. Raises InputError where it has no depth."""
+def find_streams(bag: Bag, path: Path) -> Streams | None:
+    """Return the depth images of a recording, None where it is not Orbbec's. Raises InputError where it has no
+    depth."""
     if any(_OF_SDK_1 in channel.definition for channel in bag.channels):
         raise InputError(path, "it is of Orbbec Viewer or SDK 1, whose format is not published", _PLAY_IT)
     if _DEPTH not in {channel.topic for channel in bag.channels}:
@@ -73,11 +81,12 @@ def find_streams(bag: BagFile, path: Path) -> Streams | None:
 
 
 def read_depth(message: Message) -> ImageMessage:
-    """An image with the device's time; SDK 2.3 has the length of metadata before the data, which begin with them.
+    """Return an image with the device's time; SDK 2.3 has the length of metadata before the data, which begin with
+    them.
 
     Raises DamagedBag.
     """
-    reader = Reader(message)
+    reader = MessageFields(message)
     _, frame_id = reader.header()
     height, width, encoding = reader.whole("I"), reader.whole("I"), reader.text()
     big_endian, step, length = reader.whole("B") != 0, reader.whole("I"), reader.whole("I")
@@ -101,12 +110,12 @@ def _notes(lens: Lens | None, unit: _Unit) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _properties(bag: BagFile) -> dict[int, bytes]:
-    """The device's settings by their number."""
+def _properties(bag: Bag) -> dict[int, bytes]:
+    """Return the device's settings by their number."""
     properties = {}
     for message in bag.messages((_PROPERTY,)):
         try:
-            reader = Reader(message)
+            reader = MessageFields(message)
             reader.header()
             number = reader.whole("I")
             properties[number] = bytes(reader.take(reader.whole("I")))
@@ -115,8 +124,9 @@ def _properties(bag: BagFile) -> dict[int, bytes]:
     return properties
 
 
-def _refuse_disparity(bag: BagFile, properties: dict[int, bytes], path: Path) -> None:
-    """Stereo cameras record disparity where the computer, not the camera, turns it into depth."""
+def _refuse_disparity(bag: Bag, properties: dict[int, bytes], path: Path) -> None:
+    """Raise InputError for disparity: stereo cameras record it where the computer, not the camera, turns it into
+    depth."""
     stereo = any(channel.topic == _DISPARITY for channel in bag.channels)
     if stereo and not any(properties.get(_DISPARITY_TO_DEPTH, b"")):
         raise InputError(
@@ -138,8 +148,8 @@ def _unit(properties: dict[int, bytes]) -> _Unit:
 
 
 def _read_lens(message: Message) -> Lens:
-    """``custom_msg/OBStreamProfileInfo``; its coefficients are k1 to k6, then p1, p2."""
-    reader = Reader(message)
+    """Return ``custom_msg/OBStreamProfileInfo``; its coefficients are k1 to k6, then p1, p2."""
+    reader = MessageFields(message)
     reader.header()
     reader.take(2 + 4 * (9 + 3) + 2 * 3)  # stream and format, pose to colour, width, height and rate
     fx, fy, cx, cy = reader.numbers("f", 4).tolist()
@@ -156,8 +166,8 @@ def _read_lens(message: Message) -> Lens:
 
 
 def _read_about(message: Message) -> tuple[str, str]:
-    """``custom_msg/OBDeviceInfo``: name and serial number."""
-    reader = Reader(message)
+    """Return ``custom_msg/OBDeviceInfo``: name and serial number."""
+    reader = MessageFields(message)
     reader.header()
     name, _, _ = reader.text(), reader.text(), reader.text()
     reader.take(4)  # USB's numbers

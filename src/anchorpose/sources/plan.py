@@ -5,17 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Final, Literal
+
+import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.lens import Intrinsics
+from anchorpose.lens import Intrinsics, LensModel
 from anchorpose.recording.document import validate
 from anchorpose.recording.recording_file import RecordingDocument, camera_document
 from anchorpose.sources.source import Source, SourceCamera
-from anchorpose.sources.turning import QUARTERS, can_turn, turn_lens, turn_pose
 
 Degrees = Literal[0, 90, 180, 270]
+
+QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
+"""Quarter turns clockwise, as one sees the image, by degrees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +48,7 @@ class CameraPlan:
     count: int | None
 
     def document(self) -> dict[str, Any]:
-        """As recording.json has it."""
+        """Return the camera as recording.json has it."""
         known = {key: value for key, value in (("model", self.model), ("serial", self.serial)) if value}
         return {**camera_document(self.camera), **known}
 
@@ -106,7 +110,7 @@ def _lens(camera: SourceCamera, options: ConvertOptions) -> Intrinsics | None:
 
 
 def _incomplete(source: Source, camera: SourceCamera, options: ConvertOptions) -> InputError:
-    """Everything that is missing at once, with the option for each."""
+    """Return everything that is missing at once, with the option for each."""
     missing = list[tuple[str, str]]()
     if _lens(camera, options) is None:
         missing.append(("the lens", "--intrinsics fx,fy,cx,cy in pixels"))
@@ -121,7 +125,8 @@ def _incomplete(source: Source, camera: SourceCamera, options: ConvertOptions) -
 
 
 def _names(sources: Sequence[Source]) -> list[str]:
-    """One folder name per camera, unique whatever the case: the camera's own, else with its input's name before it."""
+    """Return one folder name per camera, unique whatever the case: the camera's own, else with its input's name before
+    it."""
     own = [(folder_name(source.path.stem), folder_name(camera.name)) for source in sources for camera in source.cameras]
     cameras = [camera.casefold() for _, camera in own]
     wanted = [f"{i}-{c}" if cameras.count(c.casefold()) > 1 and i != c else c for i, c in own]
@@ -136,14 +141,14 @@ def _names(sources: Sequence[Source]) -> list[str]:
 
 
 def folder_name(text: str) -> str:
-    """``text`` as recording.json allows a camera to be named."""
+    """Return ``text`` as recording.json allows a camera to be named."""
     return re.sub(r"^[^\w]+|[ .]+$", "", re.sub(r"[^\w .+-]", "-", text))[:60].rstrip(" .") or "camera"
 
 
 def _poses_of_one_world(
     cameras: tuple[tuple[CameraPlan, ...], ...], options: ConvertOptions
 ) -> tuple[tuple[tuple[CameraPlan, ...], ...], tuple[str, ...]]:
-    """Without poses that cannot hold: inputs have worlds of their own, and a mirrored world is none."""
+    """Leave out poses that cannot hold: inputs have worlds of their own, and a mirrored world is none."""
     placed = [any(plan.camera.T_world_camera is not None for plan in own) for own in cameras]
     whole = all(plan.camera.T_world_camera is not None for own in cameras for plan in own)
     if not any(placed) or (whole and len(cameras) == 1 and not options.mirror):
@@ -163,7 +168,7 @@ def _require_valid(sources: Sequence[Source], cameras: Sequence[Sequence[CameraP
 
 
 def parse_intrinsics(text: str) -> tuple[float, float, float, float]:
-    """``fx,fy,cx,cy``; raises AnchorposeError otherwise."""
+    """Return ``fx,fy,cx,cy``; raises AnchorposeError otherwise."""
     try:
         fx, fy, cx, cy = (float(part) for part in text.split(","))
     except ValueError:
@@ -171,3 +176,64 @@ def parse_intrinsics(text: str) -> tuple[float, float, float, float]:
     if not (0 < fx < 1e5 and 0 < fy < 1e5 and abs(cx) < 1e5 and abs(cy) < 1e5):
         raise AnchorposeError(f"--intrinsics is '{text}'; write fx,fy,cx,cy in pixels, for example 504,504,320,288.")
     return fx, fy, cx, cy
+
+
+def turn_image(grey: np.ndarray, degrees: int, mirror: bool) -> np.ndarray:
+    """Return the image turned clockwise, then mirrored left to right; contiguous."""
+    turned = np.rot90(grey, -QUARTERS[degrees])
+    return np.ascontiguousarray(turned[:, ::-1] if mirror else turned)
+
+
+def can_turn(lens: Intrinsics, degrees: int) -> bool:
+    """Return whether OpenCV's model can describe the turned lens: a sensor's tilt has an order of its axes, which a
+    quarter turn would exchange."""
+    return QUARTERS[degrees] % 2 == 0 or not any(lens.distortion[12:14])
+
+
+def turn_lens(lens: Intrinsics, size: tuple[int, int], degrees: int, mirror: bool) -> Intrinsics:
+    """Return the lens of the turned image; size: width and height before. See ``can_turn``."""
+    width, height = size
+    for _ in range(QUARTERS[degrees] % 2):
+        lens = _quarter(lens, height)
+        width, height = height, width
+    if QUARTERS[degrees] >= 2:
+        lens = _mirror_down(_mirror_across(lens, width), height)
+    return _mirror_across(lens, width) if mirror else lens
+
+
+def turn_pose(T_world_camera: np.ndarray, degrees: int) -> np.ndarray:
+    """Return T_world_camera of the camera whose image was turned clockwise: the camera turned the other way about its
+    axis."""
+    angle = np.deg2rad(degrees)
+    cos, sin = np.rint(np.cos(angle)), np.rint(np.sin(angle))
+    T_turned_camera = np.eye(4)
+    T_turned_camera[:2, :2] = [[cos, -sin], [sin, cos]]
+    return np.asarray(T_world_camera @ T_turned_camera.T)
+
+
+def _quarter(lens: Intrinsics, height: int) -> Intrinsics:
+    """Turn clockwise by 90 degrees: what had been x becomes y, and y becomes -x."""
+    d = list(lens.distortion)
+    if lens.model is not LensModel.KANNALA_BRANDT:
+        d[2], d[3] = d[3], -d[2]
+        if len(d) >= 12:
+            d[8:12] = [-d[10], -d[11], d[8], d[9]]
+    return replace(lens, fx=lens.fy, fy=lens.fx, cx=height - 1 - lens.cy, cy=lens.cx, distortion=tuple(d))
+
+
+def _mirror_across(lens: Intrinsics, width: int) -> Intrinsics:
+    """Mirror left to right: x becomes -x."""
+    d = _negated(lens, (3, 8, 9, 13))  # p2, s1, s2 and the tilt about y
+    return replace(lens, cx=width - 1 - lens.cx, distortion=d)
+
+
+def _mirror_down(lens: Intrinsics, height: int) -> Intrinsics:
+    """Mirror top to bottom: y becomes -y."""
+    d = _negated(lens, (2, 10, 11, 12))  # p1, s3, s4 and the tilt about x
+    return replace(lens, cy=height - 1 - lens.cy, distortion=d)
+
+
+def _negated(lens: Intrinsics, places: tuple[int, ...]) -> tuple[float, ...]:
+    if lens.model is LensModel.KANNALA_BRANDT:
+        return lens.distortion
+    return tuple(-value if place in places and value else value for place, value in enumerate(lens.distortion))

@@ -13,11 +13,20 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.errors import InputError
-from anchorpose.sources.bag_file import BagFile, DamagedBag, Message, Wire
-from anchorpose.sources.depth_stream import READ_BY_HAND, DepthStream, Streams, first, first_grey_image
-from anchorpose.sources.ros_camera import Lens, lens_with, may_be_a_lens
-from anchorpose.sources.ros_depth import size_of
-from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage, Reader, read_camera_info
+from anchorpose.sources.bag_file import Bag, DamagedBag, Message
+from anchorpose.sources.ros_messages import (
+    READ_BY_HAND,
+    CompressedMessage,
+    DepthStream,
+    ImageMessage,
+    MessageFields,
+    Streams,
+    first,
+    first_grey_image,
+    read_camera_info,
+    size_of,
+)
+from anchorpose.sources.ros_streams import Lens, lens_with, may_be_a_lens
 from anchorpose.sources.source import SourceCamera
 
 _DEPTH: Final = re.compile(r"(?P<sensor>(?P<device>/device_\d+)/sensor_\d+)/Depth_\d+/image/data(/compressedDepth)?")
@@ -27,8 +36,9 @@ _OWN_FIELDS: Final = "1"  # in place of the frame's name: the image is followed 
 Image = ImageMessage | CompressedMessage
 
 
-def find_streams(bag: BagFile, path: Path) -> Streams | None:
-    """The depth images of a recording, None where it is not RealSense's. Raises InputError where no unit is known."""
+def find_streams(bag: Bag, path: Path) -> Streams | None:
+    """Return the depth images of a recording, None where it is not RealSense's. Raises InputError where no unit is
+    known."""
     topics = sorted(channel.topic for channel in bag.channels)
     matches = [match for topic in topics if (match := _DEPTH.fullmatch(topic))]
     if not matches:
@@ -47,14 +57,12 @@ def find_streams(bag: BagFile, path: Path) -> Streams | None:
 
 
 def device_time_ns(message: Message) -> int | None:
-    """The time that a metadata message of a database gives, None where it has none. Raises DamagedBag."""
+    """Return the time that a metadata message of a database gives, None where it has none. Raises DamagedBag."""
     milliseconds = _number(_texts(message).get("timestamp", ""))
     return None if milliseconds is None else round(milliseconds * 1_000_000)
 
 
-def _stream(
-    bag: BagFile, match: re.Match[str], image: Image, path: Path, number: int | None
-) -> tuple[DepthStream, Lens]:
+def _stream(bag: Bag, match: re.Match[str], image: Image, path: Path, number: int | None) -> tuple[DepthStream, Lens]:
     topic = match[0]
     prefix = topic.partition("/image/data")[0]
     scale = _depth_unit(bag, match["sensor"], image)
@@ -63,7 +71,7 @@ def _stream(
     lens, about = _lens(bag, prefix), _about(bag, match["device"])
     width, height = size_of(image)
     metadata = f"{prefix}/image/metadata"
-    in_metadata = any(c.topic == metadata and c.wire is Wire.CDR for c in bag.channels)
+    in_metadata = any(c.topic == metadata and c.cdr for c in bag.channels)
     camera = SourceCamera(
         name="realsense" if number is None else f"realsense_{number}",
         width=width,
@@ -77,8 +85,8 @@ def _stream(
     return DepthStream(topic=topic, camera=camera, metadata_topic=metadata if in_metadata else ""), lens
 
 
-def _depth_unit(bag: BagFile, sensor: str, image: Image) -> float | None:
-    """Metres per grey value, of the image itself or of the sensor's option."""
+def _depth_unit(bag: Bag, sensor: str, image: Image) -> float | None:
+    """Return metres per grey value, of the image itself or of the sensor's option."""
     if isinstance(image, ImageMessage) and image.frame_id == _OWN_FIELDS:
         unit = float(image.reader.number("f"))
     else:
@@ -88,13 +96,13 @@ def _depth_unit(bag: BagFile, sensor: str, image: Image) -> float | None:
 
 
 def _option(message: Message) -> float:
-    reader = Reader(message)
-    if message.channel.wire is Wire.CDR:
+    reader = MessageFields(message)
+    if message.channel.cdr:
         return _number(reader.text()) or 0.0
     return float(reader.number("f"))
 
 
-def _lens(bag: BagFile, prefix: str) -> Lens:
+def _lens(bag: Bag, prefix: str) -> Lens:
     info = first(bag, f"{prefix}/info/camera_info", read_camera_info)
     if info is not None:
         return _lens_with(info.K[0], info.K[4], info.K[2], info.K[5], info.D, info.model)
@@ -115,8 +123,8 @@ def _lens_with(fx: float, fy: float, cx: float, cy: float, D: tuple[float, ...],
     return lens_with((fx, fy, cx, cy), D, _MODELS.get(model, model))
 
 
-def _about(bag: BagFile, device: str) -> dict[str, str]:
-    """Name and serial number, among others: one message for each in a bag, one for all in a database."""
+def _about(bag: Bag, device: str) -> dict[str, str]:
+    """Return name and serial number, among others: one message for each in a bag, one for all in a database."""
     about: dict[str, str] = {}
     for message in bag.messages((f"{device}/info",)):
         try:
@@ -127,9 +135,9 @@ def _about(bag: BagFile, device: str) -> dict[str, str]:
 
 
 def _texts(message: Message) -> dict[str, str]:
-    """Names and values of a message: ``diagnostic_msgs/KeyValue``, or ``name=value;...`` in a text."""
-    reader = Reader(message)
-    if message.channel.wire is Wire.ROS1:
+    """Return names and values of a message: ``diagnostic_msgs/KeyValue``, or ``name=value;...`` in a text."""
+    reader = MessageFields(message)
+    if not message.channel.cdr:
         return {reader.text(): reader.text()}
     pairs = (pair.partition("=") for pair in reader.text().split(";"))
     return {name: value for name, _, value in pairs}

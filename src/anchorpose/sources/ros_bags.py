@@ -4,32 +4,49 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.regular_file import open_regular
-from anchorpose.sources import mcap_file, orbbec_bags, realsense_bags, ros1_file, ros2_database, ros_streams
-from anchorpose.sources.bag_file import ZSTD_MAGIC, BagFile, BagFolder, DamagedBag, Message, files_of
-from anchorpose.sources.depth_stream import RECORD_AGAIN, DepthStream, Streams
-from anchorpose.sources.metres import grey_of_metres
-from anchorpose.sources.ros_depth import METRES, encoding_of, grey_of, metres_of
-from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage
-from anchorpose.sources.source import SourceCamera, SourceFrame
+from anchorpose.sources import orbbec_bags, realsense_bags, ros_streams
+from anchorpose.sources.bag_file import (
+    MCAP_MAGIC,
+    ROS1_MAGIC,
+    SQLITE_MAGIC,
+    Bag,
+    DamagedBag,
+    Message,
+    files_of,
+    open_bag,
+)
+from anchorpose.sources.grey_images import grey_of_metres
+from anchorpose.sources.ros_messages import (
+    METRES,
+    RECORD_AGAIN,
+    CompressedMessage,
+    DepthStream,
+    ImageMessage,
+    Streams,
+    encoding_of,
+    grey_of,
+    metres_of,
+)
+from anchorpose.sources.source import Reader, SourceCamera, SourceFrame
 
 
 def matches(path: Path, head: bytes) -> bool:
-    """See ``Reader``: a bag by its first bytes, a folder of ROS 2 by the bags in it."""
+    """Recognise a bag by its first bytes, a folder of ROS 2 by the bags in it."""
     if path.is_dir():
         return bool(files_of(path))
-    database = head.startswith(ros2_database.MAGIC) and b"CREATE TABLE topics" in head
-    return database or head.startswith((ros1_file.MAGIC, mcap_file.MAGIC))
+    database = head.startswith(SQLITE_MAGIC) and b"CREATE TABLE topics" in head
+    return database or head.startswith((ROS1_MAGIC, MCAP_MAGIC))
 
 
 def open_source(path: Path) -> BagSource:
-    """See ``Reader``."""
+    """Open a bag; raises InputError where it has no depth images that can be read."""
     try:
-        bag = _open_bag(path)
+        bag = open_bag(path)
         for find in (realsense_bags.find_streams, orbbec_bags.find_streams, ros_streams.find_streams):
             streams = find(bag, path)
             if streams is not None:
@@ -43,30 +60,10 @@ def open_source(path: Path) -> BagSource:
     return BagSource(path, bag, streams)
 
 
-def _open_bag(path: Path) -> BagFile:
-    if path.is_dir():
-        return BagFolder(path, [_open_file(file) for file in files_of(path)])
-    return _open_file(path)
-
-
-def _open_file(path: Path) -> BagFile:
-    with open_regular(path) as file:
-        head = file.read(16)
-    if head.startswith(ros1_file.MAGIC):
-        return ros1_file.Ros1File(path)
-    if head.startswith(mcap_file.MAGIC):
-        return mcap_file.McapFile(path)
-    if head.startswith(ros2_database.MAGIC):
-        return ros2_database.Ros2Database(path)
-    if head.startswith(ZSTD_MAGIC):
-        raise InputError(path, "it is packed as a whole", "unpack it first: zstd -d FILE")
-    raise DamagedBag(f"{path.name} is no bag")
-
-
 class BagSource:
     """See ``Source``. Only the image at hand is in memory."""
 
-    def __init__(self, path: Path, bag: BagFile, streams: Streams) -> None:
+    def __init__(self, path: Path, bag: Bag, streams: Streams) -> None:
         self.path = path
         self.cameras: tuple[SourceCamera, ...] = tuple(stream.camera for stream in streams.streams)
         self._bag, self._streams, self._said = bag, streams.streams, streams.notes
@@ -74,12 +71,12 @@ class BagSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """See ``Source``."""
+        """Return sentences for the user, complete once all frames were read."""
         counted = (tally.notes(camera.name) for tally, camera in zip(self._tallies, self.cameras, strict=True))
         return (*self._said, *self._bag.notes, *(note for notes in counted for note in notes))
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """See ``Source``; where a file is cut off, what it has up to there, with a note."""
+        """Yield the depth images; where a file is cut off, what it has up to there, with a note."""
         self._tallies = tuple(_Tally() for _ in self.cameras)
         given = [0] * len(self.cameras)
         try:
@@ -117,7 +114,7 @@ class BagSource:
             self._tallies[camera].damaged += 1
 
     def _read(self, camera: int, message: Message) -> tuple[int, np.ndarray]:
-        """Time in nanoseconds, and (height, width) uint16. Raises DamagedBag."""
+        """Return time in nanoseconds, and (height, width) uint16. Raises DamagedBag."""
         stream = self._streams[camera]
         image = stream.read(message)
         encoding = encoding_of(image)
@@ -147,7 +144,7 @@ class BagSource:
 
 
 def _stamped(camera: int, received_ns: int, depth: np.ndarray, message: Message) -> SourceFrame:
-    """RealSense's image that waited for its time stamp, which is received with it. Raises DamagedBag."""
+    """Return RealSense's image that waited for its time stamp, which is received with it. Raises DamagedBag."""
     time_ns = realsense_bags.device_time_ns(message)
     if time_ns is None or received_ns != message.received_ns:
         raise DamagedBag("an image and its time stamp do not belong together")
@@ -169,3 +166,6 @@ class _Tally:
             yield f"{self.without_stamp} depth images of {name} have no time stamp: the time of their receipt is taken."
         if self.too_far:
             yield f"{self.too_far} readings of {name} are farther than its grey values reach: no reading."
+
+
+READERS: Final = (Reader(matches, open_source),)

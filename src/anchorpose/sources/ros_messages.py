@@ -7,19 +7,36 @@ that a bag embeds: those of Orbbec and RealSense lack fields that their own mess
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final, TypeVar
 
 import numpy as np
 
-from anchorpose.sources.bag_file import DamagedBag, Message, Wire
+from anchorpose.recording.depth_image import image_chunks
+from anchorpose.sources.bag_file import Bag, DamagedBag, Message
+from anchorpose.sources.source import NO_READING, SourceCamera
+
+INTEGERS: Final = frozenset({"16UC1", "mono16", "Z16", "z16"})
+METRES: Final = "32FC1"
+_PNG: Final = b"\x89PNG"
+_HEADER: Final = 12  # bytes of compressed_depth_image_transport's own header: format, two parameters
+T = TypeVar("T")
+IMAGE = "sensor_msgs/Image"
+COMPRESSED = "sensor_msgs/CompressedImage"
+READ_BY_HAND = "convert with --intrinsics fx,fy,cx,cy"
+"""The remedy where a file has no lens that can be used."""
+
+RECORD_AGAIN = "copy it again from where it was recorded, or record again"
+"""The remedy where a file is damaged."""
 
 
-class Reader:
+class MessageFields:
     """Reads the fields of one message in their order; raises DamagedBag beyond its end."""
 
     def __init__(self, message: Message) -> None:
         self._data = memoryview(message.data)
-        self._cdr = message.channel.wire is Wire.CDR
+        self._cdr = message.channel.cdr
         self._order = "<"
         self._start = self._place = 0
         if self._cdr:
@@ -29,43 +46,43 @@ class Reader:
             self._start = self._place = 4
 
     def number(self, kind: str) -> int | float:
-        """The next value; kind: a letter of ``struct``."""
+        """Return the next value; kind: a letter of ``struct``."""
         size = struct.calcsize("<" + kind)
         self._align(size)
         return struct.unpack(self._order + kind, self.take(size))[0]
 
     def whole(self, kind: str) -> int:
-        """The next whole number."""
+        """Return the next whole number."""
         return int(self.number(kind))
 
     def numbers(self, kind: str, count: int) -> np.ndarray:
-        """(count,) float64."""
+        """Return (count,) float64."""
         size = struct.calcsize("<" + kind)
         if count:
             self._align(size)
         return np.frombuffer(self.take(size * count), self._order + kind).astype(np.float64)
 
     def text(self) -> str:
-        """The next text."""
+        """Return the next text."""
         raw = bytes(self.take(self.whole("I")))
         return raw.removesuffix(b"\0").decode("utf-8", "replace") if self._cdr else raw.decode("utf-8", "replace")
 
     def take(self, size: int) -> memoryview:
-        """The next bytes as they are."""
+        """Return the next bytes as they are."""
         if size > len(self._data) - self._place:
             raise DamagedBag("a message is shorter than what it holds")
         self._place += size
         return self._data[self._place - size : self._place]
 
     def header(self) -> tuple[int, str]:
-        """``std_msgs/Header``: the stamp in nanoseconds, and the frame."""
+        """Return ``std_msgs/Header``: the stamp in nanoseconds, and the frame."""
         if not self._cdr:
             self.take(4)  # ROS 1's sequence number
         stamp_ns = self.whole("I") * 1_000_000_000 + self.whole("I")
         return stamp_ns, self.text()
 
     def _align(self, size: int) -> None:
-        """CDR begins each number at a multiple of its size."""
+        """Skip to the next multiple of a number's size, where CDR begins it."""
         if self._cdr:
             self._place += -(self._place - self._start) % size
 
@@ -82,7 +99,7 @@ class ImageMessage:
     big_endian: bool
     step: int
     data: memoryview
-    reader: Reader
+    reader: MessageFields
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +129,7 @@ class CameraInfo:
 
 def read_image(message: Message) -> ImageMessage:
     """Raises DamagedBag."""
-    reader = Reader(message)
+    reader = MessageFields(message)
     stamp_ns, frame_id = reader.header()
     height, width, encoding = reader.whole("I"), reader.whole("I"), reader.text()
     big_endian, step = reader.whole("B") != 0, reader.whole("I")
@@ -123,14 +140,14 @@ def read_image(message: Message) -> ImageMessage:
 
 def read_compressed(message: Message) -> CompressedMessage:
     """Raises DamagedBag."""
-    reader = Reader(message)
+    reader = MessageFields(message)
     stamp_ns, frame_id = reader.header()
     return CompressedMessage(stamp_ns, frame_id, reader.text(), reader.take(reader.whole("I")))
 
 
 def read_camera_info(message: Message) -> CameraInfo:
     """Raises DamagedBag."""
-    reader = Reader(message)
+    reader = MessageFields(message)
     _, frame_id = reader.header()
     height, width, model = reader.whole("I"), reader.whole("I"), reader.text()
     D = tuple(reader.numbers("d", min(reader.whole("I"), 100)).tolist())
@@ -143,13 +160,131 @@ def read_camera_info(message: Message) -> CameraInfo:
 
 
 def read_transforms(message: Message) -> list[tuple[str, str, np.ndarray]]:
-    """``tf2_msgs/TFMessage``: parent and child frame, and (7,) translation in metres and quaternion x, y, z, w.
+    """Return ``tf2_msgs/TFMessage``: parent and child frame, and (7,) translation in metres and quaternion x, y, z, w.
 
     Raises DamagedBag.
     """
-    reader = Reader(message)
+    reader = MessageFields(message)
     transforms = []
     for _ in range(reader.whole("I")):
         _, parent = reader.header()
         transforms.append((parent.lstrip("/"), reader.text().lstrip("/"), reader.numbers("d", 7)))
     return transforms
+
+
+def encoding_of(image: ImageMessage | CompressedMessage) -> str:
+    """Return the encoding, empty for what is no depth image without loss."""
+    if isinstance(image, ImageMessage):
+        return image.encoding if image.encoding in INTEGERS | {METRES} else ""
+    encoding, _, packing = image.format.partition(";")
+    lossless = ("compressedDepth" in packing and "rvl" not in packing) or "png" in packing
+    return encoding.strip() if lossless and encoding.strip() in INTEGERS | {METRES} else ""
+
+
+def size_of(image: ImageMessage | CompressedMessage) -> tuple[int, int]:
+    """Return width and height. Raises DamagedBag."""
+    if isinstance(image, ImageMessage):
+        return image.width, image.height
+    png = _png_of(image)
+    if len(png) < 24:
+        raise DamagedBag("a compressed image is not complete")
+    width, height = struct.unpack(">II", png[16:24])
+    return int(width), int(height)
+
+
+def grey_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
+    """Return (height, width) uint16 of an image whose values are whole numbers, 0 = no reading. Raises DamagedBag."""
+    grey = _plain(image, 2) if isinstance(image, ImageMessage) else _decode(_png_of(image))
+    grey = grey.astype(np.uint16)
+    grey[grey == NO_READING] = 0
+    return grey
+
+
+def metres_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
+    """Return (height, width) float32 of an image in metres, NaN = no reading. Raises DamagedBag."""
+    if isinstance(image, ImageMessage):
+        metres = _plain(image, 4).astype(np.float32)
+    else:
+        # the transport packs 1/depth: png = a / depth + b
+        a, b = struct.unpack("<ff", bytes(image.data[4:_HEADER]).ljust(8, b"\0"))
+        packed = _decode(_png_of(image)).astype(np.float32)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            metres = np.where(packed > 0, np.float32(a) / (packed - np.float32(b)), np.float32(np.nan))
+    metres[~(np.isfinite(metres) & (metres > 0.0))] = np.nan
+    return metres
+
+
+def _plain(image: ImageMessage, size: int) -> np.ndarray:
+    """Return (height, width) of values of ``size`` bytes, rows perhaps padded."""
+    row = image.width * size
+    step = image.step or row
+    if not 0 < row <= step or image.height == 0 or step * image.height > len(image.data):
+        raise DamagedBag("an image has fewer bytes than its size says")
+    order = ">" if image.big_endian else "<"
+    rows = np.frombuffer(image.data, np.uint8, step * image.height).reshape(image.height, step)
+    return np.ascontiguousarray(rows[:, :row]).view(f"{order}{'u' if size == 2 else 'f'}{size}")
+
+
+def _png_of(image: CompressedMessage) -> bytes:
+    data = bytes(image.data)
+    png = data if data.startswith(_PNG) else data[_HEADER:]
+    if not png.startswith(_PNG):
+        raise DamagedBag("a compressed image is not a PNG")
+    return png
+
+
+def _decode(png: bytes) -> np.ndarray:
+    import cv2
+
+    image, problem = image_chunks(png)
+    grey = None if problem else cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_UNCHANGED)
+    if grey is None or grey.dtype != np.uint16 or grey.ndim != 2:
+        raise DamagedBag("a compressed image is not complete")
+    return np.asarray(grey)
+
+
+Image = ImageMessage | CompressedMessage
+
+
+def read_any_image(message: Message) -> Image:
+    """Return an image message, plain or compressed. Raises DamagedBag."""
+    return read_compressed(message) if message.channel.kind == COMPRESSED else read_image(message)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthStream:
+    """One camera's images.
+
+    in_metres: their values are metres, otherwise whole grey values; read: the image of a message, with the device's
+    time; metadata_topic: where that time comes in a message that follows the image, and not in the image.
+    """
+
+    topic: str
+    camera: SourceCamera
+    in_metres: bool = False
+    read: Callable[[Message], Image] = read_any_image
+    metadata_topic: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Streams:
+    """What was found in a bag, and sentences on how it was decided."""
+
+    streams: tuple[DepthStream, ...]
+    notes: tuple[str, ...]
+
+
+def first(bag: Bag, topic: str, read: Callable[[Message], T]) -> T | None:
+    """Return the first message of a topic that can be read, or None."""
+    for message in bag.messages((topic,)):
+        try:
+            return read(message)
+        except DamagedBag:
+            continue
+    return None
+
+
+def first_grey_image(bag: Bag, topic: str, read: Callable[[Message], Image] = read_any_image) -> Image | None:
+    """Return the first image of a topic, or None where its values are not whole numbers of depth."""
+    image = first(bag, topic, read)
+    return image if image is not None and encoding_of(image) in INTEGERS else None

@@ -10,13 +10,27 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.lens import Intrinsics
-from anchorpose.sources.bag_file import BagFile, Channel, DamagedBag
-from anchorpose.sources.depth_stream import COMPRESSED, IMAGE, READ_BY_HAND, DepthStream, Streams, first, read_any_image
-from anchorpose.sources.metres import scale_of
-from anchorpose.sources.ros_camera import StaticTransforms, image_size, lens_of
-from anchorpose.sources.ros_depth import METRES, encoding_of, metres_of, size_of
-from anchorpose.sources.ros_messages import CameraInfo, CompressedMessage, ImageMessage, read_camera_info
+from anchorpose.lens import COEFFICIENTS, Intrinsics, LensModel
+from anchorpose.sources.bag_file import Bag, Channel, DamagedBag
+from anchorpose.sources.grey_images import scale_of
+from anchorpose.sources.ros_messages import (
+    COMPRESSED,
+    IMAGE,
+    METRES,
+    READ_BY_HAND,
+    CameraInfo,
+    CompressedMessage,
+    DepthStream,
+    ImageMessage,
+    Streams,
+    encoding_of,
+    first,
+    metres_of,
+    read_any_image,
+    read_camera_info,
+    read_transforms,
+    size_of,
+)
 from anchorpose.sources.source import SourceCamera
 
 _INFO: Final = "sensor_msgs/CameraInfo"
@@ -26,6 +40,21 @@ _RECTIFIED: Final = frozenset({"rect", "rectified"})
 _OF_DEPTH: Final = _MOVED | _RECTIFIED | {"depth", "image", "raw", "to", "compressed", "compresseddepth", "sd"}
 """Words of a topic that say what its images are, and not whose."""
 _LONGEST_NAME: Final = 60
+
+_MODELS: Final = {
+    "plumb_bob": LensModel.BROWN_CONRADY,
+    "rational_polynomial": LensModel.RATIONAL,
+    "equidistant": LensModel.KANNALA_BRANDT,
+    "fisheye": LensModel.KANNALA_BRANDT,
+}
+_LARGEST: Final = 1e6  # of any number of a lens
+_SHORTEST_PX: Final = 1.0
+_TOPIC: Final = "/tf_static"
+_WORLDS: Final = frozenset({"world", "map", "odom"})
+_FARTHEST_M: Final = 1e6
+_LONGEST: Final = 100  # transforms in a row, so that a damaged file with a ring of frames ends
+T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
+"""REP 103's world has x forward and z up; this project's has x forward and y up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +75,14 @@ class _Candidate:
 
     @property
     def cost(self) -> tuple[bool, ...]:
-        """The lowest is the most direct: as the sensor saw it, in its own numbers, not moved into the colour image."""
+        """Return the lowest is the most direct: as the sensor saw it, in its own numbers, not moved into the colour
+        image."""
         moved = not _MOVED.isdisjoint(self.words)
         return moved, self.in_metres, self.rectified, self.channel.kind == COMPRESSED
 
     @property
     def camera(self) -> str:
-        """A name for the camera: the words that are left, suitable for a folder."""
+        """Return a name for the camera: the words that are left, suitable for a folder."""
         words = (re.sub(r"[^A-Za-z0-9-]", "", word) for word in self.words if word.lower() not in _OF_DEPTH)
         return "_".join(filter(None, words))[:_LONGEST_NAME] or "depth"
 
@@ -61,7 +91,7 @@ class _Candidate:
 class _Search:
     """What is looked up for every camera of a bag, and what is noted."""
 
-    bag: BagFile
+    bag: Bag
     infos: dict[str, CameraInfo]
     transforms: StaticTransforms
     notes: list[str] = field(default_factory=list)
@@ -106,7 +136,7 @@ class _Search:
         return None
 
     def _infos_of(self, candidate: _Candidate, size: tuple[int, int]) -> list[CameraInfo]:
-        """The info beside the images where its size fits, otherwise those of the same optical frame and size."""
+        """Return the info beside the images where its size fits, otherwise those of the same optical frame and size."""
         topic = re.sub(r"/compressed(Depth)?$", "", candidate.channel.topic)
         beside = self.infos.get(f"{topic.rpartition('/')[0]}/camera_info")
         if beside is not None and image_size(beside) == size:
@@ -123,8 +153,8 @@ class _Search:
         return T_world_camera
 
 
-def find_streams(bag: BagFile, path: Path) -> Streams:
-    """The most direct depth images of each camera. Raises InputError where there are none."""
+def find_streams(bag: Bag, path: Path) -> Streams:
+    """Return the most direct depth images of each camera. Raises InputError where there are none."""
     notes: list[str] = []
     candidates = _candidates(bag, notes)
     if not candidates:
@@ -142,8 +172,9 @@ def find_streams(bag: BagFile, path: Path) -> Streams:
     return Streams(tuple(search.stream(best[name]) for name in sorted(best)), tuple(notes))
 
 
-def _candidates(bag: BagFile, notes: list[str]) -> list[_Candidate]:
-    """Topics that say depth in their name and have images of an encoding for it; infrared has the same encodings."""
+def _candidates(bag: Bag, notes: list[str]) -> list[_Candidate]:
+    """List topics that say depth in their name and have images of an encoding for it; infrared has the same
+    encodings."""
     candidates = []
     for channel in bag.channels:
         if channel.kind not in (IMAGE, COMPRESSED) or "depth" not in channel.topic.lower():
@@ -157,6 +188,120 @@ def _candidates(bag: BagFile, notes: list[str]) -> list[_Candidate]:
     return candidates
 
 
-def _described(bag: BagFile, notes: list[str]) -> str:
+def _described(bag: Bag, notes: list[str]) -> str:
     topics = [channel.topic for channel in bag.channels if channel.kind in (IMAGE, COMPRESSED)]
     return " ".join(notes).rstrip(".") or "its images: " + (", ".join(topics[:5]) or "none")
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """The intrinsics, or why there are none; notes: what the user should know of them."""
+
+    intrinsics: Intrinsics | None
+    problem: str = ""
+
+
+def image_size(info: CameraInfo) -> tuple[int, int]:
+    """Return width and height of the images that belong to an info, after its region and binning."""
+    _, _, height, width = info.roi
+    across, down = _binning(info)
+    return (width or info.width) // across, (height or info.height) // down
+
+
+def lens_of(info: CameraInfo, rectified: bool) -> Lens:
+    """Return the lens of an image; rectified: the image has been freed of distortion, so that P holds and not K."""
+    if rectified and info.P[0] > 0.0:
+        focal_centre = info.P[0], info.P[5], info.P[2], info.P[6]
+    elif rectified and any(info.D):
+        return Lens(None, "its images are rectified, but their projection P is missing")
+    else:
+        focal_centre = info.K[0], info.K[4], info.K[2], info.K[5]
+    if not may_be_a_lens(focal_centre, info.D):
+        return Lens(None, "the camera was not calibrated")
+    fx, fy, cx, cy = _of_part(info, *focal_centre)
+    return lens_with((fx, fy, cx, cy), () if rectified else info.D, info.model)
+
+
+def may_be_a_lens(focal_centre: tuple[float, ...], D: tuple[float, ...]) -> bool:
+    """Return whether focal lengths, centre and coefficients are numbers that a lens can have, and not damage or
+    zeros."""
+    return all(abs(value) < _LARGEST for value in (*focal_centre, *D)) and min(focal_centre[:2]) >= _SHORTEST_PX
+
+
+def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, ...], model: str) -> Lens:
+    """Return the lens of focal lengths, centre and coefficients, the model by ROS's name."""
+    fx, fy, cx, cy = focal_centre
+    if not any(D):
+        return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy))
+    known = _MODELS.get(model)
+    if known is LensModel.BROWN_CONRADY and len(D) == 4:
+        D = (*D, 0.0)
+    if known is LensModel.BROWN_CONRADY and len(D) in COEFFICIENTS[LensModel.RATIONAL]:
+        known = LensModel.RATIONAL  # some drivers name the shorter model for OpenCV's eight coefficients
+    if known is None or len(D) not in COEFFICIENTS[known]:
+        return Lens(None, f"its lens model {model!r} with {len(D)} coefficients is not known")
+    return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy, distortion=D, model=known))
+
+
+def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tuple[float, float, float, float]:
+    """Return the lens of a region of the full image whose pixels are joined.
+
+    A joined pixel's centre lies between those of its parts, hence the halves.
+    """
+    column, row, _, _ = info.roi
+    across, down = _binning(info)
+    centre_x, centre_y = (cx - column + 0.5) / across - 0.5, (cy - row + 0.5) / down - 0.5
+    return fx / across, fy / down, centre_x, centre_y
+
+
+def _binning(info: CameraInfo) -> tuple[int, int]:
+    """Return pixels joined across and down; ROS writes 0 for 1."""
+    return max(info.binning[0], 1), max(info.binning[1], 1)
+
+
+class StaticTransforms:
+    """The transforms of a bag that never change."""
+
+    def __init__(self, bag: Bag) -> None:
+        self._parents: dict[str, tuple[str, np.ndarray]] = {}
+        for message in bag.messages((_TOPIC,)):
+            try:
+                for parent, child, values in read_transforms(message):
+                    self._parents[child] = parent, values
+            except DamagedBag:
+                continue  # a chain without it ends in no world
+
+    def place(self, frame: str) -> tuple[np.ndarray | None, str]:
+        """Return T_world_camera (4, 4) of an optical frame, None without a fixed world; and the last frame of its
+        chain."""
+        T_frame_camera, found = np.eye(4), None
+        frame = frame.lstrip("/")
+        for _ in range(_LONGEST):
+            if frame in _WORLDS:
+                found = T_frame_camera
+            if frame not in self._parents:
+                break
+            frame, values = self._parents[frame]
+            T_parent_frame = _matrix(values)
+            if T_parent_frame is None:
+                return None, frame
+            T_frame_camera = T_parent_frame @ T_frame_camera
+        return (None if found is None else T_WORLD_ROS @ found), frame
+
+
+def _matrix(values: np.ndarray) -> np.ndarray | None:
+    """Return (4, 4) of translation in metres and quaternion x, y, z, w; None where they are none."""
+    if not (np.abs(values) < _FARTHEST_M).all():  # nor are those that are no numbers
+        return None
+    length = np.linalg.norm(values[3:])
+    if not 0.99 < length < 1.01:  # ROS's own tolerance for a unit quaternion
+        return None
+    x, y, z, w = values[3:] / length
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = values[:3]
+    return matrix

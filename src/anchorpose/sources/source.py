@@ -1,19 +1,38 @@
-"""What every reader of a recorder's files gives: the cameras in them, and their depth images one by one."""
+"""Recorders' files: find the reader by the content; it gives the cameras and their depth images one by one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 
+from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
+from anchorpose.recording.document import read_text
+from anchorpose.recording.regular_file import open_regular
+
+MILLIMETRE_M: Final = 0.001
 
 NO_READING: Final = 65535  # beside 0; what sensors give for "too far" or "too near"
 
 STANDS_STILL_M: Final = 0.03  # a phone on a tripod; its own estimate of where it is wanders by some millimetres
+
+MODULES: Final = (
+    "azure_kinect",
+    "ros_bags",
+    "phones",
+    "published_folders",
+    "arrays",
+    "image_folder",  # last: most folders above hold a folder of images
+)
+"""Modules of this package with ``READERS``, in the order in which they are asked; they are imported one by one."""
+
+HEAD_BYTES: Final = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +78,7 @@ class Source(Protocol):
     cameras: tuple[SourceCamera, ...]
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """The depth images in the order of the file, streamed; skip: how many of each camera were taken before.
+        """Yield the depth images in the order of the file, streamed; skip: how many of each camera were taken before.
 
         A damaged image is left out with a note; raises InputError where the rest of the file cannot be read.
         """
@@ -67,24 +86,25 @@ class Source(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences for the user, complete once all frames were read."""
+        """Return sentences for the user, complete once all frames were read."""
         ...
 
 
-class Reader(Protocol):
-    """A module that reads one format. ``matches`` looks at the content, not at the ending."""
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """A format of a recorder: how it is recognised and opened.
 
-    def matches(self, path: Path, head: bytes) -> bool:
-        """Whether a path is of this format; head: the first 4096 bytes of a file, empty for a folder."""
-        ...
+    matches: looks at the content, not at the ending; it gets a path and the first 4096 bytes of a file, none of a
+    folder. open_source: raises InputError where the header cannot be used, MissingPackage where an extra is missing.
+    """
 
-    def open_source(self, path: Path) -> Source:
-        """Raises InputError where the header cannot be used, or an extra is not installed."""
-        ...
+    matches: Callable[[Path, bytes], bool]
+    open_source: Callable[[Path], Source]
 
 
 def damaged_notes(left_out: Mapping[str, str]) -> tuple[str, ...]:
-    """A sentence on depth images that were left out, by name and what is wrong with each; none where none was."""
+    """Return a sentence on depth images that were left out, by name and what is wrong with each; none where none
+    was."""
     if not left_out:
         return ()
     first, problem = next(iter(left_out.items()))
@@ -92,7 +112,7 @@ def damaged_notes(left_out: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
-    """A sentence where a camera at ``positions_m`` (n, 3) was moved; NaN rows are unknown."""
+    """Return a sentence where a camera at ``positions_m`` (n, 3) was moved; NaN rows are unknown."""
     known = positions_m[np.isfinite(positions_m).all(axis=1)]
     if len(known) == 0:
         return ()
@@ -100,3 +120,94 @@ def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
     if moved_m <= STANDS_STILL_M:
         return ()
     return (f"The camera was moved by {moved_m:.2f} m while it recorded: tracking needs one that stands still.",)
+
+
+def find_reader(path: Path) -> Reader | None:
+    """Return the reader that knows a file or folder by its content, or None.
+
+    Raises InputError where the path cannot be read, or only its vendor's software reads it.
+    """
+    if not path.exists():
+        raise InputError(path, "there is no such file or folder", "check the path")
+    try:
+        head = b"" if path.is_dir() else _head(path)
+        refused = _vendors_own(path, head)
+        if refused is not None:  # before ros_bags: a ZED's .svo2 is an MCAP file
+            raise InputError(path, *refused)
+        modules = (import_module(f"anchorpose.sources.{name}") for name in MODULES)
+        return next((reader for each in modules for reader in each.READERS if reader.matches(path, head)), None)
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "check the file and its permissions") from None
+
+
+def open_source(path: Path) -> Source:
+    """Open a recorder's file or folder; raises InputError where no reader knows it or its header cannot be used."""
+    if (path / "recording.json").is_file():
+        raise InputError(path, "is a recording already", "give it to 'anchorpose track' as it is")
+    reader = find_reader(path)
+    if reader is None:
+        raise InputError(path, "is of no format that can be read", "see docs/guide/convert.md for those that can")
+    try:
+        return reader.open_source(path)
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "check the file and its permissions") from None
+
+
+def _head(path: Path) -> bytes:
+    with open_regular(path) as file:
+        return file.read(HEAD_BYTES)
+
+
+def finite(value: Any) -> float | None:
+    """Return a finite number of a JSON file; None for anything else."""
+    number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+    return float(value) if number and math.isfinite(value) else None
+
+
+def finite_list(value: Any, count: int) -> list[float] | None:
+    """Return a list of so many finite numbers; None for anything else."""
+    if not isinstance(value, list) or len(value) != count:
+        return None
+    numbers = [number for cell in value if (number := finite(cell)) is not None]
+    return numbers if len(numbers) == count else None
+
+
+def read_matrix(path: Path, rows: int, columns: int) -> np.ndarray:
+    """Return (rows, columns) float64 of a text file, separated by spaces or commas; raises InputError."""
+    try:
+        cells = [line.replace(",", " ").split() for line in read_text(path).splitlines() if line.strip()]
+        matrix = np.array(cells, dtype=np.float64)
+    except ValueError:
+        matrix = np.empty(0)
+    if matrix.shape != (rows, columns) or not np.isfinite(matrix).all():
+        raise InputError(path, f"is not a matrix of {rows} x {columns} numbers", "export it again")
+    return matrix
+
+
+def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
+    """Return what a file is that only its vendor's software reads, and what to do instead; None for others."""
+    if head.startswith(b"EVENTS1\0"):
+        return (
+            "is a Kinect Studio recording (.xef), which holds depth only for Microsoft's software",
+            "play it in Kinect Studio while another program saves the depth images as 16-bit PNG, and convert their "
+            "folder",
+        )
+    if head.startswith(b"NI10"):
+        return (
+            "is an OpenNI recording (.oni), which only OpenNI unpacks",
+            "export its depth images as 16-bit PNG with OpenNI's NiViewer or a few lines of OpenNI's Python package, "
+            "and convert their folder",
+        )
+    if _is_zed(path, head):
+        return (
+            "is a ZED recording (.svo), which holds two colour videos and no depth",
+            "export depth as 16-bit PNG with Stereolabs' ZED SDK (its SVO export sample), and convert their folder",
+        )
+    return None
+
+
+def _is_zed(path: Path, head: bytes) -> bool:
+    """Return whether a ZED wrote a file: .svo2 is MCAP and names its writer; .svo has no published mark."""
+    if head.startswith(b"\x89MCAP0\r\n"):
+        return b"stereolabs" in head[:256]
+    return path.is_file() and path.suffix.lower() in {".svo", ".svo2"}

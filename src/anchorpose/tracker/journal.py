@@ -33,7 +33,7 @@ from typing import Any, Final, Generic, TypeVar, Union, get_args, get_origin, ge
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.document import parse_json
 from anchorpose.recording.regular_file import LARGEST_ARRAYS, is_there, read_whole
 from anchorpose.results.folder import naming_place
 

@@ -13,8 +13,7 @@ from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.body.standing_off import standing_off
 from anchorpose.isolation.people import PatientChoice
-from anchorpose.recording.recording import FrameSet
-from anchorpose.recording.subject import Subject
+from anchorpose.recording.recording import FrameSet, Subject
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.observation import Start

@@ -11,8 +11,7 @@ import numpy as np
 from anchorpose.body.initial import FirstShape
 from anchorpose.body.shape_prior import ShapeBelief, adult_belief, child_belief, shape_of_height, standing_height
 from anchorpose.body.skin_points import FittedShape, body_points
-from anchorpose.recording.recording import Recording
-from anchorpose.recording.subject import Subject
+from anchorpose.recording.recording import Recording, Subject
 from anchorpose.surface.surface import Nodes
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import Room

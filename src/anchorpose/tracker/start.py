@@ -25,8 +25,7 @@ from anchorpose.isolation.people import PatientChoice
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import FrameSet
-from anchorpose.recording.subject import Subject
+from anchorpose.recording.recording import FrameSet, Subject
 from anchorpose.rotations import unit
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.config import TrackConfig

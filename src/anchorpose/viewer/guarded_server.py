@@ -12,7 +12,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, ClassVar, Final
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.document import parse_json
 from anchorpose.viewer.access import Guard, is_loopback, new_token
 from anchorpose.viewer.connections import Connections
 from anchorpose.viewer.page_files import content_policy, load_assets

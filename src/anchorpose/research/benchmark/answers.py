@@ -13,8 +13,7 @@ import pyarrow.csv
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES
-from anchorpose.recording.csv_text import require_distinct
-from anchorpose.recording.document import read_json
+from anchorpose.recording.document import read_json, require_distinct
 from anchorpose.recording.regular_file import open_regular
 from anchorpose.research.benchmark.make import Benchmark
 from anchorpose.research.benchmark.plan import ALL_GROUPS, FPS, GAPS, SECONDS, VERSION, Pair

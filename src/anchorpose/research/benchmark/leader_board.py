@@ -28,7 +28,7 @@ from scipy.spatial import cKDTree
 
 from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_NAMES
-from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.pipeline import track_recording
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.research.benchmark.answers import ABOUT, FORMAT, NO_MATCH
 from anchorpose.research.benchmark.make import Benchmark, open_benchmark
@@ -42,6 +42,7 @@ from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.surface import Surface
 from anchorpose.threads import one_thread
 from anchorpose.track_tree.hypotheses import anchor_subsets, match_hypotheses
+from anchorpose.tracker.config import TrackConfig
 
 UP, FACING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 NEAR_M: Final = 0.03  # from a node that the mesh lacks to the one that stands for it

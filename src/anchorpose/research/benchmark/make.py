@@ -20,11 +20,10 @@ from anchorpose.batch.engine import Job, run_jobs
 from anchorpose.camera import transform_points
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.depth_image import read_depth_image
-from anchorpose.recording.image_file import read_image
-from anchorpose.recording.json_text import LARGEST_BYTES, parse_json
+from anchorpose.recording.document import LARGEST_BYTES, parse_json
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
-from anchorpose.recording.regular_file import is_there, read_whole
+from anchorpose.recording.regular_file import is_there, read_image, read_whole
 from anchorpose.research.benchmark.plan import ALL_GROUPS, GAPS, NODES, TRACKING, VERSION, Group
 from anchorpose.research.benchmark.truth import truth_of
 from anchorpose.research.experiment.clips import cut_holes, draw_hole_frames

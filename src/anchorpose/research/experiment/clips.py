@@ -16,10 +16,9 @@ import numpy as np
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.recording.array_file import read_arrays
 from anchorpose.recording.depth_image import read_depth_image
-from anchorpose.recording.image_file import read_image
 from anchorpose.recording.recording import Recording
+from anchorpose.recording.regular_file import read_arrays, read_image
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig

@@ -16,8 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import read_text
-from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.document import parse_json, read_text
 from anchorpose.recording.regular_file import LARGEST_IMAGE, read_whole
 from anchorpose.research.experiment.page.drawing import GROUND, INK, LINE, DrawnFigure
 from anchorpose.research.experiment.page.tables import Table, Unit, format_estimate, format_number

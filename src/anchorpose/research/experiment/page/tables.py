@@ -14,7 +14,7 @@ from enum import StrEnum
 import numpy as np
 from scipy.stats import t as student
 
-from anchorpose.recording.csv_text import cell_text
+from anchorpose.recording.document import cell_text
 from anchorpose.research.experiment.method import Method
 
 NORMAL_TAIL = 1.959964

@@ -1,12 +1,16 @@
-"""Record3D's .r3d files (record3d.app): a zip with ``metadata`` (JSON) and rgbd/<n>.depth, metres as float32 in LZFSE.
+"""Recordings of apps for iPhones and iPads with LiDAR: folders of Stray Scanner, .r3d files of Record3D.
 
-K is written column by column and for the colour picture of w x h pixels; depth has dw x dh.
+Stray Scanner (github.com/strayrobots/scanner, docs/format.md): depth is 16-bit PNG in mm, camera_matrix.csv is for the
+video's pixels, odometry.csv has the time of every image. Record3D (record3d.app): a zip with ``metadata`` (JSON) and
+rgbd/<n>.depth, metres as float32 in LZFSE; K is written column by column and for the colour picture of w x h pixels,
+depth has dw x dh.
 """
 
 from __future__ import annotations
 
 import errno
 import lzma
+import math
 import re
 import struct
 import zipfile
@@ -18,16 +22,36 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError, MissingPackage
-from anchorpose.recording.json_text import parse_json
-from anchorpose.sources.metres import GREY_M, to_grey
-from anchorpose.sources.numbers_in import finite, finite_list
-from anchorpose.sources.source import SourceCamera, SourceFrame, damaged_notes, movement_note
-from anchorpose.sources.stray_scanner import scaled_lens
+from anchorpose.lens import Intrinsics
+from anchorpose.recording.document import parse_json, read_text
+from anchorpose.sources.grey_images import (
+    GREY_M,
+    FrameFile,
+    ImageFiles,
+    Size,
+    first_size,
+    images_in,
+    number_of,
+    to_grey,
+)
+from anchorpose.sources.source import (
+    MILLIMETRE_M,
+    Reader,
+    SourceCamera,
+    SourceFrame,
+    damaged_notes,
+    finite,
+    finite_list,
+    movement_note,
+    read_matrix,
+)
+
+VIDEO: Final = (1920, 1440)  # what ARKit's camera has on these devices; checked by the principal point
+
+OFF_CENTRE: Final = 0.1  # of the width: real lenses are within 0.02
 
 LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 per second has 30 MB
-
 LARGEST_IMAGE: Final = 16384 * 16384
-
 _DAMAGE: Final = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, ArithmeticError, EOFError, LookupError, OSError,
     RuntimeError, ValueError,
@@ -37,8 +61,74 @@ _DAMAGE: Final = (
 _REMEDY: Final = "export it again from Record3D"
 
 
-def matches(path: Path, head: bytes) -> bool:
-    """Whether this is a zip with Record3D's files."""
+def _is_stray(path: Path, head: bytes) -> bool:
+    """Return whether a folder has the app's files."""
+    return all((path / name).is_file() for name in ("camera_matrix.csv", "odometry.csv")) and (path / "depth").is_dir()
+
+
+def _open_stray(path: Path) -> ImageFiles:
+    """Raises InputError where the files do not fit each other."""
+    images = images_in(path / "depth")
+    size = first_size(path / "depth", images)
+    times, positions_m = _odometry(path / "odometry.csv")
+    known = {number: file for file in images if (number := number_of(file)) in times}
+    files = [FrameFile(file, times[number]) for number, file in sorted(known.items()) if number is not None]
+    notes = list(movement_note(positions_m))
+    if len(files) < len(images):
+        notes.append(f"Depth images without a time in odometry.csv, left out: {len(images) - len(files)}.")
+    camera = SourceCamera(
+        name=path.resolve().name,
+        width=size[0],
+        height=size[1],
+        depth_scale=MILLIMETRE_M,
+        intrinsics=scaled_lens(path / "camera_matrix.csv", read_matrix(path / "camera_matrix.csv", 3, 3), VIDEO, size),
+        model="iPhone or iPad LiDAR (Stray Scanner)",
+        count=len(files),
+    )
+    return ImageFiles(path, camera, files, notes)
+
+
+def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> Intrinsics:
+    """Return the lens (3, 3) of a colour picture for the depth image that shows the same view with fewer pixels.
+
+    Pixel centres are at whole numbers, so the scale is about the images' corners at -0.5. Raises InputError where the
+    matrix is not of a picture of that size, or the shapes differ.
+    """
+    wide, high = depth[0] / picture[0], depth[1] / picture[1]
+    centre = np.array([matrix[0, 2] / picture[0], matrix[1, 2] / picture[1]])
+    if np.abs(centre - 0.5).max() > OFF_CENTRE or matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or abs(wide / high - 1) > 0.02:
+        problem = f"does not fit colour of {picture[0]} x {picture[1]} and depth of {depth[0]} x {depth[1]} pixels"
+        raise InputError(path, problem, "record again, or export the depth images alone and convert their folder")
+    return Intrinsics(
+        fx=float(matrix[0, 0] * wide),
+        fy=float(matrix[1, 1] * high),
+        cx=float((matrix[0, 2] + 0.5) * wide - 0.5),
+        cy=float((matrix[1, 2] + 0.5) * high - 0.5),
+    )
+
+
+def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
+    """Return time by frame number, and positions (n, 3) metres; raises InputError where the columns are others."""
+    lines = read_text(path).splitlines()
+    columns = [cell.strip() for cell in lines[0].split(",")] if lines else []
+    if not {"timestamp", "frame", "x", "y", "z"} <= set(columns):
+        raise InputError(path, "does not begin with the columns timestamp, frame, x, y, z", "export it again")
+    places = [columns.index(name) for name in ("timestamp", "frame", "x", "y", "z")]
+    times, positions = dict[int, float](), list[list[float]]()
+    for line in lines[1:]:
+        cells = line.split(",")
+        try:
+            time_s, number, *position = (float(cells[place]) for place in places)
+        except (ValueError, IndexError):
+            continue  # its image has no time then, and is counted among those left out
+        if math.isfinite(time_s) and number == number // 1:
+            times[int(number)] = time_s
+            positions.append(position)
+    return times, np.array(positions).reshape(-1, 3)
+
+
+def _is_record3d(path: Path, head: bytes) -> bool:
+    """Return whether this is a zip with Record3D's files."""
     if not head.startswith(b"PK\x03\x04"):
         return False
     try:
@@ -49,7 +139,7 @@ def matches(path: Path, head: bytes) -> bool:
     return "metadata" in names and any(name.startswith("rgbd/") for name in names)
 
 
-def open_source(path: Path) -> Record3DFile:
+def _open_record3d(path: Path) -> Record3DFile:
     """Raises InputError where the file cannot be used, MissingPackage without lzfse."""
     try:
         import lzfse  # noqa: F401
@@ -88,11 +178,11 @@ class Record3DFile:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences for the user, complete once all frames were read."""
+        """Return sentences for the user, complete once all frames were read."""
         return (*self._notes, *damaged_notes(self._left_out))
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """The depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
+        """Yield the depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
         taken, camera = 0, self.cameras[0]
         with zipfile.ZipFile(self.path) as archive:
             for name, time_s in zip(self._names, self._times, strict=True):
@@ -106,7 +196,7 @@ class Record3DFile:
 
 
 def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
-    """The metadata, and the names of the depth images in order."""
+    """Return the metadata, and the names of the depth images in order."""
     try:
         with zipfile.ZipFile(path) as archive:
             values = parse_json(_read(archive, "metadata", LARGEST_METADATA), LARGEST_METADATA)
@@ -138,7 +228,8 @@ def _whole(path: Path, values: dict[str, Any], key: str) -> int:
 
 
 def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list[float], bool]:
-    """The time of each image, else its number, and whether these are times: of the device, else by its frame rate."""
+    """Return the time of each image, else its number, and whether these are times: of the device, else by its frame
+    rate."""
     stamps = values.get("frameTimestamps")
     if isinstance(stamps, list) and stamps and numbers[-1] < len(stamps):
         times = finite_list(stamps, len(stamps))
@@ -152,7 +243,7 @@ def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list
 
 
 def _positions(values: dict[str, Any]) -> np.ndarray:
-    """(n, 3) metres of the device: a pose is a quaternion and a translation."""
+    """Return (n, 3) metres of the device: a pose is a quaternion and a translation."""
     poses = values.get("poses")
     rows = [finite_list(pose, 7) for pose in poses] if isinstance(poses, list) else []
     return np.array([row[4:] for row in rows if row is not None]).reshape(-1, 3)
@@ -171,3 +262,6 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
     if len(data) != wanted:
         return None, f"holds {len(data)} bytes, an image has {wanted}"
     return np.frombuffer(data, "<f4").reshape(camera.height, camera.width), ""
+
+
+READERS: Final = (Reader(_is_stray, _open_stray), Reader(_is_record3d, _open_record3d))

@@ -1,6 +1,9 @@
-"""An image that is not a measurement is recognised by its content, and every real one is let through."""
+"""Depth images: chunks that are not needed change no pixel, and what is not a measurement is recognised."""
 
 from __future__ import annotations
+
+import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -8,9 +11,64 @@ import pytest
 from bad_images import BAD, RNG, large_recording, room
 from recording_builder import DATA, HEIGHT, WIDTH, depth_grey, write_picture
 
-from anchorpose.recording.depth_image import RecordedFrames
-from anchorpose.recording.image_content import FARTHEST_M, content_problem, measured_m
+from anchorpose.recording.depth_image import (
+    FARTHEST_M,
+    RecordedFrames,
+    content_problem,
+    decode_grey_png,
+    image_chunks,
+    measured_m,
+)
 from anchorpose.recording.reader import open_recording, read_frames
+
+GREY = np.random.default_rng(5).integers(0, 65536, (48, 64)).astype(np.uint16)
+PNG = cv2.imencode(".png", GREY)[1].tobytes()
+HEADER = 33
+
+
+def chunk(name: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+
+def animated() -> bytes:
+    """Its first frame covers a corner of the image, as a valid animation may."""
+    control = struct.pack(">IIIIIHHBB", 0, 16, 12, 0, 0, 1, 10, 0, 0)
+    return PNG[:HEADER] + chunk(b"acTL", struct.pack(">II", 1, 0)) + chunk(b"fcTL", control) + PNG[HEADER:]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(animated(), id="an animation"),
+        pytest.param(PNG[:HEADER] + chunk(b"tEXt", b"Comment\0front") + PNG[HEADER:], id="a note"),
+        pytest.param(PNG[:HEADER] + chunk(b"tRNS", b"\x07\xd0") + PNG[HEADER:], id="a transparent value"),
+        pytest.param(PNG[:HEADER] + chunk(b"gAMA", struct.pack(">I", 45455)) + PNG[HEADER:], id="a gamma"),
+        pytest.param(PNG[:HEADER] + chunk(b"zTXt", b"x\0\0" + zlib.compress(bytes(1 << 24))) + PNG[HEADER:], id="bomb"),
+        pytest.param(PNG + b"what follows the image", id="bytes behind it"),
+    ],
+)
+def test_what_is_beside_the_image_changes_no_pixel(data):
+    grey, problem = decode_grey_png(data, 64, 48)
+    assert problem == ""
+    np.testing.assert_array_equal(grey, GREY)
+
+
+def test_a_chunk_that_is_needed_and_unknown_is_a_problem():
+    data = PNG[:HEADER] + chunk(b"NEED", b"1") + PNG[HEADER:]
+    assert decode_grey_png(data, 64, 48)[0] is None
+    assert "needs a chunk 'NEED'" in decode_grey_png(data, 64, 48)[1]
+
+
+def test_a_bomb_fills_no_more_than_the_image():
+    header = struct.pack(">IIBBBBB", 64, 48, 16, 0, 0, 0, 0)
+    content = zlib.compress(bytes(1 << 26), 9)
+    data = PNG[:8] + chunk(b"IHDR", header) + chunk(b"IDAT", content) + chunk(b"IEND", b"")
+    grey, problem = decode_grey_png(data, 64, 48)
+    assert (grey is None and problem) or grey.shape == (48, 64)
+
+
+def test_an_ordinary_file_reaches_the_decoder_as_it_is():
+    assert image_chunks(PNG) == (PNG, "")
 
 
 def problem(grey: np.ndarray) -> str:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anchorpose.recording.json_text import DEEPEST, LARGEST_INTEGER, parse_json, require_plain
+from anchorpose.recording.document import DEEPEST, LARGEST_INTEGER, parse_json, require_plain
 from anchorpose.settings import Unfit
 
 TEXTS = st.text(st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=8)

@@ -1,0 +1,205 @@
+"""Folders of depth images as data sets are published: TUM and ICL-NUIM, Open3D, Redwood and ScanNet.
+
+TUM: a text file lists times and depth images, in 1/5000 m (the benchmark's file formats page); the lens is published
+per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON file with ``intrinsic_matrix``,
+column by column; ``depth_scale`` there is grey values per metre (Open3D's RGBDVideoMetadata). ScanNet's reader of .sens
+files: intrinsic/intrinsic_depth.txt, depth in mm, and poses in a world of their own that changes with a camera that is
+carried. Times that a folder does not hold are not invented.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.errors import InputError
+from anchorpose.lens import Intrinsics
+from anchorpose.recording.document import parse_json, read_json, read_text
+from anchorpose.recording.regular_file import Unreadable, read_bounded
+from anchorpose.sources.grey_images import FrameFile, ImageFiles, Size, first_size, images_in, natural_order
+from anchorpose.sources.image_folder import frame_files
+from anchorpose.sources.source import (
+    MILLIMETRE_M,
+    Reader,
+    SourceCamera,
+    finite,
+    finite_list,
+    movement_note,
+    read_matrix,
+)
+
+TUM_M: Final = 1.0 / 5000.0
+
+LISTS: Final = ("depth.txt", "associations.txt", "associate.txt", "associated.txt", "association.txt")
+
+
+LARGEST_JSON: Final = 1_000_000  # bytes; a camera's file has some hundred
+POSES_READ: Final = 100  # spread over the recording; enough to see that a camera was carried
+
+
+def _is_tum(path: Path, head: bytes) -> bool:
+    """Return whether a folder holds such a list."""
+    listing = _list_in(path)
+    if listing is None:
+        return False
+    try:
+        return bool(_rows(path, read_text(listing)))
+    except InputError:
+        return False
+
+
+def _open_tum(path: Path) -> ImageFiles:
+    """Raises InputError where the list names no usable depth image."""
+    listing = _list_in(path)
+    if listing is None:
+        raise InputError(path, "holds no depth.txt", "give the folder that does")
+    files = _rows(path, read_text(listing))
+    notes = ["Depth is taken to be in 1/5000 m, as TUM's format has it; --depth-scale says otherwise."]
+    has_times = any(file.time_s != math.floor(file.time_s) for file in files)
+    if not has_times:
+        notes.append(f"{listing.name} numbers the images (ICL-NUIM does so at 30 per second) and has no times.")
+    there = [file for file in files if file.path.is_file()]
+    if len(there) < len(files):
+        notes.append(f"Depth images that {listing.name} names and that are not there: {len(files) - len(there)}.")
+    width, height = first_size(path, [file.path for file in there])
+    camera = SourceCamera(
+        name=path.resolve().name,
+        width=width,
+        height=height,
+        depth_scale=TUM_M,
+        count=len(there),
+        has_times=has_times,
+    )
+    return ImageFiles(path, camera, there, notes)
+
+
+def _list_in(path: Path) -> Path | None:
+    return next((path / name for name in LISTS if (path / name).is_file()), None) if path.is_dir() else None
+
+
+def _rows(folder: Path, text: str) -> list[FrameFile]:
+    """Return each line's time and depth image; a line of two pairs has a colour image as well."""
+    files = list[FrameFile]()
+    for line in text.splitlines():
+        cells = line.split()
+        if not cells or cells[0].startswith("#"):
+            continue
+        pairs = list(zip(cells[::2], cells[1::2], strict=False))
+        named = [pair for pair in pairs if "depth" in pair[1].lower()] or pairs[:1]
+        file = _frame_file(folder, *named[0]) if named else None
+        if file is not None:
+            files.append(file)
+    return files
+
+
+def _frame_file(folder: Path, time: str, name: str) -> FrameFile | None:
+    """Return a line's time and image; None where it is not a time and an image inside the folder."""
+    try:
+        time_s = float(time)
+        inside = (folder / name).resolve().is_relative_to(folder.resolve())
+    except (ValueError, OSError):
+        return None
+    if not inside or not math.isfinite(time_s) or Path(name).suffix.lower() not in {".png", ".pgm"}:
+        return None
+    return FrameFile(folder / name, time_s)
+
+
+def _is_exported(path: Path, head: bytes) -> bool:
+    """Return whether a folder has ``depth`` and a file of the camera."""
+    return path.is_dir() and bool(images_in(path / "depth")) and _camera_file(path) is not None
+
+
+def _open_exported(path: Path) -> ImageFiles:
+    """Raises InputError where the matrix or the images cannot be used."""
+    found = _camera_file(path)
+    if found is None:
+        raise InputError(path, "holds no JSON file with an intrinsic_matrix", "give the folder that does")
+    images = images_in(path / "depth")
+    size = first_size(path / "depth", images)
+    files, has_times = frame_files(images)
+    if found == _scannet_file(path):
+        camera, notes = _scannet_camera(found, size), movement_note(_positions(path / "pose"))
+    else:
+        values = read_json(found)
+        camera, notes = _open3d_camera(found, values, size)
+        fps = finite(values.get("fps"))
+        if not has_times and fps is not None and 0 < fps <= 1000:
+            files, has_times = [FrameFile(file.path, file.time_s / fps) for file in files], True
+    camera = replace(camera, name=path.resolve().name, count=len(files), has_times=has_times)
+    return ImageFiles(path, camera, files, notes)
+
+
+def _open3d_camera(path: Path, values: dict[str, Any], size: Size) -> tuple[SourceCamera, tuple[str, ...]]:
+    width, height = size
+    stated = (values.get("width", width), values.get("height", height))
+    if stated != size:
+        problem = f"is for {stated[0]} x {stated[1]} pixels, the depth images have {width} x {height}"
+        raise InputError(path, problem, "give the intrinsics of the depth images")
+    units = finite(values.get("depth_scale"))
+    notes = () if units is not None else ("Depth is taken to be in mm, as Open3D does; --depth-scale says otherwise.",)
+    camera = SourceCamera(
+        name="",
+        width=width,
+        height=height,
+        depth_scale=1.0 / units if units is not None and units > 0 else MILLIMETRE_M,
+        intrinsics=_lens(path, values),
+        model=_text(values.get("device_name")),
+        serial=_text(values.get("serial_number")),
+    )
+    return camera, notes
+
+
+def _scannet_camera(path: Path, size: Size) -> SourceCamera:
+    matrix = read_matrix(path, 4, 4)
+    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        raise InputError(path, "has no focal lengths above 0", "export it again")
+    lens = Intrinsics(fx=matrix[0, 0], fy=matrix[1, 1], cx=matrix[0, 2], cy=matrix[1, 2])
+    return SourceCamera(name="", width=size[0], height=size[1], depth_scale=MILLIMETRE_M, intrinsics=lens)
+
+
+def _lens(path: Path, values: dict[str, Any]) -> Intrinsics:
+    matrix = finite_list(values.get("intrinsic_matrix"), 9)
+    if matrix is None or matrix[0] <= 0 or matrix[4] <= 0:
+        remedy = "it must be nine numbers, column by column, with focal lengths above 0"
+        raise InputError(path, "intrinsic_matrix cannot be used", remedy)
+    return Intrinsics(fx=matrix[0], fy=matrix[4], cx=matrix[6], cy=matrix[7])
+
+
+def _positions(folder: Path) -> np.ndarray:
+    """Return (n, 3) metres of some of the poses; damaged ones are left out, since nothing but a note rests on them."""
+    files = sorted(folder.glob("*.txt"), key=natural_order)
+    positions = list[np.ndarray]()
+    for file in files[:: max(1, len(files) // POSES_READ)]:
+        try:
+            positions.append(read_matrix(file, 4, 4)[:3, 3])
+        except InputError:
+            continue
+    return np.array(positions).reshape(-1, 3)
+
+
+def _camera_file(path: Path) -> Path | None:
+    if _scannet_file(path).is_file():
+        return _scannet_file(path)
+    for file in sorted(path.glob("*.json")):
+        try:
+            values = parse_json(read_bounded(file, LARGEST_JSON), LARGEST_JSON)
+        except (Unreadable, ValueError):
+            continue
+        if isinstance(values, dict) and "intrinsic_matrix" in values:
+            return file
+    return None
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _scannet_file(path: Path) -> Path:
+    return path / "intrinsic" / "intrinsic_depth.txt"
+
+
+READERS: Final = (Reader(_is_tum, _open_tum), Reader(_is_exported, _open_exported))
