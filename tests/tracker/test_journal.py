@@ -28,6 +28,7 @@ from anchorpose.tracker.journal import DIGEST, Blocks, Journal, read_value, writ
 from anchorpose.tracker.learning_pass import LearntPatient
 from anchorpose.tracker.passes import _PassState
 from anchorpose.tracker.room import Room, Run
+from anchorpose.tracker.stopwatch import Stopwatch
 
 Stored = tuple[Pose, deque[int], float, np.ndarray, dict[str, int | None]]
 
@@ -291,7 +292,10 @@ def test_bytes_that_were_cut_off_are_refused(end):
 
 def test_every_class_of_a_run_declares_what_can_be_stored():
     """From what the journal of a run holds on; shared objects are made again, and matches are found again."""
-    known, open_kinds = {Run, Room, TrackConfig, SkinPoints, BodyAsset, Matcher}, [LearntPatient, _PassState, Kept]
+    known, open_kinds = (
+        {Run, Room, TrackConfig, Stopwatch, SkinPoints, BodyAsset, Matcher},
+        [LearntPatient, _PassState, Kept],
+    )
     while open_kinds:
         kind = open_kinds.pop()
         origin = get_origin(kind) or kind

@@ -9,7 +9,16 @@ import numpy as np
 
 from anchorpose.body.asset import joint_bones
 from anchorpose.body.fit import limited, prior_equations
-from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, PATIENT_PACE, POSE_SIZE, TRUNK, Pose, PoseBelief
+from anchorpose.body.pose import (
+    LIMB_OF_BONES,
+    LIMB_OF_JOINTS,
+    PATIENT_PACE,
+    POSE_SIZE,
+    TRUNK,
+    UNSEEN_S,
+    Pose,
+    PoseBelief,
+)
 from anchorpose.body.skin_points import Body, joint_jacobian, pose_points
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 
@@ -85,9 +94,9 @@ def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> 
     return bool((away_m > CONTRADICTED * np.sqrt(variance)).any())
 
 
-def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints, unseen_s: float) -> PoseBelief:
-    """The belief as if the limbs of the corrected joints had not been seen for a time; the others stay certain."""
-    growth = PATIENT_PACE.variance(unseen_s)
+def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
+    """Return the belief as if the limbs of the corrected joints were long unseen; the others stay certain."""
+    growth = PATIENT_PACE.variance(UNSEEN_S)
     limbs = np.unique(LIMB_OF_JOINTS[corrected.joint])
     growth[:-3] *= np.repeat(np.isin(LIMB_OF_BONES, limbs), 3)
     growth[-3:] *= TRUNK in limbs

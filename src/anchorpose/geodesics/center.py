@@ -124,13 +124,6 @@ def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
     return np.concatenate(steps)
 
 
-def axis_m(surface: Surface, nodes: np.ndarray, radius_m: float) -> np.ndarray:
-    """(k, 3) float64 world: the places of nodes (k,), moved inwards along the skin's normal by a limb's radius."""
-    points, normals = surface.points_m[nodes].astype(np.float64), surface.normals[nodes].astype(np.float64)
-    inside: np.ndarray = points - radius_m * normals
-    return inside
-
-
 @njit(cache=True, error_model="numpy")
 def _descend(mesh: MeshArrays, distance: np.ndarray, start: int) -> np.ndarray:
     """(k,) int32: from a node to the one of its piece that has no nearer neighbour."""

@@ -201,11 +201,11 @@ def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: flo
     return _fields(mesh, nodes.reshape(-1, 1), np.float32(max_distance_m), band_of(mesh))
 
 
-def geodesic_distance_to_set(surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """(n,) float32 distance in metres to the nearest of the sources (s,), inf without any; else as above."""
-    nodes = check_sources(surface, sources, max_distance_m)
+def geodesic_distance_to_set(surface: Surface, sources: np.ndarray) -> np.ndarray:
+    """Return (n,) float32 distance in metres to the nearest of the sources (s,), inf without any; else as above."""
+    nodes = check_sources(surface, sources, np.inf)
     mesh = surface.arrays
-    field: np.ndarray = _fields(mesh, nodes.reshape(1, -1), np.float32(max_distance_m), band_of(mesh))[0]
+    field: np.ndarray = _fields(mesh, nodes.reshape(1, -1), np.float32(np.inf), band_of(mesh))[0]
     return field
 
 

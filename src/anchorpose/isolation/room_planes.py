@@ -24,14 +24,14 @@ LEAST_SHARE: Final = 0.03  # of the image: a smaller plane is furniture, or a pe
 MOST_BEYOND: Final = 0.02  # of the readings on the far side: nothing is behind a wall
 
 
-def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float, seed: int = 0) -> np.ndarray:
+def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.ndarray:
     """(height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 where none is met.
 
     room_m (height, width) float32: what is known of the room, 0 = nothing. Walls are planes with many readings on them
     and none behind them. A room is convex, so that of several planes the nearest is the one that is seen.
     """
     nearest = np.full(room_m.shape, np.inf, np.float32)
-    for plane in find_planes(room_m, camera, noise_per_m, seed=seed):
+    for plane in find_planes(room_m, camera, noise_per_m):
         nearest = np.minimum(nearest, depth_of_plane(plane, camera))
     return np.where(np.isfinite(nearest), nearest, np.float32(0.0))
 
@@ -45,7 +45,7 @@ def depth_of_plane(plane: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def find_planes(
-    room_m: np.ndarray, camera: Camera, noise_per_m: float, most_beyond: float = MOST_BEYOND, seed: int = 0
+    room_m: np.ndarray, camera: Camera, noise_per_m: float, most_beyond: float = MOST_BEYOND
 ) -> list[np.ndarray]:
     """(4,) each, camera frame: unit normal away from the camera and offset, ``normal @ p = offset``; largest first.
 
@@ -53,7 +53,7 @@ def find_planes(
     """
     points = camera.back_project(room_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     share = min(1.0, VOTERS / max(len(points), 1))
     points = points[rng.random(len(points)) < share]
     return _planes(points, LEAST_SHARE * share * room_m.size, noise_per_m, most_beyond, rng)

@@ -65,13 +65,11 @@ class Estimate:
     ends: frozenset[int] = frozenset()
 
 
-def nobody_found(
-    frame_set: FrameSet, why: str, observation: Observation | None = None, poor: tuple[PoorDepth, ...] = ()
-) -> Estimate:
-    """A frame in which every joint is lost, and why, as a sentence without its full stop."""
+def nobody_found(frame_set: FrameSet, why: str, poor: tuple[PoorDepth, ...] = ()) -> Estimate:
+    """Return the estimate of a frame in which every joint is lost; why: a sentence without its full stop."""
     return Estimate(
         frame_set,
-        observation,
+        None,
         None,
         None,
         0.0,

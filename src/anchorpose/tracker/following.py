@@ -21,16 +21,14 @@ from anchorpose.tracker.start import NoStart, find_start
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15  # frames between searches that fail, doubled each time: one costs thirty frames
 
 
-def follow_patient(
-    run: Run, frames: Iterable[FrameSet], known: FittedShape | None, begin: Start | None = None
-) -> Iterator[Estimate]:
-    """An estimate for every frame, in order: lost until the patient is found, followed, and searched for when lost.
+def follow_patient(run: Run, frames: Iterable[FrameSet], known: FittedShape | None) -> Iterator[Estimate]:
+    """Yield an estimate for every frame, in order: lost until the patient is found, searched for again when lost.
 
     frames: in the order of time, or against it; the first one should be the room's initial frame. known: the learnt
-    shape; None where it is still to be learnt. begin: the patient as already found in the first frame.
+    shape; None where it is still to be learnt.
     """
     choice = run.room.initial_frame.choice if run.room.initial_frame else None
-    for estimate, _ in follow_openly(run, frames, choice, known, begin):
+    for estimate, _ in follow_openly(run, frames, choice, known):
         yield estimate
 
 
@@ -43,7 +41,8 @@ def follow_openly(
 ) -> Iterator[tuple[Estimate, PatientTracker | None]]:
     """As ``follow_patient``, from any frame, and with the tracker as it stands after each estimate, if any.
 
-    choice: where the patient stands in the first frame, None where nobody is to be looked for.
+    choice: where the patient stands in the first frame, None where nobody is to be looked for; begin: the patient as
+    already found in the first frame.
     """
     follower = Follower(run, choice, known, begin)
     for frame_set in frames:

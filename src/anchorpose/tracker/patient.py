@@ -21,7 +21,7 @@ from anchorpose.body.inverse_kinematics import (
 )
 from anchorpose.body.limb_search import Rival, follow_rivals
 from anchorpose.body.own_surface import map_body
-from anchorpose.body.pose import PATIENT_PACE, UNSEEN_S, Pace, Pose, PoseBelief
+from anchorpose.body.pose import PATIENT_PACE, Pace, Pose, PoseBelief
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
@@ -264,7 +264,7 @@ class PatientTracker:
         if given is None:
             return belief
         wrong = contradicted(self.body, belief, given)
-        relaxed = relax_limbs(belief, given, UNSEEN_S) if wrong else belief
+        relaxed = relax_limbs(belief, given) if wrong else belief
         corrected = apply_corrections(self.body, relaxed, given, self.config.uncertainty.inflation)
         if contradicted(self.body, corrected, given):
             return belief
