@@ -43,9 +43,9 @@ def _scores(found: EquipmentModel, truth: EquipmentModel, cameras: tuple[Camera,
     errors = np.array([error for bar in bars if (error := _errors_mm(bar, found)) is not None]).reshape(-1, 3)
     section_mm, length_mm, off_line_mm = np.median(errors, axis=0) if len(errors) else np.full(3, np.nan)
     return {
-        "explained": float((np.abs(found.distance_m(true_m)) < NEAR_M).mean()),
-        "wrong": float((np.abs(truth.distance_m(found_m)) >= NEAR_M).mean()),
-        "found": len(errors) / len(bars),
+        "explained_percent": 100.0 * float((np.abs(found.distance_m(true_m)) < NEAR_M).mean()),
+        "wrong_percent": 100.0 * float((np.abs(truth.distance_m(found_m)) >= NEAR_M).mean()),
+        "found_percent": 100.0 * len(errors) / len(bars),
         "section_mm": section_mm,
         "length_mm": length_mm,
         "off_line_mm": off_line_mm,

@@ -74,16 +74,16 @@ def _scores(counts: dict[int, Counter[str]], touched: np.ndarray) -> dict[str, f
     sums = {held: sum((c for frame, c in counts.items() if touched[frame] == held), Counter()) for held in (0, 1)}
     every = sums[0] + sums[1]
 
-    def share(part: str, whole: str, of: Counter[str]) -> float:
-        return of[part] / of[whole] if of[whole] else float("nan")
+    def percent(part: str, whole: str, of: Counter[str]) -> float:
+        return 100.0 * of[part] / of[whole] if of[whole] else float("nan")
 
     return {
-        "equipment_left": share("equipment left", "equipment", every),
-        "patient_removed": share("patient removed", "patient", every),
-        "kept": share("patient kept", "patient", sums[0]),
-        "others_included": share("others included", "called patient", sums[0]),
-        "kept_held": share("patient kept", "patient", sums[1]),
-        "others_included_held": share("others included", "called patient", sums[1]),
+        "equipment_left_percent": percent("equipment left", "equipment", every),
+        "patient_removed_percent": percent("patient removed", "patient", every),
+        "kept_percent": percent("patient kept", "patient", sums[0]),
+        "others_included_percent": percent("others included", "called patient", sums[0]),
+        "kept_held_percent": percent("patient kept", "patient", sums[1]),
+        "others_included_held_percent": percent("others included", "called patient", sums[1]),
         "frames_swapped": float(sum(c["others included"] > c["called patient"] / 2 for c in counts.values())),
     }
 
