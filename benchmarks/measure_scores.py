@@ -16,9 +16,9 @@ from suite import Scores
 
 from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.measuring import MeasureConfig, measure_session
 from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Episode, Measure
 from anchorpose.results.stand_training.centre_of_mass import centre_of_mass
-from anchorpose.results.stand_training.measure import MeasureConfig, measure_session
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.truth import read_truth
 from anchorpose.results.uncertainty import NORMAL_95

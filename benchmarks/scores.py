@@ -28,8 +28,7 @@ from anchorpose.research.benchmark.labels import (
     trunk_pixel,
     within,
 )
-from anchorpose.results.evaluate import Evaluation, evaluate
-from anchorpose.results.evaluate_contacts import ContactScore
+from anchorpose.results.evaluate import ContactScore, Evaluation, evaluate
 from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints

@@ -23,8 +23,7 @@ from anchorpose.joints import JOINT_INDEX, LIMBS, STATE_CODE, JointState
 from anchorpose.pipeline import track_recording
 from anchorpose.results.explained import SEEN_PAST, UNCOVERED_CM2, read_explained
 from anchorpose.results.people_labels import decode_labels, read_people
-from anchorpose.results.poses import pose_of, read_poses
-from anchorpose.results.tables import JointTable, read_anchors, read_joints
+from anchorpose.results.tables import JointTable, pose_of, read_anchors, read_joints, read_poses
 from anchorpose.simulate.config import SimulationConfig, clinic, single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig

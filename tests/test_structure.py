@@ -25,7 +25,7 @@ FLOW = (
 VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings", "threads")
 BESIDE_THE_FLOW = (
     "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "run_account", "writing",
-    "track_inputs", "cli", "live", "check", "checking", "verifying", "research", "exports", "pages", "viewer",
+    "track_inputs", "cli", "live", "check", "checking", "research", "exports", "pages", "viewer",
     "viewing", "sources", "batch", "agreement", "remote",
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`

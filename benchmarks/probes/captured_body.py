@@ -24,7 +24,7 @@ from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_poi
 from anchorpose.body.visibility import GRAZING, pixels_of, projection_of
 from anchorpose.camera import Camera
 from anchorpose.recording.reader import open_recording
-from anchorpose.results.poses import POSES_FILE, PoseTable, pose_of, read_poses
+from anchorpose.results.tables import POSES_FILE, PoseTable, pose_of, read_poses
 from anchorpose.simulate.render import PATIENT, Figure, draw_figures, render_still
 
 NEAR_MM: Final = 12.0

@@ -18,8 +18,8 @@ from anchorpose.motion.database_file import (
     write_motions,
 )
 from anchorpose.recording.regular_file import read_arrays
-from anchorpose.results.own_tables import require_own
 from anchorpose.results.tables import JOINTS_FILE, read_joints
+from anchorpose.results.verify import require_own
 
 SUFFIX = ".npz"
 SHORTEST_S: Final = 0.5  # the motion history, the frames that check it and one predicted step, at 30 Hz

@@ -12,11 +12,10 @@ from anchorpose.report.page import REPORT_FILE, write_report
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.event_log import add_event
 from anchorpose.results.explained import EXPLAINED_FILE, read_explained, summarise, write_explained
-from anchorpose.results.measuring import write_measured
+from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.people_labels import PEOPLE_FILE, write_people
 from anchorpose.results.poor_intervals import PoorInterval, note_poor
-from anchorpose.results.poses import POSES_FILE, write_poses
-from anchorpose.results.processing.process import ProcessingConfig
+from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import CONTACTS_FILE, write_contacts
 from anchorpose.results.run_record import (
     RUN_FILE,
@@ -26,8 +25,15 @@ from anchorpose.results.run_record import (
     note_lost,
     write_run_record,
 )
-from anchorpose.results.stand_training.measure import MeasureConfig
-from anchorpose.results.tables import ANCHORS_FILE, JOINTS_FILE, read_joints, write_anchors, write_joints
+from anchorpose.results.tables import (
+    ANCHORS_FILE,
+    JOINTS_FILE,
+    POSES_FILE,
+    read_joints,
+    write_anchors,
+    write_joints,
+    write_poses,
+)
 from anchorpose.run_account import Written, account_of, outcome_of
 from anchorpose.track_inputs import TrackInputs
 from anchorpose.tracker.config import TrackConfig

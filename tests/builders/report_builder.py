@@ -11,6 +11,7 @@ import numpy as np
 from results_builder import make_frame, standing_joints, write_results
 
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
+from anchorpose.results.measuring import MeasureConfig
 from anchorpose.results.records import (
     CONTACTS_FILE,
     EPISODES_FILE,
@@ -23,7 +24,6 @@ from anchorpose.results.records import (
     write_measures,
 )
 from anchorpose.results.run_record import RUN_FILE
-from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import JOINTS_FILE, POSTURE_FILE, JointFrame, PostureTable, read_joints, write_posture
 
 RATE_HZ = 30.0

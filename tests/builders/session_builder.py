@@ -7,9 +7,9 @@ from results_builder import standing_joints
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LOST
 from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.measuring import MeasureConfig, measure_session
 from anchorpose.results.records import Contact, Measure
-from anchorpose.results.stand_training.measure import MeasureConfig, measure_session
-from anchorpose.results.stand_training.session import Session
+from anchorpose.results.stand_training.stance import Session
 from anchorpose.results.tables import JointTable
 
 RATE = 20.0

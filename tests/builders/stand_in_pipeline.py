@@ -11,11 +11,10 @@ import numpy as np
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.reader import input_files, open_recording, read_frames
 from anchorpose.report.page import write_report
-from anchorpose.results.measuring import write_measured
-from anchorpose.results.processing.process import ProcessingConfig
+from anchorpose.results.measuring import MeasureConfig, write_measured
+from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import write_contacts
 from anchorpose.results.run_record import DroppedFrame, RunRecord, hash_files, write_run_record
-from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import JointFrame, write_joints
 
 

@@ -23,19 +23,21 @@ from anchorpose.recording.recording import Clock
 from anchorpose.results.explained import ExplainedFrame
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.people_labels import PEOPLE_FILE, LabelImage, write_people
-from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
 from anchorpose.results.records import CONTACTS_FILE, Contact, write_contacts
 from anchorpose.results.run_record import RUN_FILE, hash_files
 from anchorpose.results.tables import (
     ANCHORS_FILE,
     ANGLES_FILE,
     JOINTS_FILE,
+    POSES_FILE,
     AnchorFrame,
+    BodyPose,
     JointFrame,
     read_joints,
     write_anchors,
     write_angles,
     write_joints,
+    write_poses,
 )
 from anchorpose.viewer.server import ViewerServer
 from anchorpose.viewing import open_viewer

@@ -19,7 +19,7 @@ from anchorpose.exports.formats import ExportConfig, Format
 from anchorpose.exports.opensim_coordinates import joint
 from anchorpose.exports.run import export_results
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
-from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
+from anchorpose.results.tables import POSES_FILE, BodyPose, write_poses
 from anchorpose.rotations import rotation_matrices
 
 BY_JOINTS = {

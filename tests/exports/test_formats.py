@@ -22,9 +22,8 @@ from anchorpose.exports.formats import STATES, ExportConfig, Format, rounded_tex
 from anchorpose.exports.run import export_results
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results import frame_time
-from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
 from anchorpose.results.records import CONTACTS_FILE, Contact, write_contacts
-from anchorpose.results.tables import read_joints
+from anchorpose.results.tables import POSES_FILE, BodyPose, read_joints, write_poses
 
 START_S = 100.0
 LOST = {5: ("KneeLeft",), 6: JOINT_NAMES}

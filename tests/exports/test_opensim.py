@@ -31,7 +31,7 @@ from anchorpose.exports.osim_model import model_xml
 from anchorpose.exports.osim_segments import measure_body
 from anchorpose.exports.run import export_results
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
+from anchorpose.results.tables import POSES_FILE, BodyPose, write_poses
 from anchorpose.results.truth import read_truth
 
 BOTH = (Format.TRC, Format.MOT)

@@ -18,11 +18,10 @@ from anchorpose.errors import InputError
 from anchorpose.report.comparable import grows_with_time
 from anchorpose.report.comparison import change_between, write_comparison
 from anchorpose.report.detectable import read_detectable
-from anchorpose.results.measuring import write_measured
-from anchorpose.results.processing.process import ProcessingConfig
+from anchorpose.results.measuring import MeasureConfig, write_measured
+from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import Measure, write_measures
 from anchorpose.results.stand_training.extension import ExtensionConfig
-from anchorpose.results.stand_training.measure import MeasureConfig
 
 UPRIGHT = Measure(measure="upright_time", value=10.0, unit="s", sigma=3.0, frames=300)
 BODY = {"height_m": 1.72, "height_sigma_m": 0.01, "clothes_m": {"trunk": 0.005}, "bones": [], "coefficients": []}

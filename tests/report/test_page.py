@@ -28,10 +28,9 @@ from anchorpose.report.measure_section import GROUPS, grouped_measures, words_of
 from anchorpose.report.page import write_report
 from anchorpose.report.provenance import _depth
 from anchorpose.report.session import MOST_BINS, make_bins
-from anchorpose.results.measuring import write_measured
-from anchorpose.results.processing.process import ProcessingConfig
+from anchorpose.results.measuring import MeasureConfig, write_measured
+from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.run_record import as_json
-from anchorpose.results.stand_training.measure import MeasureConfig
 
 FRAMES = 120
 

@@ -14,8 +14,8 @@ from results_builder import make_frame, standing_joints, write_results
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.own_tables import require_own
 from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.verify import require_own
 
 VERBS = {
     "measure": ["measure", "{results}"],

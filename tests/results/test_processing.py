@@ -12,21 +12,21 @@ from results_builder import standing_joints
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
 from anchorpose.results import frame_time
-from anchorpose.results.frame_table import FRAMES_PER_ROW_GROUP
-from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.processing.filters import (
+from anchorpose.results.filters import (
     FIRST_ACCELERATION_M_S2,
     FIRST_SPEED_M_S,
     low_pass,
     shortest_frames,
     smooth_stretch,
 )
-from anchorpose.results.processing.gaps import fill_gaps
-from anchorpose.results.processing.process import (
+from anchorpose.results.frame_table import FRAMES_PER_ROW_GROUP
+from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.processing import (
     FILLED,
     MEASURED,
     SMOOTHED,
     ProcessingConfig,
+    fill_gaps,
     process_angles,
     process_joints,
 )

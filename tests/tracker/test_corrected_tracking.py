@@ -19,10 +19,9 @@ from anchorpose.results.corrections import Corrections, JointCorrection, Unusabl
 from anchorpose.results.corrections_file import read_corrections, write_corrections
 from anchorpose.results.explained import read_explained
 from anchorpose.results.people_labels import read_people
-from anchorpose.results.poses import read_poses
 from anchorpose.results.records import read_contacts
 from anchorpose.results.run_document import read_run
-from anchorpose.results.tables import JointTable, read_joints
+from anchorpose.results.tables import JointTable, read_joints, read_poses
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig

@@ -23,8 +23,7 @@ from anchorpose.results.people_labels import (
     read_people,
     write_people,
 )
-from anchorpose.results.poses import pose_of, read_poses, write_poses
-from anchorpose.results.tables import AnchorFrame, read_anchors, write_anchors
+from anchorpose.results.tables import AnchorFrame, pose_of, read_anchors, read_poses, write_anchors, write_poses
 from anchorpose.tracker.frame_record import axial_sigma, body_pose
 
 POINTS = body_points()

@@ -17,8 +17,8 @@ from anchorpose.agreement.signals import common_signals, position_signals, resam
 from anchorpose.errors import DegenerateGeometry, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.own_tables import require_own
 from anchorpose.results.tables import JOINTS_FILE, AngleTable, JointTable, read_joints
+from anchorpose.results.verify import require_own
 
 LARGEST_SCALE: Final = 1.3
 """Bodies are as large in both systems; definitions change distances between joints by less than this factor."""

@@ -13,9 +13,9 @@ import numpy as np
 from anchorpose.agreement.reliability import COLUMNS, Reliability, reliability_of, without_values
 from anchorpose.errors import InputError
 from anchorpose.recording.document import cell_text, read_rows, require_distinct
-from anchorpose.results.own_tables import require_own
 from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
 from anchorpose.results.tables import JOINTS_FILE
+from anchorpose.results.verify import require_own
 from anchorpose.settings import LARGEST
 
 REPEATED: Final = ("session", "rater", "device")

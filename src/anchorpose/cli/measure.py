@@ -13,7 +13,7 @@ from anchorpose.cli.limits import DAY_S, FASTEST_HZ, between, positive
 from anchorpose.errors import AnchorposeError
 
 if TYPE_CHECKING:
-    from anchorpose.results.processing.process import ProcessingConfig
+    from anchorpose.results.processing import ProcessingConfig
 
 
 @Parameter(name="*")
@@ -36,7 +36,7 @@ class MeasureOptions:
 
     def settings(self) -> ProcessingConfig:
         """The settings; raises AnchorposeError where the options do not fit together."""
-        from anchorpose.results.processing.process import ProcessingConfig
+        from anchorpose.results.processing import ProcessingConfig
         from anchorpose.settings import sentence_of
 
         if self.cutoff is not None and self.smooth != "butterworth":
@@ -70,8 +70,7 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
 
     from anchorpose.cli.console import log_event
     from anchorpose.results.folder import naming_place
-    from anchorpose.results.measuring import WRITTEN, measure_rows, processing_sentence, write_measured
-    from anchorpose.results.stand_training.measure import MeasureConfig
+    from anchorpose.results.measuring import WRITTEN, MeasureConfig, measure_rows, processing_sentence, write_measured
 
     given = options or MeasureOptions()
     with naming_place(results):

@@ -13,7 +13,7 @@ from anchorpose.exports.formats import ExportConfig, Product, Source, rounded_te
 from anchorpose.exports.opensim_coordinates import joint, rotations_deg
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, stretch_name, stretches_of
 from anchorpose.results.frame_time import blocks
-from anchorpose.results.poses import POSES_FILE
+from anchorpose.results.tables import POSES_FILE
 
 STEM: Final = "motion"
 CM_PER_M: Final = 100.0

@@ -19,7 +19,7 @@ from anchorpose.exports.formats import Samples
 from anchorpose.exports.opensim_coordinates import joint, pelvis_axes, torso_axes
 from anchorpose.exports.regular_time import Interpolation
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.poses import read_poses
+from anchorpose.results.tables import read_poses
 from anchorpose.rotations import unit
 
 ROOT: Final = "SpineBase"

@@ -13,8 +13,8 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import LOST, JointState
-from anchorpose.results.own_tables import require_own
 from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointTable, read_angles, read_joints
+from anchorpose.results.verify import require_own
 
 STATES: Final = tuple(str(state) for state in JointState)
 """In the order of the state codes 0 (observed) to 6 (lost) that formats without texts write."""

@@ -18,7 +18,7 @@ from anchorpose.exports.opensim_coordinates import (
 )
 from anchorpose.exports.regular_time import near_in_time, stretch_name, stretches_of
 from anchorpose.results.frame_time import blocks
-from anchorpose.results.poses import POSES_FILE
+from anchorpose.results.tables import POSES_FILE
 
 STEM: Final = "motion"
 DIGITS: Final = 6  # after the point: micrometres, and millionths of a degree

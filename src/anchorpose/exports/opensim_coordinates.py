@@ -19,9 +19,9 @@ from anchorpose.errors import InputError
 from anchorpose.exports.formats import CoordinateModel
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import blocks
-from anchorpose.results.kinematics.limbs import SOLE_SLOPE_DEG, knee_flexion
-from anchorpose.results.poses import POSES, PoseTable
+from anchorpose.results.kinematics.joint_angles import SOLE_SLOPE_DEG, knee_flexion
 from anchorpose.results.stored_frames import open_frames
+from anchorpose.results.tables import POSES, PoseTable
 from anchorpose.rotations import unit
 
 SIDES: Final = (("Right", "r", 1), ("Left", "l", -1))

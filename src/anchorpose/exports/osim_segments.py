@@ -9,7 +9,7 @@ import numpy as np
 
 from anchorpose.exports.formats import CoordinateModel
 from anchorpose.exports.opensim_coordinates import SIDES, in_axes, joint, pelvis_axes, torso_axes
-from anchorpose.results.kinematics.limbs import SOLE_SLOPE_DEG
+from anchorpose.results.kinematics.joint_angles import SOLE_SLOPE_DEG
 
 
 @dataclass(frozen=True, slots=True, eq=False)

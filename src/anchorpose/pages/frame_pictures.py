@@ -19,10 +19,20 @@ from anchorpose.joints import ANCHOR_NAMES, LOST, JointState
 from anchorpose.pages.overlay import OverlayScene, draw_frame
 from anchorpose.recording.reader import read_frame
 from anchorpose.results.people_labels import PEOPLE_FILE, decode_labels, frames_of_people, read_people
-from anchorpose.results.poses import POSES_FILE, PoseTable, pose_of, read_poses
 from anchorpose.results.records import EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT, Episode, read_episodes
 from anchorpose.results.run_record import PictureRecord
-from anchorpose.results.tables import ANCHORS_FILE, JOINTS_FILE, AnchorTable, JointTable, read_anchors, read_joints
+from anchorpose.results.tables import (
+    ANCHORS_FILE,
+    JOINTS_FILE,
+    POSES_FILE,
+    AnchorTable,
+    JointTable,
+    PoseTable,
+    pose_of,
+    read_anchors,
+    read_joints,
+    read_poses,
+)
 from anchorpose.surface.mesh import build_surface, edges
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.room import Room

@@ -15,7 +15,7 @@ from anchorpose.report.ledger import Aggregation, Form, Ledger, Rows
 from anchorpose.report.session import Session
 from anchorpose.report.words import COVERAGE, decimals_for, named_part, spaced
 from anchorpose.results.records import MEASURES_FILE, Measure
-from anchorpose.results.stand_training.ranges import SIDED, UNSIDED
+from anchorpose.results.stand_training.extension import SIDED, UNSIDED
 
 
 class Words(NamedTuple):

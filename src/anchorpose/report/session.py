@@ -20,7 +20,6 @@ from anchorpose.report.frame_columns import FrameColumns
 from anchorpose.report.ledger import Ledger
 from anchorpose.report.words import counted
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained
-from anchorpose.results.own_tables import require_own
 from anchorpose.results.parquet import TRACK_AGAIN
 from anchorpose.results.records import (
     CONTACTS_FILE,
@@ -51,6 +50,7 @@ from anchorpose.results.tables import (
     read_joints,
     read_posture,
 )
+from anchorpose.results.verify import require_own
 
 MOST_BINS: Final = 600
 """Groups at most: about one and a half pixels each on a page, a third of a millimetre on paper."""

@@ -1,13 +1,15 @@
-"""Errors of a result against the truth, and whether its uncertainties are calibrated."""
+"""Errors of a result against the truth, whether its uncertainties are calibrated, and how well contacts were found."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from anchorpose.body.contact_regions import REGION_BONES, REGIONS
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.pairing import half_period_s, nearest_within
@@ -19,14 +21,13 @@ from anchorpose.results.evaluate_confidence import (
     seen_joints,
     wrong_in_view,
 )
-from anchorpose.results.evaluate_contacts import ContactEvaluation, evaluate_contacts
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES, joint_angles
-from anchorpose.results.own_tables import require_own
-from anchorpose.results.records import CONTACTS_FILE, read_contacts
+from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.truth import TrueTouch, Truth, read_true_touch, read_truth
 from anchorpose.results.uncertainty import NORMAL_95
+from anchorpose.results.verify import require_own
 
 OFF_M: Final = 0.15
 """Farther off than this, a joint says nothing about the patient."""
@@ -264,3 +265,52 @@ def _as_slice(index: np.ndarray) -> slice | np.ndarray:
     if not len(index) or (np.diff(index) != 1).any():
         return index
     return slice(int(index[0]), int(index[-1]) + 1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactScore:
+    """How well contacts were found; None where there is nothing to take the share of.
+
+    precision: of the reported parts times frames, the share in which a bone of that part is touched. recall: of the
+    touched parts times frames, the share in which the part, or one that shares a bone with it, is reported: the truth
+    names bones, so that a knee held from both sides is a touched thigh and a touched shank.
+    """
+
+    reported: int  # parts times frames
+    touched: int
+    precision: float | None
+    recall: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactEvaluation:
+    """All parts together, and each part that was touched or reported."""
+
+    overall: ContactScore
+    per_part: tuple[tuple[str, ContactScore], ...]
+
+
+def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: TrueTouch) -> ContactEvaluation:
+    """The contacts of a result; frame (t,): number of the result's frame at each frame of the truth."""
+    holds = np.array([[name in bones for name in truth.names] for bones in REGION_BONES.values()])  # (regions, bones)
+    own = np.array([not name.startswith("knee") for name in REGIONS])  # parts that the truth's bones distinguish
+    touched = truth.bones @ holds.T  # of bool: any bone that the part holds
+    reported = np.zeros_like(touched)
+    for contact in contacts:
+        reported[(frame >= contact.first_frame) & (frame <= contact.last_frame), REGIONS.index(contact.part)] = True
+    found = reported @ (holds @ holds.T)
+    due = touched & own
+    scores = [(name, _score(reported[:, k], touched[:, k], due[:, k], found[:, k])) for k, name in enumerate(REGIONS)]
+    return ContactEvaluation(
+        overall=_score(reported, touched, due, found),
+        per_part=tuple((name, score) for name, score in scores if score.reported or score.touched),
+    )
+
+
+def _score(reported: np.ndarray, touched: np.ndarray, due: np.ndarray, found: np.ndarray) -> ContactScore:
+    return ContactScore(
+        reported=int(reported.sum()),
+        touched=int(due.sum()),
+        precision=float((reported & touched).sum() / reported.sum()) if reported.any() else None,
+        recall=float((due & found).sum() / due.sum()) if due.any() else None,
+    )

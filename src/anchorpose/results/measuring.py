@@ -6,36 +6,114 @@ import json
 import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
+from anchorpose.results.frame_time import frame_seconds
 from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.own_tables import require_own
-from anchorpose.results.processing.process import ProcessingConfig, process_angles
+from anchorpose.results.processing import ProcessingConfig, process_angles
 from anchorpose.results.records import (
     CONTACTS_FILE,
     EPISODES_FILE,
     MEASURES_FILE,
+    Contact,
     Measure,
     read_contacts,
     write_episodes,
     write_measures,
 )
-from anchorpose.results.stand_training.measure import MeasureConfig, measure_session
+from anchorpose.results.stand_training.assistance import assistance_measures
+from anchorpose.results.stand_training.centre_of_mass import SwayConfig, centre_of_mass, sway_measures
+from anchorpose.results.stand_training.extension import (
+    ExtensionConfig,
+    extension_measures,
+    range_measures,
+    symmetry_measures,
+)
+from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, upright
+from anchorpose.results.stand_training.steps import find_steps, step_episodes, step_measures
+from anchorpose.results.stand_training.tasks import task_measures
+from anchorpose.results.stand_training.upright import (
+    TransitionConfig,
+    time_measures,
+    transition_episodes,
+    transition_measures,
+    transitions,
+    upright_episodes,
+)
 from anchorpose.results.tables import (
     ANGLES_FILE,
     JOINTS_FILE,
     POSTURE_FILE,
     PROCESSED_FILE,
     PROCESSING,
+    UPRIGHT,
+    AngleTable,
     JointTable,
+    PostureTable,
     read_joints,
     write_angles,
     write_posture,
     write_processed_angles,
 )
 from anchorpose.results.uncertainty import NORMAL_95
+from anchorpose.results.verify import require_own
+from anchorpose.settings import settings
+
+
+@settings
+class MeasureConfig:
+    """The thresholds in the definitions of docs/measures.md, recorded with the measures."""
+
+    upright: UprightConfig = field(default_factory=UprightConfig)
+    transitions: TransitionConfig = field(default_factory=TransitionConfig)
+    extension: ExtensionConfig = field(default_factory=ExtensionConfig)
+    sway: SwayConfig = field(default_factory=SwayConfig)
+
+
+def measure_session(
+    joints: JointTable, angles: AngleTable, contacts: tuple[Contact, ...] | None, config: MeasureConfig
+) -> tuple[Session, list[Measure]]:
+    """The session with its posture and episodes, and every measure of docs/measures.md.
+
+    contacts: None where they are unknown, which is not the same as no contact.
+    """
+    body = centre_of_mass(joints)
+    found = stance(joints, body.position_m)
+    state = upright(found, config.upright)
+    moves = transitions(joints, found, state, config.transitions)
+    bouts, steps = upright_episodes(joints, found, state), find_steps(joints, state == UPRIGHT)
+    session = Session(
+        joints=joints,
+        angles=angles,
+        posture=PostureTable(
+            joints.frame,
+            joints.time_s,
+            body.position_m,
+            body.sigma_m,
+            state,
+            np.maximum(body.state_code, found.state_code),
+        ),
+        stance=found,
+        seconds=frame_seconds(joints.time_s),
+        episodes=(*bouts, *transition_episodes(joints, found, moves), *step_episodes(joints, steps)),
+        contacts=contacts,
+    )
+    return session, [
+        *time_measures(session, config.upright),
+        *transition_measures(session, moves),
+        *extension_measures(session, config.extension),
+        *sway_measures(session, config.sway),
+        *symmetry_measures(session),
+        *range_measures(session),
+        *task_measures(session, config.transitions),
+        *step_measures(session, steps),
+        *assistance_measures(session),
+    ]
+
 
 WRITTEN: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE, PROCESSED_FILE)
 """What ``write_measured`` writes, or removes."""

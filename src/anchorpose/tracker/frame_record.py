@@ -17,8 +17,7 @@ from anchorpose.joints import JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.results.explained import ExplainedFrame, explained_frame
 from anchorpose.results.people_labels import LabelImage, encode_labels
-from anchorpose.results.poses import BodyPose
-from anchorpose.results.tables import AnchorFrame, JointFrame
+from anchorpose.results.tables import AnchorFrame, BodyPose, JointFrame
 from anchorpose.rotations import quaternions
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation

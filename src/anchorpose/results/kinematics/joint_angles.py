@@ -1,17 +1,282 @@
-"""All angles of all frames, with the state and the uncertainty that follow from their joints."""
+"""The angles of the body: how each follows from joint centres, and all of all frames with state and uncertainty.
+
+The pelvis is rotated, then raised on one side, then tilted (Baker 2001, doi:10.1016/S0966-6362(00)00083-7). In this
+order, the reverse of that for joints, each of the three is what clinicians call by its name, also for a patient who has
+turned.
+"""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import blocks
-from anchorpose.results.kinematics.definition import LEAST_LEVER, AngleGroup, Points
-from anchorpose.results.kinematics.limbs import ARMS, LEGS
-from anchorpose.results.kinematics.trunk import NECK, PELVIS, TRUNK
+from anchorpose.results.kinematics.definition import (
+    LEAST_LEVER,
+    PLANE_KNOWN_RAD,
+    PLANE_UNKNOWN_RAD,
+    AngleGroup,
+    Axes,
+    Points,
+    Reading,
+    arcsin,
+    between,
+    cross,
+    dot,
+    hinge_sigma,
+    length,
+    pelvis_axes,
+    square_to,
+    thorax_axes,
+    trunk_axes,
+    unit,
+)
 from anchorpose.results.tables import AngleTable, JointTable
+
+
+def trunk_lean(points: Points) -> tuple[Reading, ...]:
+    """The line from SpineBase to SpineShoulder against the world's vertical: forwards, then to the patient's right.
+
+    Forwards is horizontal and perpendicular to the hip joints; where their line is nearly vertical (lying on a side),
+    both angles are undetermined.
+    """
+    across, up = points["HipRight"] - points["HipLeft"], unit(points["SpineShoulder"] - points["SpineBase"])
+    nothing = np.zeros_like(across[0])
+    right = unit(np.stack([across[0], nothing, across[2]]))
+    forward = np.stack([right[2], nothing, -right[0]])
+    ahead, aside = dot(up, forward), dot(up, right)
+    level = np.hypot(*unit(across)[[0, 2]])
+    return (np.arctan2(ahead, up[1]), np.minimum(level, np.hypot(ahead, up[1]))), (arcsin(aside), level)
+
+
+def trunk_heading(points: Points) -> tuple[Reading, ...]:
+    """Where the shoulders face, about the world's vertical: 0 = along the world's X, positive to the left."""
+    z = unit(points["ShoulderRight"] - points["ShoulderLeft"])
+    return ((np.arctan2(z[0], z[2]), np.hypot(z[0], z[2])),)
+
+
+def trunk_on_pelvis(points: Points) -> tuple[Reading, ...]:
+    """Thorax against pelvis, Cardan angles in the order z, x, y: flexion, bend to the right, turn to the left."""
+    pelvis, thorax = pelvis_axes(points), thorax_axes(points)
+    aside = dot(pelvis.z, thorax.y)
+    lever = np.sqrt(np.clip(1.0 - aside**2, 0.0, 1.0))
+    turn = np.arctan2(-dot(pelvis.z, thorax.x), dot(pelvis.z, thorax.z))
+    return (_flexion(pelvis, thorax.y), lever), (arcsin(aside), 1.0), (turn, lever)
+
+
+def neck_lean(points: Points) -> tuple[Reading, ...]:
+    """The line from Neck to Head against the thorax: flexion, then bend to the right."""
+    thorax, line = thorax_axes(points), unit(points["Head"] - points["Neck"])
+    aside = dot(thorax.z, line)
+    return (_flexion(thorax, line), np.sqrt(np.clip(1.0 - aside**2, 0.0, 1.0))), (arcsin(aside), 1.0)
+
+
+def _flexion(axes: Axes, line: np.ndarray) -> np.ndarray:
+    return np.arctan2(dot(line, axes.x), dot(line, axes.y))
+
+
+_HIPS, _SHOULDERS = ("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight")
+
+TRUNK: Final = (
+    AngleGroup(("trunk_flexion", "trunk_side_bend"), ("SpineBase", "SpineShoulder", *_HIPS), trunk_lean),
+    AngleGroup(("trunk_rotation",), _SHOULDERS, trunk_heading),
+    AngleGroup(
+        ("trunk_pelvis_flexion", "trunk_pelvis_side_bend", "trunk_pelvis_rotation"),
+        (*_HIPS, "SpineMid", "SpineShoulder", *_SHOULDERS),
+        trunk_on_pelvis,
+    ),
+)
+
+NECK: Final = (
+    AngleGroup(
+        ("neck_flexion", "neck_side_bend"), ("SpineMid", "SpineShoulder", *_SHOULDERS, "Neck", "Head"), neck_lean
+    ),
+)
+
+
+def pelvis_angles(points: Points) -> tuple[Reading, ...]:
+    """Tilt (front down positive), obliquity (right hip higher positive), rotation (turned to the left positive)."""
+    pelvis = pelvis_axes(points)
+    z = pelvis.z
+    level = np.hypot(z[0], z[2])
+    forward = unit(np.stack([z[2], np.zeros_like(level), -z[0]]))  # the world's vertical, crossed with z
+    tilt = np.arctan2(dot(pelvis.y, forward), dot(pelvis.y, cross(z, forward)))
+    return (tilt, level), (arcsin(z[1]), 1.0), (np.arctan2(z[0], z[2]), level)
+
+
+PELVIS: Final = (
+    AngleGroup(
+        ("pelvis_tilt", "pelvis_obliquity", "pelvis_rotation"), ("HipLeft", "HipRight", "SpineMid"), pelvis_angles
+    ),
+)
+
+
+SOLE_SLOPE_DEG: Final = 19.3
+"""How far the line from ankle to toe base falls towards the toes when the sole is level: mean of the body asset's
+shapes; its standard deviation from person to person, 1.6 degrees, is not included in sigma."""
+
+
+VARUS_VALGUS_RAD: Final = np.radians(3.0)
+"""One standard deviation of how far knees are bowed in or out; assumed, not measured here."""
+
+
+def hip_to_trunk(points: Points, side: str) -> tuple[Reading, ...]:
+    """Thigh against the whole trunk in the patient's sagittal plane: 0 = in line, positive = knee forward."""
+    right = unit(points["HipRight"] - points["HipLeft"])
+    up = square_to(points["SpineShoulder"] - points["SpineBase"], right)
+    return (_swing(up, right, unit(points[f"Knee{side}"] - points[f"Hip{side}"])),)
+
+
+def hip_to_pelvis(points: Points, side: str) -> tuple[Reading, ...]:
+    """Thigh against the pelvis in the joint coordinate system of ISB: flexion about the pelvis' z, then adduction."""
+    pelvis, thigh = pelvis_axes(points), unit(points[f"Knee{side}"] - points[f"Hip{side}"])
+    inwards = 1.0 if side == "Left" else -1.0
+    return _swing(pelvis.y, pelvis.z, thigh), (inwards * arcsin(dot(thigh, pelvis.z)), 1.0)
+
+
+def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
+    """Rotation of the thigh about its long axis, by the plane in which the leg is bent: 0 = the shank points straight
+    back from the knee, perpendicular to the hip joints; positive = inwards, the foot to the outside.
+
+    The last of ISB's Cardan angles z, x, y, the plane's normal being the thigh's z. A leg that is bent by less than
+    ``PLANE_KNOWN_RAD`` has no such plane, and one that is bent backwards has it reversed: no value.
+    """
+    hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
+    across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
+    normal = cross(unit(ankle - knee), y)  # as long as the sine of the bend
+    bent, z = length(normal), unit(-normal)
+    aside, along = dot(across, cross(y, z)), dot(across, z)
+    inwards = -1.0 if side == "Left" else 1.0
+    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # bent the other way it is not the hinge that bends
+    return ((inwards * np.arctan2(-aside, along), np.where(hinged, bent * np.hypot(aside, along), 0.0)),)
+
+
+def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
+    """How far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
+
+    The plane of bending of a nearly straight leg is that of noise and of bow legs, so only the rotation about the line
+    of the hips counts, with either sign, so that noise about a straight knee has the mean zero. A clearly bent leg is
+    bent in the plane of its hinge, and the whole angle between thigh and shank counts. Between ``PLANE_UNKNOWN_RAD``
+    and ``PLANE_KNOWN_RAD`` one passes into the other. No knee bends backwards further than that, so beyond it the angle
+    is positive and does not need the line of the hips.
+    """
+    hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
+    thigh, shank = unit(knee - hip), unit(ankle - knee)
+    across = unit(points["HipRight"] - points["HipLeft"])
+    hinge, axis = square_to(across, thigh), cross(shank, thigh)
+    bend, about_hinge = between(thigh, shank), dot(axis, hinge)
+    clear = np.clip((bend - PLANE_UNKNOWN_RAD) / (PLANE_KNOWN_RAD - PLANE_UNKNOWN_RAD), 0.0, 1.0)
+    part = np.arctan2(about_hinge, dot(thigh, shank))
+    signed = clear * np.copysign(bend, about_hinge) + (1.0 - clear) * part
+    return ((np.where(clear == 1.0, bend, signed), np.where(clear == 1.0, 1.0, length(cross(across, thigh)))),)
+
+
+def ankle_dorsiflexion(points: Points, side: str) -> tuple[Reading, ...]:
+    """Foot against shank: 0 = the sole of a mean foot perpendicular to the shank, positive = toes up (dorsiflexion)."""
+    knee, ankle, foot = (points[f"{name}{side}"] for name in ("Knee", "Ankle", "Foot"))
+    return ((0.5 * np.pi + np.radians(SOLE_SLOPE_DEG) - between(knee - ankle, foot - ankle), 1.0),)
+
+
+def _swing(up: np.ndarray, right: np.ndarray, thigh: np.ndarray) -> Reading:
+    ahead, along = dot(thigh, cross(up, right)), -dot(thigh, up)
+    return np.arctan2(ahead, along), np.hypot(ahead, along)
+
+
+def _leg(side: str) -> tuple[AngleGroup, ...]:
+    end, hips = side.lower(), ("HipLeft", "HipRight")
+    knee, ankle, foot = (f"{name}{side}" for name in ("Knee", "Ankle", "Foot"))
+    return (
+        AngleGroup(
+            (f"hip_flexion_{end}",), ("SpineBase", "SpineShoulder", *hips, knee), partial(hip_to_trunk, side=side)
+        ),
+        AngleGroup(
+            (f"hip_pelvis_flexion_{end}", f"hip_adduction_{end}"),
+            ("SpineMid", *hips, knee),
+            partial(hip_to_pelvis, side=side),
+        ),
+        AngleGroup(
+            (f"hip_rotation_{end}",),
+            (*hips, knee, ankle),
+            partial(hip_rotation, side=side),
+            partial(hinge_sigma, limb=(f"Hip{side}", knee, ankle), aside_rad=VARUS_VALGUS_RAD),
+        ),
+        AngleGroup((f"knee_flexion_{end}",), (*hips, knee, ankle), partial(knee_flexion, side=side)),
+        AngleGroup((f"ankle_dorsiflexion_{end}",), (knee, ankle, foot), partial(ankle_dorsiflexion, side=side)),
+    )
+
+
+LEGS: Final = (*_leg("Left"), *_leg("Right"))
+
+
+CARRYING_RAD: Final = np.radians(5.0)
+"""One standard deviation of the elbow's carrying angle; assumed, not measured here."""
+
+
+def shoulder_elevation(points: Points, side: str) -> tuple[Reading, ...]:
+    """Upper arm against trunk, in whichever direction it is raised: 0 = along the trunk, pi = overhead."""
+    trunk = points["SpineBase"] - points["SpineShoulder"]
+    return ((between(trunk, points[f"Elbow{side}"] - points[f"Shoulder{side}"]), 1.0),)
+
+
+def shoulder_plane(points: Points, side: str) -> tuple[Reading, ...]:
+    """In which direction the arm is raised (ISB's plane of elevation): 0 = sideways, 90 degrees = forwards."""
+    trunk, arm = trunk_axes(points), unit(points[f"Elbow{side}"] - points[f"Shoulder{side}"])
+    outwards = 1.0 if side == "Right" else -1.0
+    ahead, aside = dot(arm, trunk.x), outwards * dot(arm, trunk.z)
+    return ((np.arctan2(ahead, aside), np.hypot(ahead, aside)),)
+
+
+def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
+    """Rotation of the upper arm about its long axis, by the plane in which the arm is bent: 0 = the forearm of the
+    hanging arm points forward; positive = inwards, the hand towards the other side.
+
+    It is the arm's rotation relative to the trunk without the shortest swing from hanging. ISB's third angle is
+    undetermined for a hanging arm, which is where patients hold theirs. An arm that is bent by less than
+    ``PLANE_KNOWN_RAD`` has no such plane.
+    """
+    shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
+    trunk, y = trunk_axes(points), unit(shoulder - elbow)
+    normal = cross(unit(wrist - elbow), y)  # as long as the sine of the bend
+    bent, z = length(normal), unit(normal)
+    x = cross(y, z)
+    inwards = 1.0 if side == "Right" else -1.0
+    turn = np.arctan2(dot(trunk.x, z) - dot(trunk.z, x), dot(trunk.x, x) + dot(trunk.z, z))
+    not_overhead = np.sqrt(np.clip(0.5 * (1.0 + dot(trunk.y, y)), 0.0, 1.0))
+    hinged = bent >= np.sin(PLANE_KNOWN_RAD)
+    return ((inwards * turn, np.where(hinged, bent * not_overhead, 0.0)),)
+
+
+def elbow_flexion(points: Points, side: str) -> tuple[Reading, ...]:
+    """How far the arm is bent at the elbow: 0 = straight, pi = folded."""
+    shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
+    return ((between(elbow - shoulder, wrist - elbow), 1.0),)
+
+
+def _arm(side: str) -> tuple[AngleGroup, ...]:
+    end, trunk = side.lower(), ("SpineBase", "SpineShoulder")
+    shoulder, elbow, wrist = (f"{name}{side}" for name in ("Shoulder", "Elbow", "Wrist"))
+    return (
+        AngleGroup((f"shoulder_elevation_{end}",), (*trunk, shoulder, elbow), partial(shoulder_elevation, side=side)),
+        AngleGroup(
+            (f"shoulder_plane_{end}",),
+            (*trunk, "ShoulderLeft", "ShoulderRight", elbow),
+            partial(shoulder_plane, side=side),
+        ),
+        AngleGroup(
+            (f"shoulder_rotation_{end}",),
+            (*trunk, "ShoulderLeft", "ShoulderRight", elbow, wrist),
+            partial(shoulder_rotation, side=side),
+            partial(hinge_sigma, limb=(shoulder, elbow, wrist), aside_rad=CARRYING_RAD),
+        ),
+        AngleGroup((f"elbow_flexion_{end}",), (shoulder, elbow, wrist), partial(elbow_flexion, side=side)),
+    )
+
+
+ARMS: Final = (*_arm("Left"), *_arm("Right"))
+
 
 AT_ONCE: Final = 128
 """Frames: with all their moved joints they stay in a core's cache."""

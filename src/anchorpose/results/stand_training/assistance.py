@@ -10,7 +10,7 @@ import numpy as np
 
 from anchorpose.results.frame_time import unbroken_runs
 from anchorpose.results.records import Contact, Measure
-from anchorpose.results.stand_training.session import Session
+from anchorpose.results.stand_training.stance import Session
 
 
 class Touch(NamedTuple):

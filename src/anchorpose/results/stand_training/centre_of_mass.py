@@ -1,4 +1,4 @@
-"""The whole-body centre of mass, estimated from the joints and a table of segment masses.
+"""The whole body's centre of mass, estimated from the joints and a table of segment masses, and its sway.
 
 Source of the masses: de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4: living young adults, women and men. The
 patient's sex is unknown, so the mean of both columns is used; they differ by 4 mm in the height of a standing body's
@@ -8,12 +8,19 @@ centre.
 from __future__ import annotations
 
 from functools import cache
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
+from anchorpose.results.filters import low_pass
+from anchorpose.results.frame_time import LONGEST_STEP, unbroken_runs, usual_step_s
+from anchorpose.results.records import Measure
+from anchorpose.results.stand_training.stance import Session, inferred_share
 from anchorpose.results.tables import JointTable
+from anchorpose.results.uncertainty import random_sigma
+from anchorpose.settings import NotNegative, Positive, settings
 
 
 class Segment(NamedTuple):
@@ -93,3 +100,150 @@ def centre_of_mass(joints: JointTable) -> CentreOfMass:
     own, shared = (joints.sigma_m[:, used] ** 2) @ weights[used] ** 2, (joints.sigma_m[:, used] @ weights[used]) ** 2
     sigma_m = np.sqrt((1.0 - SHARED_ERROR) * own + SHARED_ERROR * shared)
     return CentreOfMass(position_m, sigma_m, joints.state_code[:, used].max(axis=1))
+
+
+CHI2_95: Final = 5.991
+"""Of two degrees of freedom: 95 of 100 points of a normal cloud lie within the ellipse (Schubert and Kirchner 2014,
+doi:10.1016/j.gaitpost.2013.09.001)."""
+
+SCALE_ERROR: Final = 0.03
+"""One standard deviation of the relative error of sway, found on simulated recordings."""
+
+STEPS_PER_PERIOD: Final = 4.0
+"""Frames in a period of the cutoff, at least: noise is judged by what lies between the cutoff and half the rate."""
+
+UNITS: Final = {
+    "sway_path": "mm", "sway_velocity": "mm/s", "sway_rms_ap": "mm", "sway_rms_ml": "mm", "sway_ellipse_area": "cm2",
+}  # fmt: skip
+
+
+@settings
+class SwayConfig:
+    """Which bouts, and which of their movement counts as sway."""
+
+    cutoff_hz: Positive = 1.5  # a standing body's centre of mass moves below 1 Hz; the joints' jitter does not
+    shortest_bout_s: Positive = 5.0
+    settle_s: NotNegative = 1.0  # after standing up, until the body is at rest
+    times_noise: Annotated[float, Field(ge=1)] = 2.0  # a shorter path, in paths of noise alone, is not reported
+
+
+class Bout(NamedTuple):
+    """deviation_m (k, 2): forwards and to the patient's right of the bout's mean, low-passed, evenly spaced in time.
+
+    path_m: length on the floor; noise_m: length of the path of errors alone; seconds; frames: those of the session.
+    """
+
+    deviation_m: np.ndarray
+    path_m: float
+    noise_m: float
+    seconds: float
+    frames: slice
+
+
+def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
+    """Every bout of settled standing that is long enough and has the centre of mass in all its frames."""
+    time_s = session.joints.time_s
+    settled = session.upright & ~session.moving(config.settle_s)
+    whole = settled & np.isfinite(session.posture.com_m).all(axis=1)
+    runs = [
+        run
+        for run in unbroken_runs(whole, time_s, LONGEST_STEP / (STEPS_PER_PERIOD * config.cutoff_hz))
+        if time_s[run.stop - 1] - time_s[run.start] >= config.shortest_bout_s
+    ]
+    return [_bout(session, run, config) for run in runs if _fast_enough(time_s[run], config)]
+
+
+def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
+    """Path, mean velocity, root mean square forwards (AP) and sideways (ML), and area of the 95 % ellipse."""
+    bouts = sway_bouts(session, config)
+    if not bouts:
+        why = (
+            f"no upright bout of {config.shortest_bout_s:g} s had the centre of mass in all its frames, "
+            f"at {STEPS_PER_PERIOD * config.cutoff_hz:g} frames a second or more"
+        )
+        names = {"sway_time": "s", **UNITS, "sway_path_noise": "mm"}
+        return [Measure(measure=name, value=None, unit=unit, frames=0, why=why) for name, unit in names.items()]
+    state_code = np.concatenate([session.posture.state_code[bout.frames] for bout in bouts])
+    rows = [("sway_time", sum(bout.seconds for bout in bouts), None), *_values(session, bouts, config)]
+    rows.append(("sway_path_noise", 1000.0 * sum(bout.noise_m for bout in bouts), None))
+    return [_row(name, value, sigma, state_code, config) for name, value, sigma in rows]
+
+
+def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tuple[str, float | None, float | None]]:
+    """Name, value and sigma in the units of ``UNITS``; None where noise may make most of it."""
+    deviation = 1000.0 * np.concatenate([bout.deviation_m for bout in bouts])
+    path, noise, seconds = (
+        sum(getattr(bout, name) for bout in bouts) * scale
+        for name, scale in (("path_m", 1000.0), ("noise_m", 1000.0), ("seconds", 1.0))
+    )
+    sigma_m = np.concatenate([session.posture.com_sigma_m[bout.frames] for bout in bouts])
+    error = 1000.0 * float(np.sqrt(np.mean(random_sigma(sigma_m) ** 2)))
+    covariance = deviation.T @ deviation / (len(deviation) - 1)
+    rms = np.sqrt(np.diag(covariance))
+    axes = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
+    area_cm2 = np.pi * CHI2_95 * axes.prod() / 100.0
+    path_sigma = float(_with_noise(np.array(path), noise))
+    rms_sigma, axes_sigma = _with_noise(rms, error), _with_noise(axes, error)
+    area_sigma = np.pi * CHI2_95 * np.hypot(axes[0] * axes_sigma[1], axes[1] * axes_sigma[0]) / 100.0
+    return [
+        ("sway_path", path if path >= config.times_noise * noise else None, path_sigma),
+        ("sway_velocity", path / seconds if path >= config.times_noise * noise else None, path_sigma / seconds),
+        ("sway_rms_ap", float(rms[0]) if rms[0] >= config.times_noise * error else None, float(rms_sigma[0])),
+        ("sway_rms_ml", float(rms[1]) if rms[1] >= config.times_noise * error else None, float(rms_sigma[1])),
+        # of the two axes, the shorter is in the area as much as the longer
+        ("sway_ellipse_area", float(area_cm2) if axes.min() >= config.times_noise * error else None, float(area_sigma)),
+    ]
+
+
+def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
+    """Sigma of a value that noise, which adds as squares, has enlarged: what it may have added, and the scale error."""
+    added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))
+    spread: np.ndarray = np.hypot(SCALE_ERROR * value, added)
+    return spread
+
+
+def _row(name: str, value: float | None, sigma: float | None, state_code: np.ndarray, config: SwayConfig) -> Measure:
+    unit = UNITS.get(name, "s" if name == "sway_time" else "mm")
+    frames, shared = len(state_code), inferred_share(state_code)
+    if value is None:
+        what = "the path" if name in ("sway_path", "sway_velocity") else "the sway, in one direction at least,"
+        why = f"{what} is less than {config.times_noise:g} times what the joints' noise alone would draw"
+        return Measure(measure=name, value=None, unit=unit, frames=frames, inferred_share=shared, why=why)
+    return Measure(measure=name, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=shared)
+
+
+def _fast_enough(time_s: np.ndarray, config: SwayConfig) -> bool:
+    return usual_step_s(time_s) * STEPS_PER_PERIOD * config.cutoff_hz <= 1.0
+
+
+def _bout(session: Session, run: slice, config: SwayConfig) -> Bout:
+    time_s = session.joints.time_s[run]
+    step_s = usual_step_s(time_s)
+    even_s = np.linspace(time_s[0], time_s[-1], round((time_s[-1] - time_s[0]) / step_s) + 1)
+    com_m = session.posture.com_m[run][:, [0, 2]] @ _patient_axes(session, run).T
+    com_m = np.stack([np.interp(even_s, time_s, com_m[:, axis]) for axis in range(2)], axis=1)
+    rate_hz = (len(even_s) - 1) / (time_s[-1] - time_s[0])
+    slow_m = low_pass(com_m, rate_hz, config.cutoff_hz)
+    seconds = float(time_s[-1] - time_s[0])
+    noise_m = _noise_speed(com_m - slow_m, rate_hz, config.cutoff_hz) * seconds
+    path_m = float(np.linalg.norm(np.diff(slow_m, axis=0), axis=1).sum())
+    return Bout(slow_m - slow_m.mean(axis=0), path_m, noise_m, seconds, run)
+
+
+def _patient_axes(session: Session, run: slice) -> np.ndarray:
+    """(2, 2): forwards and to the right on the floor (x, z), in the direction that the patient faces on average."""
+    hips = session.joints.position_m[run][:, [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]]]
+    across = (hips[:, 1] - hips[:, 0])[:, [0, 2]]
+    x, z = (across / np.linalg.norm(across, axis=1, keepdims=True)).mean(axis=0)
+    return np.array([[z, -x], [x, z]]) / np.hypot(x, z)
+
+
+def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> float:
+    """Speed in m/s of errors alone below the cutoff.
+
+    residual_m (k, 2), the movement above the cutoff, is all error: no body moves so fast. Below the cutoff the errors
+    are taken to continue as a random walk, power ~ 1 / f^2, which is more than was found (docs/measures.md).
+    """
+    variance = float(np.mean(residual_m.var(axis=0)))
+    speed = np.sqrt(4.0 * np.pi**2 * cutoff_hz * variance / (1.0 / cutoff_hz - 2.0 / rate_hz))
+    return float(np.sqrt(np.pi / 2.0) * speed)

@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.joints import JOINT_INDEX, LOST
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Episode, Measure
-from anchorpose.results.stand_training.session import Session, inferred_share
+from anchorpose.results.stand_training.stance import Session, inferred_share
 from anchorpose.results.stand_training.upright import episode
 from anchorpose.results.tables import JointTable
 

@@ -15,8 +15,7 @@ import numpy as np
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import SIT_TO_STAND, Measure
-from anchorpose.results.stand_training.session import Session, inferred_share
-from anchorpose.results.stand_training.stance import facing
+from anchorpose.results.stand_training.stance import Session, facing, inferred_share
 from anchorpose.results.stand_training.upright import Transition, TransitionConfig, transitions
 from anchorpose.results.uncertainty import NORMAL_95, systematic_sigma
 from anchorpose.rotations import unit

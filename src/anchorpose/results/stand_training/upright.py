@@ -12,8 +12,7 @@ from anchorpose.joints import JointState
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import frame_seconds, recorded_seconds, runs_of_known, unbroken_runs, usual_step_s
 from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, UPRIGHT_EPISODE, Episode, Measure
-from anchorpose.results.stand_training.session import Session, inferred_share
-from anchorpose.results.stand_training.stance import Stance, UprightConfig, hold, upright
+from anchorpose.results.stand_training.stance import Session, Stance, UprightConfig, hold, inferred_share, upright
 from anchorpose.results.tables import UPRIGHT, JointTable
 from anchorpose.results.uncertainty import random_sigma
 from anchorpose.settings import Positive, settings

@@ -13,7 +13,7 @@ from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import input_files, open_recording
 from anchorpose.results.run_record import RUN_FILE, hash_files
-from anchorpose.verifying import Fits, verify
+from anchorpose.results.verify import Fits, verify
 
 
 @pytest.fixture
