@@ -63,7 +63,9 @@ def test_a_full_disk_ends_the_session_and_what_is_stored_becomes_results(played,
     assert "No space left on device); make room and give the same command with --finish." in said
     assert "--resume" not in said
     assert main(["live", played, "-o", "session"]) == 2
-    assert "finish it with 'anchorpose live --finish -o session', or give --overwrite" in capsys.readouterr().err
+    assert (
+        "'anchorpose live --finish -o session' finishes it; to begin again, give --overwrite" in capsys.readouterr().err
+    )
     assert main(["track", played, "-o", "session", "--resume"]) == 2
     assert "anchorpose live --finish" in capsys.readouterr().err
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -15,7 +14,7 @@ from anchorpose.body.skin_points import body_points
 from anchorpose.errors import InputError
 from anchorpose.live.first_seconds import LiveOptions, Prepared, known_room, new_room
 from anchorpose.live.patients import LivePatient
-from anchorpose.recording.document import read_document
+from anchorpose.recording.document import read_document, read_text
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import CALIBRATION_FILE, read_calibration
 from anchorpose.results.folder import write_text_whole
@@ -132,5 +131,5 @@ def _with_own_files(options: LiveOptions, folder: Path) -> LiveOptions:
     read_calibration(options.calibration)
     file = options.calibration / CALIBRATION_FILE if options.calibration.is_dir() else options.calibration
     (folder / "calibration").mkdir()
-    shutil.copyfile(file, folder / "calibration" / file.name)
+    write_text_whole(folder / "calibration" / file.name, read_text(file))
     return replace(options, calibration=Path("calibration") / file.name)

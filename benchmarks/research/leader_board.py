@@ -1,6 +1,6 @@
 """This project's rows of the public benchmark.
 
-    python -m anchorpose.research.benchmark.leader_board BENCHMARK OUT --methods tracker shot
+    python benchmarks/research/leader_board.py BENCHMARK OUT --methods tracker shot
 
 BENCHMARK was made by `anchorpose benchmark make`. Each method gets a folder of answers in OUT, which `anchorpose
 benchmark score` scores. tracker: `anchorpose track` with its defaults; results are kept in OUT/results, and a second
