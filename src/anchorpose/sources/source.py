@@ -207,7 +207,7 @@ def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
 
 
 def _is_zed(path: Path, head: bytes) -> bool:
-    """Return whether a ZED wrote a file: .svo2 is MCAP and names its writer; .svo has no published mark but its name."""
+    """Return whether a ZED wrote a file: .svo2 is MCAP and names its writer; .svo has no mark but its name."""
     if head.startswith(b"\x89MCAP0\r\n"):
         return b"stereolabs" in head[:256]
     return path.is_file() and path.suffix.lower() in {".svo", ".svo2"}
