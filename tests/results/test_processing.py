@@ -11,7 +11,6 @@ from results_builder import standing_joints
 
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
-from anchorpose.results import frame_time
 from anchorpose.results.filters import (
     FIRST_ACCELERATION_M_S2,
     FIRST_SPEED_M_S,
@@ -19,7 +18,6 @@ from anchorpose.results.filters import (
     shortest_frames,
     smooth_stretch,
 )
-from anchorpose.results.frame_table import FRAMES_PER_ROW_GROUP
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.processing import (
     FILLED,
@@ -245,7 +243,7 @@ def test_settings_that_make_no_sense_are_refused(wrong):
 
 def test_an_angle_is_as_processed_as_its_joints_and_the_file_states_the_policy(tmp_path):
     table, config = moving(gap=slice(100, 104)), ProcessingConfig(smooth="butterworth", fill="linear")
-    (processed,) = process_angles(table, config)
+    processed = process_angles(table, config)
     elbow, knee = (processed.column(name) for name in ("elbow_flexion_left", "knee_flexion_left"))
     assert (processed.processing[100:104, elbow] == FILLED).all()
     assert (processed.processing[:, knee] == SMOOTHED).all()
@@ -259,18 +257,6 @@ def test_an_angle_is_as_processed_as_its_joints_and_the_file_states_the_policy(t
         "butterworth", 6.0, "linear", 4,
     )  # fmt: skip
     assert PROCESSING == ("measured", "smoothed", "filled")
-
-
-def test_angles_written_in_parts_are_the_same_file(tmp_path, monkeypatch):
-    table, config = moving(1100, gap=slice(510, 514)), ProcessingConfig(smooth="kalman", fill="linear")
-    (whole,) = process_angles(table, config)
-    write_processed_angles(tmp_path / "whole.parquet", whole)
-    assert frame_time.FRAMES_AT_ONCE % FRAMES_PER_ROW_GROUP == 0
-    monkeypatch.setattr(frame_time, "FRAMES_AT_ONCE", FRAMES_PER_ROW_GROUP)
-    first, *more = process_angles(table, config)
-    write_processed_angles(tmp_path / "parts.parquet", first, more)
-    assert (len(first.frame), len(more)) == (FRAMES_PER_ROW_GROUP, 2)
-    assert (tmp_path / "parts.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
 
 def test_a_table_that_does_not_say_what_was_done_is_refused(tmp_path):

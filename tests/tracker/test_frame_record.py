@@ -169,7 +169,7 @@ def test_stored_pictures_that_are_none_or_stand_twice_are_refused(tmp_path):
     table = pq.read_table(tmp_path / "p.parquet")
     pq.write_table(pa.concat_tables([table, table.slice(0, 1)]), tmp_path / "twice.parquet", row_group_size=50)
     with pytest.raises(InputError, match="two pictures"):
-        StoredPeople(tmp_path / "twice.parquet")
+        StoredPeople(tmp_path / "twice.parquet").get(int(table["frame"][0].as_py()), "front")
     pq.write_table(table.drop(["labels"]), tmp_path / "other.parquet")
     with pytest.raises(InputError, match="its columns are not frame, camera, labels"):
         StoredPeople(tmp_path / "other.parquet")

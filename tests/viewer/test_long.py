@@ -13,7 +13,7 @@ from viewer_builder import FRAMES, viewer_of, write_small_recording, write_small
 from viewer_page import opened, position, until
 
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.stored_frames import StoredFrames
+from anchorpose.results.frame_table import StoredFrames
 from anchorpose.results.tables import ANGLES, AngleTable, read_angles, read_joints
 from anchorpose.viewer.payloads import MOST_ROWS, curves_payload, motion_payload, unpack
 from anchorpose.viewer.review import open_review

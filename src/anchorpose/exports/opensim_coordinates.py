@@ -18,9 +18,9 @@ from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import InputError
 from anchorpose.exports.formats import CoordinateModel
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.frame_table import open_frames
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.kinematics.joint_angles import SOLE_SLOPE_DEG, knee_flexion
-from anchorpose.results.stored_frames import open_frames
 from anchorpose.results.tables import POSES, PoseTable
 from anchorpose.rotations import unit
 

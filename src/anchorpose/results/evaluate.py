@@ -21,7 +21,6 @@ from anchorpose.results.evaluate_confidence import (
     seen_joints,
     wrong_in_view,
 )
-from anchorpose.results.frame_time import blocks
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
@@ -73,16 +72,11 @@ class AngleError:
 
 def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
     """Each angle's error; truth_m (n, 21, 3) true joints, metres, of the frames of ``joints``, NaN where unknown."""
-    shape = (len(joints.frame), len(ANGLE_NAMES))
-    error, within = np.empty(shape), np.empty(shape, dtype=bool)
-    for rows in blocks(len(joints.frame)):
-        some = joints.frames(rows)
-        found = joint_angles(some)
-        exact = np.zeros_like(some.sigma_m)
-        true = joint_angles(JointTable(some.frame, some.time_s, truth_m[rows], some.state_code, exact))
-        away = np.radians(found.degrees - true.degrees)
-        error[rows] = np.degrees(np.abs(np.arctan2(np.sin(away), np.cos(away))))
-        within[rows] = error[rows] <= NORMAL_95 * found.sigma_deg
+    found, exact = joint_angles(joints), np.zeros_like(joints.sigma_m)
+    true = joint_angles(replace(joints, position_m=truth_m, sigma_m=exact))
+    away = np.radians(found.degrees - true.degrees)
+    error = np.degrees(np.abs(np.arctan2(np.sin(away), np.cos(away))))
+    within = error <= NORMAL_95 * found.sigma_deg
     return tuple((name, _angle_summary(error[:, column], within[:, column])) for column, name in enumerate(ANGLE_NAMES))
 
 
@@ -150,12 +144,12 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     kept = known.time_s >= known.time_s[0] + skip_s
     if not kept.any():
         raise InputError(truth, f"ends before the {skip_s:g} s to be skipped", "skip less")
-    known = known.frames(_as_slice(np.flatnonzero(kept)))
+    known = known.frames(kept)
     match = nearest_within(known.time_s, joints.time_s, half_period_s(known.time_s))
     frames = int((joints.time_s >= joints.time_s[0] + skip_s).sum())
     _require_compared(truth, known, match, frames)
-    joints = joints.frames(_as_slice(match[match >= 0]))
-    known = known.frames(_as_slice(np.flatnonzero(match >= 0)))
+    joints = joints.frames(match[match >= 0])
+    known = known.frames(match >= 0)
     evaluation = compare(joints, known, truth_frames=len(match), results_frames=frames)
     touch = read_true_touch(truth)
     if touch is None or not (results / CONTACTS_FILE).exists():
@@ -185,10 +179,8 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames:
     occluded = np.repeat(truth.occluded[:, None], JOINT_COUNT, axis=1)
     seen = seen_joints(truth)
     half = len(joints.frame) // 2
-    first, second = (
-        _summary(errors, _rows(everything, 0, half)),
-        _summary(errors, _rows(everything, half)),
-    )
+    late = everything & (np.arange(len(joints.frame)) >= half)[:, None]
+    first, second = _summary(errors, ~late), _summary(errors, late)
     return Evaluation(
         matched_frames=len(joints.frame),
         truth_frames=truth_frames,
@@ -226,11 +218,8 @@ class _Errors(NamedTuple):
 
 
 def _errors(joints: JointTable, truth_m: np.ndarray) -> _Errors:
-    within, known = np.empty(truth_m.shape, dtype=bool), np.empty(truth_m.shape[:2], dtype=bool)
-    for rows in blocks(len(truth_m)):
-        away_m = np.abs(joints.position_m[rows] - truth_m[rows])
-        within[rows] = away_m <= NORMAL_95 * joints.sigma_m[rows][..., None]
-        known[rows] = np.isfinite(truth_m[rows]).all(axis=-1)
+    within = np.abs(joints.position_m - truth_m) <= NORMAL_95 * joints.sigma_m[..., None]
+    known = np.isfinite(truth_m).all(axis=-1)
     return _Errors(1000.0 * distance_m(joints, truth_m), within, known, known & ~joints.lost)
 
 
@@ -252,19 +241,6 @@ def _summary(errors: _Errors, chosen: np.ndarray) -> ErrorSummary:
 def _confident_share(joints: JointTable, truth: Truth, known: np.ndarray) -> float | None:
     """Share of the joint-frames with a known truth; None where there are none."""
     return float(confident_errors(joints, truth.position_m)[known].mean()) if known.any() else None
-
-
-def _rows(chosen: np.ndarray, start: int, stop: int | None = None) -> np.ndarray:
-    rows = np.zeros_like(chosen)
-    rows[start:stop] = chosen[start:stop]
-    return rows
-
-
-def _as_slice(index: np.ndarray) -> slice | np.ndarray:
-    """Rows (k,) that follow each other as a slice, which copies nothing."""
-    if not len(index) or (np.diff(index) != 1).any():
-        return index
-    return slice(int(index[0]), int(index[-1]) + 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

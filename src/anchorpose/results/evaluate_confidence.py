@@ -10,7 +10,6 @@ import numpy as np
 
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.recording.pairing import half_period_s
-from anchorpose.results.frame_time import blocks
 from anchorpose.results.tables import JointTable
 from anchorpose.results.truth import Truth
 
@@ -56,9 +55,7 @@ class WrongInView:
 
 def distance_m(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
     """(n, 21) from each joint to its true place, truth_m (n, 21, 3); NaN where either is."""
-    distance = np.empty(joints.sigma_m.shape)
-    for rows in blocks(len(distance)):
-        distance[rows] = np.linalg.norm(joints.position_m[rows] - truth_m[rows], axis=2)
+    distance: np.ndarray = np.linalg.norm(joints.position_m - truth_m, axis=2)
     return distance
 
 
@@ -68,10 +65,8 @@ def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
     truth_m (n, 21, 3) metres, NaN where unknown. A lost joint, or one without a known truth, is not among them.
     """
     wrong = distance_m(joints, truth_m) > FAR_M  # False where either is NaN
-    for rows in blocks(len(wrong)):
-        farthest = np.abs(joints.position_m[rows] - truth_m[rows]).max(axis=2)
-        wrong[rows] &= farthest > CONFIDENT_SIGMAS * joints.sigma_m[rows]
-    return wrong
+    farthest = np.abs(joints.position_m - truth_m).max(axis=2)
+    return np.asarray(wrong & (farthest > CONFIDENT_SIGMAS * joints.sigma_m))
 
 
 def seen_joints(truth: Truth) -> np.ndarray | None:
@@ -87,12 +82,8 @@ def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
     """
     if truth.seen_share is None:
         return dict.fromkeys(LIMBS_JUDGED, ~truth.occluded)
-    visible = {name: np.empty(len(truth.time_s), dtype=bool) for name in LIMBS_JUDGED}
-    for rows in blocks(len(truth.time_s)):
-        share = truth.seen_share[rows].astype(np.float64)
-        for name, limb in LIMBS_JUDGED.items():
-            visible[name][rows] = (share[:, limb].mean(axis=1) > PLAIN_VIEW).any(axis=1)
-    return visible
+    share = truth.seen_share.astype(np.float64)
+    return {name: (share[:, limb].mean(axis=1) > PLAIN_VIEW).any(axis=1) for name, limb in LIMBS_JUDGED.items()}
 
 
 def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInView], ...]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from itertools import chain
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
@@ -13,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from anchorpose.errors import InputError
-from anchorpose.results.parquet import TRACK_AGAIN, RowGroups, open_parquet, opened_parquet, pieces
+from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet
 
 Frames = TypeVar("Frames")
 
@@ -115,21 +114,20 @@ class FrameTable(Generic[Frames]):
         thing = [pa.field(self.thing, pa.string(), nullable=False)] if self.thing else []
         return pa.schema([*start, *thing, *(each for column in self.columns.values() for each in column.schema())])
 
-    def write(self, path: Path, frames: Frames, more: Iterable[Frames] = ()) -> None:
-        """Writes the whole table; more: what comes behind the first frames, in parts of whole row groups."""
-        schema = self.schema()
+    def write(self, path: Path, frames: Frames) -> None:
+        """Write the whole table."""
+        schema, arrays = self.schema(), self._arrays(frames)
         if self.text:
             schema = schema.with_metadata({self.text[1]: getattr(frames, self.text[0])})
         names: tuple[str, ...] = getattr(frames, "names", ()) if self.names is None else self.names
         with open_parquet(path, schema) as writer:
-            for arrays in map(self._arrays, chain([frames], more)):
-                for start in range(0, len(arrays["frame"]), FRAMES_PER_ROW_GROUP):
-                    some = {name: array[start : start + FRAMES_PER_ROW_GROUP] for name, array in arrays.items()}
-                    writer.write_table(self._to_table(schema, names, some))
+            for start in range(0, len(arrays["frame"]), FRAMES_PER_ROW_GROUP):
+                some = {name: array[start : start + FRAMES_PER_ROW_GROUP] for name, array in arrays.items()}
+                writer.write_table(self._to_table(schema, names, some))
 
     @contextmanager
     def open(self, path: Path) -> Iterator[RowGroups[Any]]:
-        """Opens the file for writing frame by frame; it is complete when the block ends without an error.
+        """Open the file for writing frame by frame; it is complete when the block ends without an error.
 
         A frame has the fields of ``arrays`` without their first axis.
         """
@@ -146,78 +144,30 @@ class FrameTable(Generic[Frames]):
             groups.flush()
 
     def read(self, path: Path) -> Frames:
-        """The table, whichever order its rows are in; raises InputError unless every frame has each thing once.
-
-        The file is read in pieces: memory holds little more than the arrays.
-        """
-        with opened_parquet(path, self.schema()) as file:
-            return self.assemble(path, file, pieces(file), file.metadata.num_rows)
-
-    def assemble(self, path: Path, file: Any, some: Iterable[pa.Table], rows: int, known: Sequence[str] = ()) -> Frames:
-        """As ``read``, of some pieces of the open file with so many rows; known: the things, where another piece named
-        them."""
-        names, columns = self._read_columns(path, some, rows, known or self.names or ())
-        count = max(len(names), 1)
-        order = self._order(path, columns, names)
-        first = slice(None, None, count) if order is None else order[::count]
-        index = {name: columns.pop(name)[first].copy() for name in ("frame", "time_s")}
-        del columns["thing"]
+        """Read the table, whichever order its rows are in; raises InputError unless every frame has each thing once."""
+        table = read_parquet(path, self.schema())
+        names = self.names or (tuple(table[self.thing].unique().to_pylist()) if self.thing else ())
+        count, frame = max(len(names), 1), table["frame"].to_numpy()
+        thing = _codes(path, table[self.thing], self.thing, names, self.remedy) if self.thing else np.zeros_like(frame)
+        order = np.lexsort((thing, frame))
+        self._require_complete(path, frame[order], thing[order], names)
         shape = (-1, count) if self.thing else (-1,)
-        for name, array in columns.items():
-            columns[name] = (array if order is None else array[order]).reshape(*shape, *array.shape[1:])
+        columns = {name: column.to_numpy(path, table)[order] for name, column in self.columns.items()}
+        arrays: dict[str, Any] = {name: array.reshape(*shape, *array.shape[1:]) for name, array in columns.items()}
+        arrays |= {name: table[name].to_numpy()[order[::count]] for name in ("frame", "time_s")}
         own_names = {"names": names} if self.thing and self.names is None else {}
-        return self.arrays(**index, **columns, **own_names, **self._text(path, file.schema_arrow.metadata))
+        return self.arrays(**arrays, **own_names, **self._text(path, table.schema.metadata))
 
-    def _read_columns(
-        self, path: Path, some: Iterable[pa.Table], rows: int, known: Sequence[str]
-    ) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
-        """The things' names, and (rows, ...) frame, time_s, thing (its index in the names) and the columns' values.
-
-        Space is taken at once for as many rows as the file states: growing arrays would leave holes in the memory.
-        """
-        names, start = dict.fromkeys(known), 0
-        columns = dict[str, np.ndarray]()
-        for piece in some:
-            if self.names is None and self.thing is not None:  # in the order in which they first appear
-                names |= dict.fromkeys(piece[self.thing].unique().to_pylist())
-            for name, part in self._parts(path, piece, names):
-                if name not in columns:
-                    columns[name] = _space(path, rows, part)
-                if start + len(part) > rows:
-                    raise _damaged(path)
-                columns[name][start : start + len(part)] = part
-            start += len(piece)
-        if start != rows:
-            raise _damaged(path)
-        return tuple(names), columns
-
-    def _parts(self, path: Path, piece: pa.Table, names: Iterable[str]) -> Iterator[tuple[str, np.ndarray]]:
-        """Each array of a piece, one after the other."""
-        yield "frame", piece["frame"].to_numpy()
-        yield "time_s", piece["time_s"].to_numpy()
-        if self.thing is None:
-            yield "thing", np.zeros(len(piece), np.int32)
-        else:
-            yield "thing", _codes(path, piece[self.thing], self.thing, names, self.remedy).astype(self._code_type())
-        for name, column in self.columns.items():
-            yield name, column.to_numpy(path, piece)
-
-    def _code_type(self) -> type[np.signedinteger[Any]]:
-        return np.int32 if self.names is None else np.int8
-
-    def _order(self, path: Path, columns: dict[str, np.ndarray], names: Sequence[str]) -> np.ndarray | None:
-        """(rows,) the rows by frame, then by thing; None where they have this order already. Raises InputError unless
-        every frame has each thing once."""
+    def _require_complete(self, path: Path, frame: np.ndarray, thing: np.ndarray, names: Sequence[str]) -> None:
+        """Raise InputError unless the sorted rows (r,) have each thing once in every frame."""
         count = max(len(names), 1)
-        if not columns or not len(columns["frame"]):
+        if not len(frame):
             raise InputError(path, "has no rows", self.remedy)
-        if len(columns["frame"]) % count == 0:
-            frame, thing = columns["frame"], columns["thing"]
-            if _complete(frame, thing, count):
-                return None
-            order = np.lexsort((thing, frame))
-            if _complete(frame[order], thing[order], count):
-                return order
+        if len(frame) % count == 0:
+            by_frame = frame.reshape(-1, count)
+            whole = (thing.reshape(-1, count) == np.arange(count)).all() and (by_frame == by_frame[:, :1]).all()
+            if whole and (np.diff(by_frame[:, 0]) > 0).all():
+                return
         rows = f"{len(names)} {self.thing}s" if self.thing else "one row"
         raise InputError(path, f"has frames without exactly {rows}", self.remedy)
 
@@ -245,29 +195,7 @@ class FrameTable(Generic[Frames]):
         return {name: text.decode()}
 
 
-def _space(path: Path, rows: int, like: np.ndarray) -> np.ndarray:
-    """(rows, ...) of the type of an array; raises InputError where a damaged file states more than any memory holds."""
-    try:
-        return np.empty((rows, *like.shape[1:]), like.dtype)
-    except (MemoryError, ValueError):
-        raise _damaged(path) from None
-
-
-def _damaged(path: Path) -> InputError:
-    return InputError(path, "is damaged: it does not have as many rows as it states", TRACK_AGAIN)
-
-
-def _complete(frame: np.ndarray, thing: np.ndarray, count: int) -> bool:
-    """Whether rows (r,) are frames one after another, each with the things 0 to ``count`` - 1 in this order."""
-    by_frame, things = frame.reshape(-1, count), thing.reshape(-1, count)
-    return bool(
-        (things == np.arange(count)).all()
-        and (by_frame == by_frame[:, :1]).all()
-        and (np.diff(by_frame[:, 0]) > 0).all()
-    )
-
-
-def _codes(path: Path, column: pa.ChunkedArray, what: str, texts: Iterable[str], remedy: str) -> np.ndarray:
+def _codes(path: Path, column: pa.ChunkedArray, what: str, texts: Sequence[str], remedy: str) -> np.ndarray:
     """(n,) int64: the index of each row's text in ``texts``; raises InputError for a text that is not one of them."""
     encoded = column.combine_chunks().dictionary_encode()
     found, index = encoded.dictionary.to_pylist(), {text: number for number, text in enumerate(texts)}
@@ -275,3 +203,42 @@ def _codes(path: Path, column: pa.ChunkedArray, what: str, texts: Iterable[str],
         if text not in index:
             raise InputError(path, f"holds the unknown {what} '{text}'", remedy)
     return np.array([index[text] for text in found], dtype=np.int64)[encoded.indices.to_numpy()]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredFrames(Generic[Frames]):
+    """A table in memory of which some frames are taken at a time."""
+
+    whole: Frames
+
+    @property
+    def frame(self) -> np.ndarray:
+        """(n,) int32."""
+        return np.asarray(self.whole.frame)  # type: ignore[attr-defined]
+
+    @property
+    def time_s(self) -> np.ndarray:
+        """(n,) float64."""
+        return np.asarray(self.whole.time_s)  # type: ignore[attr-defined]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The things in each frame, where each file has its own."""
+        return tuple(getattr(self.whole, "names", ()))
+
+    def rows(self, first: int, stop: int) -> Frames:
+        """Return the frames from row ``first`` to row ``stop``."""
+        arrays = {each.name: getattr(self.whole, each.name) for each in fields(self.whole)}  # type: ignore[arg-type]
+        some = {name: array[first:stop] for name, array in arrays.items() if isinstance(array, np.ndarray)}
+        return replace(self.whole, **some)  # type: ignore[type-var]
+
+    def blocks(self, frames: int) -> Iterator[tuple[slice, Frames]]:
+        """Yield all frames, so many at a time, with their rows."""
+        for first in range(0, len(self.frame), frames):
+            rows = slice(first, min(first + frames, len(self.frame)))
+            yield rows, self.rows(rows.start, rows.stop)
+
+
+def open_frames(table: FrameTable[Frames], path: Path) -> StoredFrames[Frames]:
+    """Read a table to take frames from; raises InputError for another table."""
+    return StoredFrames(table.read(path))

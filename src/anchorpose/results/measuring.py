@@ -140,7 +140,9 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
     contacts = read_contacts(results / CONTACTS_FILE) if (results / CONTACTS_FILE).exists() else None
     work = Path(tempfile.mkdtemp(prefix=".measuring-", dir=results))
     try:
-        policy = _write_processed(work, joints, processing) if processing.active else None
+        processed = process_angles(joints, processing) if processing.active else None
+        if processed is not None:
+            write_processed_angles(work / PROCESSED_FILE, processed)
         angles = joint_angles(joints)
         session, measures = measure_session(joints, angles, contacts, config)
         write_angles(work / ANGLES_FILE, angles)
@@ -149,19 +151,11 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
         write_measures(work / MEASURES_FILE, measures, asdict(config))
         for written in sorted(work.iterdir()):
             written.replace(results / written.name)
-        if policy is None:
+        if processed is None:
             (results / PROCESSED_FILE).unlink(missing_ok=True)
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    return MeasureResult(tuple(measures), policy)
-
-
-def _write_processed(folder: Path, joints: JointTable, processing: ProcessingConfig) -> str:
-    """Writes angles_processed.parquet and returns its policy: an hour's angles are not kept beside those as tracked."""
-    parts = process_angles(joints, processing)
-    first = next(parts)
-    write_processed_angles(folder / PROCESSED_FILE, first, parts)
-    return first.policy
+    return MeasureResult(tuple(measures), None if processed is None else processed.policy)
 
 
 _SHOWN: Final = {

@@ -15,15 +15,19 @@ import pyarrow.compute as pc
 
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.results.parquet import TRACK_AGAIN, RecordTable, opened_parquet, read_any_parquet, required
+from anchorpose.results.parquet import (
+    TRACK_AGAIN,
+    RecordTable,
+    read_any_parquet,
+    read_parquet_schema,
+    require_columns,
+    required,
+)
 
-GROUPS_KEPT: Final = 4
-"""Row groups read last that stay in memory: some seconds of three cameras, a few megabytes."""
+FRAMES_KEPT: Final = 64  # read last, of all cameras: under a megabyte
 
 ROOM: Final = 0
 """Neither equipment nor a person: the room, small components, and pixels without a reading."""
-
-_NOWHERE: Final = np.empty(0, np.int32)
 
 _PNG_SETTINGS: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
 """Large areas have one value: run lengths make the smallest files, 5 kB an image."""
@@ -69,7 +73,7 @@ def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[i
     rows = PEOPLE.read(path, None if frames is None else pc.field("frame").isin(frames))
     images = {(row.frame, row.camera): row for row in rows}
     if len(images) != len(rows):
-        raise _two_of_one(path)
+        raise InputError(path, "has two pictures of one frame and camera", TRACK_AGAIN)
     return images
 
 
@@ -82,45 +86,13 @@ def frames_of_people(path: Path) -> np.ndarray:
 class StoredPeople:
     """The images of a people.parquet, read when they are needed: those of an hour would fill the memory.
 
-    Raises InputError where the file is not such a table, or has two images of one camera and frame; threads may share
-    it.
+    Raises InputError where the file is not such a table; threads may share it.
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        keys, group = self._read_keys()
-        if keys.group_by(["frame", "camera"]).aggregate([]).num_rows != len(keys):
-            raise _two_of_one(path)
-        frame, camera = keys["frame"].to_numpy(), keys["camera"].to_numpy(zero_copy_only=False)
-        self._where = dict[str, tuple[np.ndarray, np.ndarray]]()
-        for name in np.unique(camera):
-            order = np.flatnonzero(camera == name)
-            order = order[np.argsort(frame[order])]
-            self._where[str(name)] = (frame[order], group[order])
-        self._read = lru_cache(GROUPS_KEPT)(self._read_group)
+        require_columns(path, read_parquet_schema(path), PEOPLE.schema)
+        self._read = lru_cache(FRAMES_KEPT)(lambda frame: read_people(path, [frame]))
 
     def get(self, frame: int, camera: str) -> LabelImage | None:
-        """The image, still encoded; None where there is none. Raises InputError where it cannot be read."""
-        frames, groups = self._where.get(camera, (_NOWHERE, _NOWHERE))
-        place = int(np.searchsorted(frames, frame))
-        if place == len(frames) or frames[place] != frame:
-            return None
-        found = self._read(int(groups[place])).get((frame, camera))
-        if found is None:
-            raise InputError(self._path, "has been replaced meanwhile", "start again")
-        return found
-
-    def _read_keys(self) -> tuple[pa.Table, np.ndarray]:
-        """Frame and camera of each row, and (n,) int32 the row group that it is in."""
-        with opened_parquet(self._path, PEOPLE.schema) as file:
-            rows = [file.metadata.row_group(number).num_rows for number in range(file.num_row_groups)]
-            return file.read(["frame", "camera"]), np.repeat(np.arange(len(rows), dtype=np.int32), rows)
-
-    def _read_group(self, number: int) -> dict[tuple[int, str], LabelImage]:
-        with opened_parquet(self._path, PEOPLE.schema) as file:
-            rows = PEOPLE.records(self._path, file.read_row_group(number)) if number < file.num_row_groups else ()
-        return {(row.frame, row.camera): row for row in rows}
-
-
-def _two_of_one(path: Path) -> InputError:
-    return InputError(path, "has two pictures of one frame and camera", TRACK_AGAIN)
+        """Return the image, still encoded; None where there is none. Raises InputError where it cannot be read."""
+        return self._read(frame).get((frame, camera))

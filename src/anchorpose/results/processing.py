@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from typing import Final, Literal, NamedTuple
 
@@ -19,7 +18,7 @@ from anchorpose.results.filters import (
     shortest_frames,
     smooth_stretch,
 )
-from anchorpose.results.frame_time import blocks, longest_even_step_s, unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import longest_even_step_s, unbroken_runs, usual_step_s
 from anchorpose.results.kinematics.joint_angles import ANGLE_GROUPS, joint_angles
 from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.settings import Positive, settings
@@ -191,23 +190,20 @@ def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoi
     return ProcessedJoints(JointTable(joints.frame, joints.time_s, position_m, state_code, sigma_m), processing)
 
 
-def process_angles(joints: JointTable, config: ProcessingConfig) -> Iterator[ProcessedAngles]:
-    """The angles of the processed joints, some frames after the other.
-
-    An angle is as processed as the most processed of its joints.
-    """
+def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAngles:
+    """Return the angles of the processed joints; an angle is as processed as the most processed of its joints."""
     done = process_joints(joints, config)
     counts = {f"joint_frames_{name}": int((done.processing == code).sum()) for code, name in enumerate(PROCESSING)}
     counts["joint_frames_measured"] -= int(done.joints.lost.sum())
     counts["joint_frames_lost"] = int(done.joints.lost.sum())
-    for rows in blocks(len(joints.frame)):
-        angles = joint_angles(done.joints.frames(rows))
-        columns = [
-            done.processing[rows][:, [JOINT_INDEX[name] for name in group.joints]].max(axis=1)
-            for group in ANGLE_GROUPS for _ in group.names
-        ]  # fmt: skip
-        arrays = {field.name: getattr(angles, field.name) for field in fields(angles)}
-        yield ProcessedAngles(**arrays, processing=np.stack(columns, axis=1), policy=policy_text(config, counts))
+    angles = joint_angles(done.joints)
+    columns = [
+        done.processing[:, [JOINT_INDEX[name] for name in group.joints]].max(axis=1)
+        for group in ANGLE_GROUPS
+        for _ in group.names
+    ]
+    arrays = {field.name: getattr(angles, field.name) for field in fields(angles)}
+    return ProcessedAngles(**arrays, processing=np.stack(columns, axis=1), policy=policy_text(config, counts))
 
 
 def _smooth(

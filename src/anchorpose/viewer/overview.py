@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT, STATE_CODE, JointState
-from anchorpose.results.stored_frames import StoredFrames
+from anchorpose.results.frame_table import StoredFrames
 from anchorpose.results.tables import JointTable
 
 AT_ONCE: Final = 4096  # frames

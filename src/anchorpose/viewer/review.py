@@ -12,12 +12,11 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES, LIMBS, JointState
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained, worst_moments
-from anchorpose.results.frame_table import FrameTable
+from anchorpose.results.frame_table import FrameTable, StoredFrames, open_frames
 from anchorpose.results.frame_time import worst_rows
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE, as_json
-from anchorpose.results.stored_frames import StoredFrames, open_frames
 from anchorpose.results.tables import ANCHORS, ANGLES, JOINTS, POSES, AnchorTable, AngleTable, JointTable, PoseTable
 from anchorpose.results.verify import require_own
 from anchorpose.viewer.depth_frames import DepthFrames, open_depth_frames

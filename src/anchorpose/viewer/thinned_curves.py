@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.results.stored_frames import StoredFrames
+from anchorpose.results.frame_table import StoredFrames
 from anchorpose.results.tables import AngleTable
 
 INTERVALS: Final = 800
