@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import field, is_dataclass
 from enum import Enum
-from importlib.resources import files
 from typing import Literal, get_type_hints
 
 import pytest
 
-from anchorpose.cli.config_file import load_config, load_track_config
+from anchorpose.cli.config_file import load_config
 from anchorpose.errors import InputError
 from anchorpose.research.experiment.config import ExperimentConfig
 from anchorpose.settings import Positive, settings
@@ -108,32 +107,6 @@ def test_a_missing_file_and_an_unknown_kind_are_refused(tmp_path):
             load_config(tmp_path / name, Outer)
 
 
-def test_former_settings_are_refused_by_name_and_those_that_moved_with_their_new_name(tmp_path):
-    former = {"inner.deep.slack_m", "old", "inner.deep.radius_m", "inner.count", "strict"}
-    for text, sentence in (
-        ("old = 1", "old is no longer a setting since version 0.2.0; remove it from the file"),
-        ("old = 1\n[inner.deep]\nslack_m = 1", "inner.deep.slack_m, old are no longer settings since version 0.2.0"),
-        ("[inner.deep]\nradius_m = 1", "inner.deep.radius_m is called inner.radius_m since version 0.2.0; rename it"),
-        ("[inner.deep]\nslak_m = 1", "unknown key 'inner.deep'"),
-    ):
-        (tmp_path / "c.toml").write_text(text)
-        with pytest.raises(InputError) as refusal:
-            load_config(tmp_path / "c.toml", Outer, former)
-        assert sentence in str(refusal.value)
-    (tmp_path / "c.toml").write_text("strict = true\n[inner]\ncount = 2")
-    assert load_config(tmp_path / "c.toml", Outer, former).inner.count == 2
-
-
-def test_settings_of_track_that_version_0_1_0_had_are_known(tmp_path):
-    (tmp_path / "c.toml").write_text("[surface.sheet.bridge]\nslack_m = 0.1")
-    with pytest.raises(InputError, match=r"sheet\.bridge\.slack_m is no longer a setting since version 0\.2\.0"):
-        load_track_config(tmp_path / "c.toml")
-    (tmp_path / "c.toml").write_text("[surface.sheet.bridge]\nmax_width_m = 0.1")
-    with pytest.raises(InputError, match=r"sheet\.bridge\.max_width_m is called surface\.bridge_max_width_m"):
-        load_track_config(tmp_path / "c.toml")
-    assert load_track_config(None) == TrackConfig()
-
-
 @pytest.mark.parametrize("text", ["a = " + "[" * 5000 + "]" * 5000, "a = " + "9" * 5000, "start = " + "9" * 400])
 def test_a_file_beyond_all_limits_is_one_sentence(tmp_path, text):
     with pytest.raises(InputError) as refusal:
@@ -142,25 +115,7 @@ def test_a_file_beyond_all_limits_is_one_sentence(tmp_path, text):
     assert len(str(refusal.value)) < 400
 
 
-def test_each_setting_of_0_1_0_is_read_or_refused_by_its_name(tmp_path):
-    names = files("anchorpose.cli").joinpath("settings_of_0_1.txt").read_text().split()
-    assert len(names) == 323
-    today = set(_leaves(TrackConfig))
-    for name in names:
-        stage, _, last = name.rpartition(".")
-        (tmp_path / "c.toml").write_text(f"[{stage}]\n{last} = 'x'" if stage else f"{last} = []")
-        with pytest.raises(InputError) as refusal:
-            load_track_config(tmp_path / "c.toml")
-        assert name in str(refusal.value)
-        assert ("since version 0.2.0" in str(refusal.value)) == (name not in today), name
-
-
 @pytest.mark.parametrize("kind", [TrackConfig, ExperimentConfig])
 def test_every_class_of_settings_refuses_unknown_names(kind):
     for one in (kind, *(hint for hint in get_type_hints(kind).values() if is_dataclass(hint))):
         assert one.__pydantic_config__["extra"] == "forbid", one
-
-
-def _leaves(kind, prefix=""):
-    for name, hint in get_type_hints(kind).items():
-        yield from _leaves(hint, f"{prefix}{name}.") if is_dataclass(hint) else [prefix + name]

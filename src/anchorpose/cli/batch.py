@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -63,6 +62,7 @@ def batch(
     from anchorpose.batch.cluster import Place
     from anchorpose.batch.run import run_batch, run_one, summarise
     from anchorpose.batch.sessions import find_sessions
+    from anchorpose.cli.config_file import read_toml
     from anchorpose.cli.console import progress_bar
     from anchorpose.cli.track import TrackOptions
     from anchorpose.remote import is_address
@@ -71,7 +71,7 @@ def batch(
         raise InputError(out, "is an address", "write the batch to a local folder, and copy it when it is done")
     if not recordings:
         raise InputError(out, "is to hold no session", "give recordings, folders, patterns or a .csv table")
-    place = Place(workers, scheduler, {} if slurm is None else _read_toml(slurm))
+    place = Place(workers, scheduler, {} if slurm is None else read_toml(slurm))
     options = TrackOptions(config=config, smooth=smooth)
     options.settings()  # a mistake in the file is one sentence now, not one per session
     sessions = find_sessions(recordings, options)
@@ -88,15 +88,6 @@ def batch(
         stopped.add_note("What was done is kept: the same command goes on from here.")
         raise
     return _print_rows(rows, out)
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    from anchorpose.recording.document import read_text
-
-    try:
-        return tomllib.loads(read_text(path))
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, f"is not TOML ({error})", "correct the file") from None
 
 
 def _print_rows(rows: tuple[SessionRow, ...], out: Path) -> int:
