@@ -39,6 +39,7 @@ PARSED_ONLY: Final = {
     "benchmark": "simulates 0.9 GB; tests/research makes and scores a small one",
     "reliability": "needs the extra 'reliability' and results of many sessions; tests/agreement has them",
     "report --reliability": "the same",
+    "live --finish": "needs a session that was cut off; tests/live/test_finish.py makes them",
     "simulate --seconds 600": "ten minutes of recording",
     "simulate --movements": "needs captured movements, which are not in the repository",
     "convert .mkv": "needs a file of an Azure Kinect; tests/sources writes them",
