@@ -172,7 +172,7 @@ def test_report_makes_the_page_again(tmp_path, capsys):
         (["simulate", "out", "--motions", "flying"], "motion"),
         (["simulate", "out", "--cameras", "9"], "cameras"),
         (["simulate", "out", "--preset", "rehabilitation"], "give their file with --movements"),
-        (["simulate", "out", "--preset", "rehabilitation", "--movements", "m.npz"], "m.npz: is not there"),
+        (["simulate", "out", "--preset", "rehabilitation", "--movements", "m.npz"], "m.npz: there is no such file"),
         (["simulate", "out", "--movements", "m.npz"], "add --preset rehabilitation"),
         (["simulate", "out", "--equipment", "walker", "--scene", "leaves"], "walk out"),
         (["simulate", "out", "--preset", "room", "--sensor", "kinect-v1"], "another seed"),

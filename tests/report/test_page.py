@@ -30,6 +30,7 @@ from anchorpose.report.provenance import _depth
 from anchorpose.report.session import MOST_BINS, make_bins
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
+from anchorpose.results.records import Measure
 from anchorpose.results.run_record import as_json
 
 FRAMES = 120
@@ -226,8 +227,11 @@ def test_a_reviewer_s_corrections_are_shown_signed(tmp_path):
     assert "marked unusable by a reviewer" in [span.text for span in page.find("span")]
 
 
+NOT_MEASURED = (Measure(measure="recorded_time", value=None, unit="s", frames=0, why="no time is known"),)
+
+
 def test_a_patient_who_was_never_found_has_a_page_without_a_number_made_up(tmp_path):
-    folder = write_session(tmp_path / "r", lost_throughout(40), contacts=(), measures=())
+    folder = write_session(tmp_path / "r", lost_throughout(40), contacts=(), measures=NOT_MEASURED)
     page = PageReader(write_report(folder))
     assert "The patient was never found." in text_of(page, "section")
     assert "Hip flexion: no value in any frame." in text_of(page, "p")
@@ -310,7 +314,7 @@ def test_lost_and_inferred_have_verdicts_of_their_own(tmp_path, lost, hidden, wo
 
 
 def test_one_frame_makes_a_page(tmp_path):
-    page = PageReader(write_report(write_session(tmp_path / "r", squats(1), measures=(), contacts=())))
+    page = PageReader(write_report(write_session(tmp_path / "r", squats(1), measures=NOT_MEASURED, contacts=())))
     assert "0.0 s, 1 frame," in text_of(page, "section")
 
 
