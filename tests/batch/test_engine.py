@@ -21,7 +21,7 @@ from anchorpose.batch import engine, run
 from anchorpose.batch.cluster import Place, connected
 from anchorpose.batch.engine import Job, run_jobs
 from anchorpose.batch.sessions import find_sessions
-from anchorpose.cli.track import TrackOptions
+from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.errors import AnchorposeError
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording

@@ -9,7 +9,7 @@ import pytest
 
 from anchorpose.batch.names import LONGEST_NAME, open_folder
 from anchorpose.batch.sessions import Session, find_sessions
-from anchorpose.cli.track import TrackOptions
+from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.errors import InputError
 
 
