@@ -80,7 +80,7 @@ def test_a_full_disk_ends_the_session_and_what_is_stored_becomes_results(played,
 def test_a_killed_session_is_finished_with_all_that_was_stored(recording, tmp_path):
     program = (
         "import sys; from live_builder import Again; from anchorpose.cli import main;"
-        f" from anchorpose.live import playback; playback.Playback = lambda found: Again(found, {FPS}); sys.exit(main())"
+        f" from anchorpose.live import playback; playback.Playback = lambda one: Again(one, {FPS}); sys.exit(main())"
     )
     command = [sys.executable, "-c", program, "live", str(recording), "-o", str(tmp_path / "session"), *LIVE]
     paths = os.pathsep.join(sys.path)
