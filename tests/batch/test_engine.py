@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import shutil
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +16,7 @@ from threading import Thread
 
 import batch_stub
 import pytest
+from anchorpose.cli.track_verbs import TrackOptions
 from distributed import Client, LocalCluster
 
 from anchorpose.batch import cluster as place_of_work
@@ -21,8 +24,7 @@ from anchorpose.batch import engine, run
 from anchorpose.batch.cluster import Place, connected
 from anchorpose.batch.engine import Job, run_jobs
 from anchorpose.batch.sessions import find_sessions
-from anchorpose.cli.track import TrackOptions
-from anchorpose.errors import AnchorposeError
+from anchorpose.errors import AnchorposeError, MissingPackage
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 
@@ -32,6 +34,13 @@ BUILDERS = str(Path(batch_stub.__file__).parent)
 @pytest.fixture(autouse=True)
 def _children_find_the_stubs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (BUILDERS, os.environ.get("PYTHONPATH")))))
+
+
+def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    monkeypatch.delitem(sys.modules, engine.__name__)
+    with pytest.raises(MissingPackage, match=r"pip install 'anchorpose\[batch\]'"):
+        importlib.import_module(engine.__name__)
 
 
 def lines(path: Path) -> list[str]:

@@ -44,7 +44,7 @@ def recording(tmp_path_factory) -> Path:
 @pytest.fixture
 def played(recording, monkeypatch) -> str:
     """The name of a source that plays forward and backward without an end."""
-    monkeypatch.setattr("anchorpose.cli.live_setup.Playback", lambda found: Again(found, FPS))
+    monkeypatch.setattr("anchorpose.live.playback.Playback", lambda found: Again(found, FPS))
     return str(recording)
 
 
@@ -81,8 +81,8 @@ def test_a_full_disk_ends_the_session_and_what_is_stored_becomes_results(played,
 @pytest.mark.slow
 def test_a_killed_session_is_finished_with_all_that_was_stored(recording, tmp_path):
     program = (
-        "from live_builder import Again; from anchorpose.cli import live_setup, main; import sys;"
-        f"live_setup.Playback = lambda found: Again(found, {FPS}); sys.exit(main())"
+        "import sys; from live_builder import Again; from anchorpose.cli import main;"
+        f" from anchorpose.live import playback; playback.Playback = lambda one: Again(one, {FPS}); sys.exit(main())"
     )
     command = [sys.executable, "-c", program, "live", str(recording), "-o", str(tmp_path / "session"), *LIVE]
     paths = os.pathsep.join(sys.path)
@@ -132,7 +132,7 @@ def test_a_stored_session_of_another_form_is_refused(tmp_path, capsys):
 
 def test_results_below_the_current_folder_are_accepted(recording, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("anchorpose.cli.live_setup.Playback.images", lambda self, stop: iter(()))
+    monkeypatch.setattr("anchorpose.live.playback.Playback.images", lambda self, stop: iter(()))
     assert main(["live", str(recording), "-o", "session"]) == 2
     assert "Nothing can be tracked" in capsys.readouterr().err
 

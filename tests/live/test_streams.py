@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from anchorpose.cli.live_setup import make_outputs
+from anchorpose.cli.live_verbs import make_outputs
 from anchorpose.errors import AnchorposeError, MissingPackage
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, LOST
 from anchorpose.live.output import LiveFrame, Outputs

@@ -10,11 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from distributed import Client, Future, wait
-from distributed.scheduler import KilledWorker
-
 from anchorpose.batch.cluster import DEATHS, Place, connected
 from anchorpose.batch.worker import Outcome, run_apart, stop_children
+from anchorpose.errors import MissingPackage
+
+try:
+    from distributed import Client, Future, wait
+    from distributed.scheduler import KilledWorker
+except ImportError:
+    raise MissingPackage("Work on many recordings at once", "distributed", "batch") from None
 
 POLL_S: Final = 0.5  # after which new workers are noticed
 

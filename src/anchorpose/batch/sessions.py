@@ -9,7 +9,7 @@ from glob import glob, has_magic
 from pathlib import Path
 from typing import Any, Final
 
-from anchorpose.cli.track import TrackOptions
+from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.errors import InputError, without_password
 from anchorpose.recording.document import read_rows, require_distinct
 from anchorpose.remote import is_address, parts_of

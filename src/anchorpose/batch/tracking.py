@@ -22,8 +22,8 @@ def track_session(session: Session, results: Path) -> bool:
     identity are replaced; an unfinished run of the same one goes on, of another it begins again. Raises what
     ``anchorpose track`` raises.
     """
-    from anchorpose.cli.convert import as_recording
-    from anchorpose.cli.track import track_locally
+    from anchorpose.cli.recording_verbs import as_recording
+    from anchorpose.cli.track_verbs import track_locally
 
     results.parent.mkdir(parents=True, exist_ok=True)
     wait_until_free(results, ENDING_S)

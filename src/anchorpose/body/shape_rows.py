@@ -46,7 +46,8 @@ def full_jacobian(
     bones = _Bones(
         posed.transforms, pivot, frame, _chains(points), shape_offsets(points.asset, posed, free.coefficients)
     )
-    skin = _Skin(points.bones, points.influence, body.rest_m, _point_basis(points), points.covered[:, : free.offsets])
+    covered = np.ascontiguousarray(points.covered[:, : free.offsets])  # the kernel is compiled for one layout
+    skin = _Skin(points.bones, points.influence, body.rest_m, _point_basis(points), covered)
     jacobian = np.zeros((len(index), POSE_SIZE + sum(free)))
     _fill(skin, bones, index, direction, posed.normals, jacobian)
     return jacobian

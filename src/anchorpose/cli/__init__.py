@@ -10,28 +10,16 @@ from typing import Final, NoReturn
 from cyclopts import App, CycloptsError, Parameter
 
 from anchorpose import __version__
-from anchorpose.cli.batch import batch
-from anchorpose.cli.benchmark import benchmark
-from anchorpose.cli.calibrate import calibrate
-from anchorpose.cli.check import check
 from anchorpose.cli.console import say
-from anchorpose.cli.convert import convert
-from anchorpose.cli.demo import demo
-from anchorpose.cli.equipment import equipment
-from anchorpose.cli.evaluate import evaluate
-from anchorpose.cli.experiment import experiment
-from anchorpose.cli.export import export
-from anchorpose.cli.inspect import inspect
-from anchorpose.cli.live import live
-from anchorpose.cli.measure import measure
-from anchorpose.cli.motions import motions
-from anchorpose.cli.record import record
-from anchorpose.cli.reliability import reliability
-from anchorpose.cli.report import report
-from anchorpose.cli.simulate import simulate
-from anchorpose.cli.track import track
-from anchorpose.cli.verify import verify
-from anchorpose.cli.view import view
+from anchorpose.cli.evaluate_verbs import evaluate, reliability
+from anchorpose.cli.live_verbs import live, record
+from anchorpose.cli.model_verbs import equipment, motions
+from anchorpose.cli.recording_verbs import calibrate, check, convert
+from anchorpose.cli.research_verbs import benchmark, experiment
+from anchorpose.cli.results_verbs import export, measure, report, verify
+from anchorpose.cli.simulation_verbs import demo, simulate
+from anchorpose.cli.track_verbs import batch, track
+from anchorpose.cli.viewing_verbs import inspect, view
 from anchorpose.errors import AnchorposeError
 
 EXIT_CANNOT: Final = 2

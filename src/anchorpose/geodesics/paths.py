@@ -25,7 +25,8 @@ def came_from(
     """
     one: Any
     other: Any
-    best, one, other, share = np.inf, -1, -1, 0.0
+    best, share = np.inf, 0.0
+    one, other = np.int64(-1), np.int64(-1)  # of the type that they get: otherwise callees are compiled for both
     for k in range(8):
         a, b = np.int64(ring[node, k]), np.int64(ring[node, (k + 1) % 8])
         if b < 0 and _across(ring, node, k):

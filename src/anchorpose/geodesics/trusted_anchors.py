@@ -264,10 +264,12 @@ def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np
 
 @njit(cache=True, error_model="numpy")
 def _skin(mesh: MeshArrays) -> np.ndarray:
-    """(n, 6) float32: points and normals side by side."""
+    """Return points and normals side by side, (n, 6) float32."""
     skin = np.empty((len(mesh.points_m), SKIN), np.float32)
-    skin[:, POINT : POINT + 3] = mesh.points_m
-    skin[:, NORMAL : NORMAL + 3] = mesh.normals
+    for node in range(len(skin)):
+        for axis in range(3):  # slices would compile numba's texts of errors: four seconds
+            skin[node, POINT + axis] = mesh.points_m[node, axis]
+            skin[node, NORMAL + axis] = mesh.normals[node, axis]
     return skin
 
 

@@ -84,7 +84,9 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
     for i in range(len(cell)):
         if owner[i] == whose and (cell[i] == before).all():
             continue
-        before[:], whose = cell[i], owner[i]
+        whose = owner[i]
+        for axis in range(3):  # a slice would compile numba's texts of errors: four seconds
+            before[axis] = cell[i, axis]
         for x in range(cell[i, 0] - 1, cell[i, 0] + 2):
             for y in range(cell[i, 1] - 1, cell[i, 1] + 2):
                 for z in range(cell[i, 2] - 1, cell[i, 2] + 2):

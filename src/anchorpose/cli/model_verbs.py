@@ -1,4 +1,4 @@
-"""``anchorpose equipment``."""
+"""Verbs that make what tracking compares with: the equipment and the reference movements."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from anchorpose.cli.console import say, show
-from anchorpose.cli.limits import positive
+from anchorpose.cli.limits import FASTEST_HZ, positive
 from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
     from anchorpose.calibration.proposal import FittedRoom
     from anchorpose.calibration.proposal_readings import Region
+
 
 equipment = App(name="equipment", help="The model of the equipment, equipment.json.")
 
@@ -75,7 +76,7 @@ def fit(
 
 def _region(around: str, radius: float) -> Region:
     from anchorpose.calibration.proposal_readings import Region
-    from anchorpose.cli.track import parse_place
+    from anchorpose.cli.track_verbs import parse_place
 
     try:
         return Region(center_xz_m=parse_place(around, "--around"), radius_m=radius)
@@ -106,3 +107,44 @@ def _print_parts(fitted: FittedRoom) -> None:
         say(
             "Guessed: no camera sees the other side, so the bar is taken to be square, or to end where it is last seen."
         )
+
+
+motions = App(name="motions", help="Reference movements, from which tracking predicts the next frames.")
+
+
+@motions.command
+def build(
+    out: Path,
+    /,
+    *sources: Path,
+    rate_hz: Annotated[float | None, Parameter(name="--rate"), positive(FASTEST_HZ)] = None,
+    overwrite: bool = False,
+) -> None:
+    """Make a file of reference movements from earlier results and from skeletons of other trackers.
+
+    Give it to 'anchorpose track' as --motions. It replaces the movements that come with the program; name it among the
+    sources of the next file to add to it. Movements like those of the patient help most: their own earlier sessions.
+
+    Parameters
+    ----------
+    out
+        The file to write, ending in .npz.
+    sources
+        Results folders of 'anchorpose track' (frames with a lost joint are left out), and skeleton files: .npz with
+        joints_mm (frames, joints, 3) with Y up, offsets (where each clip begins, and the end), names (of the clips)
+        and joint_names. Joints are matched by name.
+    rate_hz
+        Frames per second of those skeleton files that do not state it themselves (as rate_hz).
+    overwrite
+        Replace an existing file.
+    """
+    from anchorpose.collecting import build_motions
+    from anchorpose.results.folder import naming_place
+
+    if not sources:
+        raise AnchorposeError("No sources are given; name results folders or skeleton files after the file's name.")
+    with naming_place(out):
+        clips = build_motions(out, sources, rate_hz, overwrite)
+    for note in clips.notes:
+        say(f"{note}.")
+    say(f"{out}: {len(clips.names)} clips, {clips.frame_count} frames. Use it with: anchorpose track --motions {out}")

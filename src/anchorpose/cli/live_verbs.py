@@ -1,0 +1,281 @@
+"""Verbs that use connected cameras: live and record."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from anchorpose.cli.console import say
+from anchorpose.cli.limits import DAY_S, LARGEST_PORT, TALLEST_M, between, positive, whole
+from anchorpose.errors import AnchorposeError
+
+if TYPE_CHECKING:
+    from anchorpose.live.output import Output
+    from anchorpose.live.page_server import PageOutput
+    from anchorpose.live.source import LiveSource
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class LiveGiven:
+    """The options of ``anchorpose live``."""
+
+    wait_frames: Literal[0, 1] = 0
+    """Later frames to wait for before a frame is answered. 1 was more accurate only in a clinic with one camera."""
+
+    start_seconds: Annotated[float, positive(DAY_S)] = 6.0
+    """How long room and patient are looked at before the body is learnt; the patient should move a little meanwhile."""
+
+    seconds: Annotated[float | None, positive(DAY_S)] = None
+    """Track for so long; the default is until Ctrl+C, or until the source ends."""
+
+    patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
+    """Where the patient stands at the start, as x,z in metres on the floor; needed only where there are several people
+    and the wrong one is tracked."""
+
+    height: Annotated[float | None, positive(TALLEST_M)] = None
+    """The patient's standing height in metres, for example 1.72."""
+
+    calibration: Path | None = None
+    """A calibration.json made by 'anchorpose calibrate' of the same cameras; without it, poses are found in the first
+    seconds."""
+
+    like: Path | None = None
+    """An earlier recording of the same cameras in the same place: its equipment and its pictures of the empty room hold
+    now, too. Of a recording that is played, its own hold."""
+
+    record: Path | None = None
+    """A folder to keep all depth images in, as a recording."""
+
+    config: Path | None = None
+    """A TOML or JSON file with settings that differ from the defaults."""
+
+    lsl: bool = False
+    """Send joints and angles as Lab Streaming Layer streams."""
+
+    osc: str | None = None
+    """Send joints and angles as OSC messages to this HOST:PORT."""
+
+    page: bool = False
+    """Show skeleton and angles in the browser, for patient and therapist."""
+
+    host: str = "127.0.0.1"
+    """The network address that the page listens on. Any other than the default lets other computers see the patient:
+    they need the whole printed address, which holds a secret."""
+
+    port: Annotated[int, whole(0, LARGEST_PORT)] = 8470
+    """The port of the page, always the same, so that the browser remembers the chosen angles; 0 takes a free one."""
+
+    no_browser: bool = False
+    """Print the address of the page only."""
+
+    finish: bool = False
+    """Make the results folder of a session that was cut off, of all that was tracked; no sources are needed."""
+
+    overwrite: bool = False
+    """Replace an existing results folder."""
+
+
+def live(
+    *sources: str,
+    results: Annotated[Path, Parameter(name=["--output", "-o"])],
+    options: LiveGiven | None = None,
+) -> int:
+    """Find the patient's joints while the patient stands there, and send them to other programs.
+
+    Ctrl+C ends it with a finished results folder, as 'anchorpose track' makes one. Where the program is killed or the
+    disk is full, '--finish' makes one of what was tracked.
+
+    Parameters
+    ----------
+    sources
+        Where depth images come from: 'realsense' or 'realsense:SERIAL', 'orbbec' or 'orbbec:SERIAL', several of them;
+        or the folder of a recording, which is played at its own pace.
+    results
+        The folder to write.
+    """
+    from anchorpose.cli.console import print_outcome
+    from anchorpose.cli.track_verbs import TrackOptions
+    from anchorpose.live.finish import finish_session
+    from anchorpose.live.first_seconds import LiveOptions, User
+    from anchorpose.live.session import track_live
+    from anchorpose.live.source import about_folder
+    from anchorpose.results.unfinished import unfinished_results
+
+    given = options or LiveGiven()
+    if given.finish:
+        finish_session(results, given.overwrite)
+        print_outcome(results)
+        return 0
+    config = TrackOptions(patient=given.patient, height=given.height, config=given.config).settings()
+    chosen = LiveOptions(
+        config=config,
+        wait_frames=given.wait_frames,
+        start_s=given.start_seconds,
+        calibration=given.calibration,
+        record=given.record,
+        seconds=given.seconds,
+    )
+    opened = open_sources(sources, given.like)
+    with (
+        stop_on_signals() as stop,
+        unfinished_results(results, about_folder(opened), given.overwrite) as folder,
+        page_output(given) as page,
+    ):
+        user = User(say, stop, lambda: None) if page is None else User(_also_on(page), stop, page.asked)
+        outputs = [*make_outputs(given.lsl, given.osc), *([] if page is None else [page])]
+        summary = track_live(opened, folder, chosen, outputs, user)
+    say(f"{summary.sentence}. The results are in {results}.")
+    return 0
+
+
+def record(
+    *sources: str,
+    recording: Annotated[Path, Parameter(name=["--output", "-o"])],
+    seconds: Annotated[float | None, positive(DAY_S)] = None,
+    empty_room: Annotated[float, between(0.0, DAY_S)] = 0.0,
+    like: Path | None = None,
+    finish: bool = False,
+) -> None:
+    """Record what depth cameras see: lossless, with the cameras' own times.
+
+    Ctrl+C ends it. After a power cut all but the last second is there: '--finish' makes a recording of it.
+
+    Parameters
+    ----------
+    sources
+        'realsense' or 'realsense:SERIAL', 'orbbec' or 'orbbec:SERIAL', several of them; the folder of a recording is
+        played at its own pace.
+    recording
+        The folder to write.
+    seconds
+        Record for so long; the default is until Ctrl+C.
+    empty_room
+        First look at the empty room for so many seconds: the patient is then found more easily.
+    like
+        An earlier recording of the same cameras in the same place: its equipment and its pictures of the empty room
+        hold now, too.
+    finish
+        Make a recording of a folder whose recording was cut off; no sources are needed.
+    """
+    from anchorpose.live.record import record_live
+    from anchorpose.live.recorder import finish_recording
+
+    if finish:
+        say(f"The recording is in {finish_recording(recording)}.")
+        return
+    opened = open_sources(sources, like)
+    with stop_on_signals() as stop:
+        say(f"The recording is in {record_live(opened, recording, seconds, empty_room, say, stop)}.")
+
+
+def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:
+    """Open the sources by name; raises AnchorposeError for a missing camera or a recording that is not alone.
+
+    like: an earlier recording of the same cameras, None where there is none.
+    """
+    from anchorpose.live.playback import Playback
+    from anchorpose.recording.reader import open_recording
+
+    if not names:
+        raise AnchorposeError("Name a source: realsense, orbbec, or the folder of a recording.")
+    about = None if like is None else open_recording(like)
+    sources: list[LiveSource] = []
+    for name in names:
+        maker, _, serial = name.partition(":")
+        if maker == "realsense":
+            from anchorpose.live.realsense import open_realsense
+
+            sources.append(open_realsense(serial, about))
+        elif maker == "orbbec":
+            from anchorpose.live.orbbec import open_orbbec
+
+            sources.append(open_orbbec(serial, about))
+        else:
+            sources.append(Playback(open_recording(Path(name))))
+    if len(sources) > 1 and any(isinstance(source, Playback) for source in sources):
+        raise AnchorposeError("A recording is played alone: leave the other sources out.")
+    return sources
+
+
+def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
+    """Open the outputs; raises AnchorposeError for a malformed address or unknown host, MissingPackage without an
+    extra."""
+    outputs: list[Output] = []
+    if lsl:
+        from anchorpose.live.lsl import LslOutput
+
+        outputs.append(LslOutput())
+    if osc is not None:
+        from anchorpose.live.osc import OscOutput
+
+        host, _, port = osc.rpartition(":")
+        if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+            raise AnchorposeError(f"--osc is '{osc}'; write host and port, for example 127.0.0.1:9000.")
+        try:
+            outputs.append(OscOutput(host.removeprefix("[").removesuffix("]"), int(port)))
+        except OSError as error:
+            raise AnchorposeError(f"--osc is '{osc}', and there is no such host ({error.strerror}).") from None
+    return outputs
+
+
+def _also_on(page: PageOutput) -> Callable[[str], None]:
+    """Return what prints a sentence and shows it on the page."""
+
+    def tell(sentence: str) -> None:
+        say(sentence)
+        page.say(sentence)
+
+    return tell
+
+
+@contextmanager
+def page_output(given: LiveGiven) -> Iterator[PageOutput | None]:
+    """Open the page in the browser, or yield None where none is wanted; raises AnchorposeError where nothing can listen
+    on its host and port."""
+    if not given.page:
+        yield None
+        return
+    from anchorpose.live.page_server import PageOutput
+    from anchorpose.viewer.access import is_loopback
+    from anchorpose.viewing import opened_page
+
+    page = PageOutput(given.host, given.port)
+    try:
+        say(f"The page is at {page.address}")
+        if not is_loopback(given.host):
+            say("Anyone with this address can see the patient; it is not encrypted.")
+        with nullcontext() if given.no_browser else opened_page(page.address):
+            yield page
+    finally:
+        page.close()
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[Event]:
+    """Yield the event that the first Ctrl+C (or the system's request to end) sets; a second one stops at once."""
+    stop = Event()
+    before: dict[int, Any] = {}
+
+    def ask(number: int, frame: object) -> None:
+        if stop.is_set():
+            signal.signal(number, before[number])
+            signal.raise_signal(number)
+        stop.set()
+
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            before[number] = signal.signal(number, ask)
+    try:
+        yield stop
+    finally:
+        for changed, handler in before.items():
+            signal.signal(changed, handler)
