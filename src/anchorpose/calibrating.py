@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, PoseRecord
-from anchorpose.calibration.marker_layout import read_marker_layout
+from anchorpose.calibration.first_frames import noise_per_m, what_stays
 from anchorpose.calibration.marker_pose import place_by_markers
-from anchorpose.calibration.noise import noise_per_m, what_stays
+from anchorpose.calibration.markers import read_marker_layout
 from anchorpose.pages.canvas import as_png
 from anchorpose.pages.stage_drawing import draw_model
 from anchorpose.recording.reader import open_recording

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from anchorpose.check.depth import check_depth
-from anchorpose.check.finding import Finding
-from anchorpose.check.frames import check_frames
-from anchorpose.check.lens import check_lens
-from anchorpose.check.material import gather_material
+from anchorpose.check.cameras import check_frames, check_poses
+from anchorpose.check.depth import check_depth, check_lens
+from anchorpose.check.material import Finding, gather_material
 from anchorpose.check.patient import check_patient
-from anchorpose.check.poses import check_poses
 from anchorpose.recording.reader import open_recording
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig

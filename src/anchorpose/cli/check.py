@@ -10,7 +10,7 @@ from anchorpose.cli.console import say, show
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from anchorpose.check.finding import Finding
+    from anchorpose.check.material import Finding
 
 COLOURS = ("green", "yellow", "red")
 
@@ -28,7 +28,7 @@ def check(recording: Path, /) -> int:
         The folder with recording.json and the depth images of each camera, into which nothing is written; or a file of
         a camera's recorder (see docs/guide/convert.md).
     """
-    from anchorpose.check.finding import Level
+    from anchorpose.check.material import Level
     from anchorpose.checking import check_recording
     from anchorpose.cli.convert import as_recording
 
