@@ -45,9 +45,9 @@ def calibrate(
     config
         A TOML or JSON file with settings that differ from the defaults, as for track.
     """
-    from anchorpose.calibrating import calibrate_recording
     from anchorpose.cli.config_file import load_track_config
     from anchorpose.cli.convert import as_recording
+    from anchorpose.pipeline import calibrate_recording
     from anchorpose.results.calibration_file import CALIBRATION
     from anchorpose.results.folder import check_results_path, new_results_folder
 

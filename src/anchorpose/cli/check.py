@@ -29,7 +29,7 @@ def check(recording: Path, /) -> int:
         a camera's recorder (see docs/guide/convert.md).
     """
     from anchorpose.check.material import Level
-    from anchorpose.checking import check_recording
+    from anchorpose.check.recording_check import check_recording
     from anchorpose.cli.convert import as_recording
 
     findings = check_recording(as_recording(recording))

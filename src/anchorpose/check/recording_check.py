@@ -1,4 +1,4 @@
-"""From a recording folder to what is good and bad about it, before anybody tracks it."""
+"""Check a recording before anybody tracks it: what is good and bad about it."""
 
 from __future__ import annotations
 
