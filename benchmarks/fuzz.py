@@ -35,7 +35,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "builders
 from recording_builder import write_recording
 from spoil_recording import spoil
 
-from anchorpose.calibration.noise import noise_per_m
+from anchorpose.calibration.first_frames import noise_per_m
 from anchorpose.errors import InputError
 from anchorpose.recording.pairing import find_gaps
 from anchorpose.recording.reader import input_files, open_recording, read_frames

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from probe import Row, Scene, answer
 
-from anchorpose.calibration.clock_signal import pose_level
+from anchorpose.calibration.clock_lags import pose_level
 from anchorpose.calibration.clocks import ClockConfig, Clocks, estimate_clocks
 from anchorpose.camera import Camera
 from anchorpose.results.uncertainty import NORMAL_95

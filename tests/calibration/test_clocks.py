@@ -10,11 +10,17 @@ from moving_room import FRONT, LEFT, MovingRoom, standing
 from room_builder import unposed
 
 from anchorpose.calibration import clock_lags, clocks
-from anchorpose.calibration.clock_fit import PairLag, fit_clocks
-from anchorpose.calibration.clock_lags import FrameCache
-from anchorpose.calibration.clock_signal import MotionSignal, SignalLag, motion_signal, pose_level, signal_lags
+from anchorpose.calibration.clock_lags import (
+    FrameCache,
+    MotionSignal,
+    PairLag,
+    SignalLag,
+    motion_signal,
+    pose_level,
+    signal_lags,
+)
 from anchorpose.calibration.clock_surfaces import make_clip, surface_lag
-from anchorpose.calibration.clocks import ClockConfig, ClockSource, NoClock, clock_notes, estimate_clocks
+from anchorpose.calibration.clocks import ClockConfig, ClockSource, NoClock, clock_notes, estimate_clocks, fit_clocks
 from anchorpose.recording.recording import Clock
 
 AHEAD_S = 0.613  # neither a whole number of frames nor half of one

@@ -11,19 +11,18 @@ from room_builder import NOISE_PER_M, ROOM, body, camera_at, picture, unposed
 
 from anchorpose.calibration.calibration import PoseSource
 from anchorpose.calibration.equipment_agreement import agreement
-from anchorpose.calibration.equipment_model import find_symmetry, prepare_equipment, sample_equipment
+from anchorpose.calibration.equipment_model import EquipmentCaster, find_symmetry, prepare_equipment, sample_equipment
 from anchorpose.calibration.equipment_pose import (
     EquipmentPose,
     EquipmentPoseConfig,
     NoEquipmentPose,
+    NoPose,
     angle_between,
     find_equipment,
 )
-from anchorpose.calibration.equipment_render import EquipmentCaster
-from anchorpose.calibration.equipment_residuals import see_still
-from anchorpose.calibration.equipment_verdict import NoPose
+from anchorpose.calibration.equipment_refine import see_still
+from anchorpose.calibration.first_frames import what_stays
 from anchorpose.calibration.floor import find_floor
-from anchorpose.calibration.noise import what_stays
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.errors import InputError

@@ -11,11 +11,10 @@ import pytest
 from room_builder import camera_at
 from scipy.spatial.transform import Rotation
 
-from anchorpose.calibration import marker_corners, marker_pose
+from anchorpose.calibration import marker_pose, markers
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.marker_corners import NoMarkers
-from anchorpose.calibration.marker_layout import Board, MarkerLayout, Tag, read_marker_layout
 from anchorpose.calibration.marker_pose import MarkerPose, place_by_markers, pose_from_markers
+from anchorpose.calibration.markers import Board, MarkerLayout, NoMarkers, Tag, read_marker_layout
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import UNKNOWN, Recording
@@ -201,7 +200,7 @@ def test_tiny_cut_and_missing_tags_are_refused(monkeypatch):
     far = tag(0, (0.0, 0.8, 0.0), size_m=0.05)
     assert pose_from_markers(photo(CAMERA, [far]), CAMERA, layout(far)) in (NoMarkers.TOO_SMALL, NoMarkers.NONE_SEEN)
     with monkeypatch.context() as stricter:
-        stricter.setattr(marker_corners, "LEAST_SIDE_PX", 60.0)
+        stricter.setattr(markers, "LEAST_SIDE_PX", 60.0)
         assert pose_from_markers(photo(CAMERA, SPREAD), CAMERA, layout(*SPREAD)) is NoMarkers.TOO_SMALL
     cut = photo(CAMERA, [tag(0, (0.3, 0.9, 0.0), size_m=0.4)])
     cut[:, 256:] = 120

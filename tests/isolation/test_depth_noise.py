@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from room_builder import FRONT, ROOM, filtered, picture, shot
 
-from anchorpose.calibration.noise import noise_per_m, step_per_m
+from anchorpose.calibration.first_frames import noise_per_m, step_per_m
 from anchorpose.camera import Camera
 from anchorpose.isolation.background import BackgroundSource
 from anchorpose.isolation.depth_noise import (

@@ -9,7 +9,6 @@ import pytest
 from results_builder import make_frame, standing_joints, write_results
 
 from anchorpose.cli import main
-from anchorpose.collecting import clips_of_results
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.motion.database import pose_vectors
@@ -23,6 +22,7 @@ from anchorpose.motion.database_file import (
     write_motions,
 )
 from anchorpose.motion.prediction import MotionConfig, MotionRule
+from anchorpose.results.reference_clips import clips_of_results
 
 UIPRMD = Path(__file__).parents[3] / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
 BONES = (

@@ -14,7 +14,7 @@ from anchorpose.results.corrections import JointCorrection, NamedPatient, Unusab
 from anchorpose.settings import LARGEST, LEAST, Positive
 
 for _module in (
-    "recording.recording_file", "recording.equipment_file", "results.corrections_file", "calibration.marker_layout",
+    "recording.recording_file", "recording.equipment_file", "results.corrections_file", "calibration.markers",
     "sources.image_folder",
 ):  # fmt: skip
     import_module(f"anchorpose.{_module}")

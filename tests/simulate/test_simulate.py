@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from anchorpose.calibration.noise import noise_per_m
+from anchorpose.calibration.first_frames import noise_per_m
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.lens import LensModel

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from anchorpose.calibration.surface_displacement import Displacement, common_surfaces, find_displacement
+from anchorpose.calibration.common_view import Displacement, common_surfaces, find_displacement
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.background import BackgroundModel, BackgroundSource
 from anchorpose.isolation.depth_noise import DepthNoise

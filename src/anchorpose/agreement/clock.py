@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import correlate
 
 from anchorpose.agreement.signals import GRID_HZ, Signals
-from anchorpose.calibration.clock_fit import DRIFT_SIGMA
+from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.errors import AnchorposeError
 
 COARSE: Final = 4

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from anchorpose.calibration.common_view import NORMAL_PX, SurfaceGates, points_with_normals
-from anchorpose.calibration.noise import MAD_OF_NORMAL
+from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
 UNITS_PER_M: Final = 4000.0  # stacks hold quarters of a millimetre: 16 bits reach 16 m

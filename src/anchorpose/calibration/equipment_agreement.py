@@ -14,8 +14,7 @@ import numpy as np
 
 from anchorpose.calibration.equipment_model import Equipment
 from anchorpose.calibration.equipment_pose import EquipmentPose, EquipmentPoseConfig
-from anchorpose.calibration.equipment_refine import FloorPrior
-from anchorpose.calibration.equipment_residuals import StillView
+from anchorpose.calibration.equipment_refine import FloorPrior, StillView
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording

@@ -1,19 +1,183 @@
-"""tau_0,i: the equipment's pose in one camera, from its depth frames and chi_0 alone (paper, Section III)."""
+"""Find and judge tau_0,i: the equipment's pose in one camera, from frames and chi_0 alone (paper, Section III)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Final
 
 import numpy as np
 
 from anchorpose.calibration.equipment_model import Equipment
-from anchorpose.calibration.equipment_refine import FloorPrior, Refined, refine, standing_prior
-from anchorpose.calibration.equipment_residuals import StillView
+from anchorpose.calibration.equipment_refine import (
+    FINE,
+    NOISE_GATE,
+    FloorPrior,
+    Gate,
+    Prediction,
+    Refined,
+    StillView,
+    observed_edges,
+    part_shifts,
+    predict,
+    refine,
+    standing_prior,
+)
 from anchorpose.calibration.equipment_search import search_floor
-from anchorpose.calibration.equipment_verdict import NoPose, PartEvidence, gather_evidence, judge, sigma_of
 from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
+
+# Shares are of surface area, so that near parts do not outvote distant ones.
+LEAST_SEEN: Final = 0.2  # of the surface that faces the camera, on it: people hide up to half, the image ends
+MOST_THROUGH: Final = 0.10  # of what is not hidden, seen through: edges of thin bars flicker
+MOST_THROUGH_OF_PART: Final = 0.35
+MOST_UNREAD_OF_PART: Final = 0.7  # of what nothing hides: an absent part in front of a distant wall is not read either
+LEAST_PIXELS_OF_PART: Final = 40  # fewer are no evidence about a part
+MOST_PART_SHIFT_M: Final = 0.012  # equipment is measured with a tape; two clinics' frames differ by more
+MOST_FILLED: Final = 0.5  # of the outline's places: within a wall it is all
+LEAST_OUTLINED: Final = 0.6  # of the outline's places that nothing hides: the part ends there
+MOST_OFF_PX: Final = 2.0  # within this of its place; edge pixels are often one off
+MOST_SIGMA_M: Final = 0.006
+MOST_SIGMA_RAD: Final = 0.0087  # half a degree
+LEAST_COSINE: Final = 0.25  # of incidence: flatter, no camera reads a surface well
+STEADY_M, STEADY_RAD = 0.0015, 0.0008  # 1 to 2 mm over the image; between bars a metre apart 0.05 degrees
+
+
+class NoPose(StrEnum):
+    """Why a camera has no pose: a result."""
+
+    NO_FLOOR = "sees no floor, so which way is up is unknown"
+    NOT_SEEN = "shows the equipment nowhere"
+    LITTLE_SEEN = "shows too little of the equipment"
+    SEEN_THROUGH = "sees through places where the equipment model has surface"
+    PART_MISSING = "does not show a part of the equipment model where it should be"
+    PART_UNREAD = "has no reading where a part of the equipment model should be"
+    PART_ELSEWHERE = "shows a part of the equipment model beside its place"
+    FILLED = "shows as much beside the equipment as on it, so its outline is not seen"
+    OUTLINE = "does not show the equipment's outline where it should be"
+    UNSURE = "shows the equipment too vaguely to find its pose"
+    AMBIGUOUS = "shows two places that the equipment model fits"
+    ROUND = "shows equipment that looks the same from every side"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartEvidence:
+    """Areas (m^2) and pixels of each part as expected in the depth image, arrays (parts,).
+
+    on, through, hidden, unread: share the expected surface; pixels: all but the hidden; shift_m: by how much the
+    part looks displaced, NaN where that is not accurate. filled_share, outlined_share: see ``_outline_shares``.
+    """
+
+    on_m2: np.ndarray
+    through_m2: np.ndarray
+    hidden_m2: np.ndarray
+    unread_m2: np.ndarray
+    pixels: np.ndarray
+    shift_m: np.ndarray
+    filled_share: float
+    outlined_share: float
+
+    @property
+    def seen_share(self) -> float:
+        """Of the expected surface, how much is seen where it should be."""
+        expected = (self.on_m2 + self.through_m2 + self.hidden_m2 + self.unread_m2).sum()
+        return float(self.on_m2.sum() / max(expected, 1e-9))
+
+    @property
+    def through_share(self) -> float:
+        """Of the surface that nothing hides, how much is seen through."""
+        return float(self.through_m2.sum() / max((self.on_m2 + self.through_m2).sum(), 1e-9))
+
+    @property
+    def score_m2(self) -> float:
+        """Surface that is found less twice what is seen through; 0 where the whole outline is inside something."""
+        return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
+
+
+def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
+    """Compare the equipment as predicted at a pose with what the frames show there, frame by frame."""
+    parts = equipment.caster.part_count
+    prediction = predict(view.camera, equipment, fit.T_camera_model)
+    if prediction is None:
+        nothing = np.zeros(parts)
+        return PartEvidence(nothing, nothing, nothing, nothing, nothing, np.full(parts, np.nan), 1.0, 0.0)
+    rendering = prediction.rendering
+    row, column = np.nonzero(rendering.part >= 0)
+    rays = view.camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
+    ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
+    facing = np.abs(np.sum(rendering.normal[row, column] * ahead, axis=1)) / np.linalg.norm(ahead, axis=1)
+    row, column = row[facing > LEAST_COSINE], column[facing > LEAST_COSINE]
+    depth = rendering.depth_m[row, column].astype(np.float64)
+    readings = view.frames_m[:, *rendering.window][:, row, column]
+    gate = tolerance_m + NOISE_GATE * view.noise_per_m * depth**2
+    on = (np.abs(readings - depth) < gate).sum(axis=0)
+    behind = (readings > depth + gate).sum(axis=0)
+    before = ((readings > 0) & (readings < depth - gate)).sum(axis=0)
+    free = on + behind
+    lens = view.camera.intrinsics
+    area, part = depth**2 / (lens.fx * lens.fy), rendering.part[row, column]
+
+    def total(mask: np.ndarray) -> np.ndarray:
+        return np.bincount(part[mask], area[mask], parts)
+
+    hidden = (free == 0) & (before > 0)
+    filled, outlined = _outline_shares(view, prediction, fit.edge_bias_px, tolerance_m)
+    return PartEvidence(
+        on_m2=total((free > 0) & (on >= behind)),
+        through_m2=total((free > 0) & (on < behind)),
+        hidden_m2=total(hidden),
+        unread_m2=total((free == 0) & (before == 0)),
+        pixels=np.bincount(part[~hidden], minlength=parts),
+        shift_m=part_shifts(view, equipment, fit),
+        filled_share=filled,
+        outlined_share=outlined,
+    )
+
+
+def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
+    """Of the outline's places that nothing hides: the share that does not end there, among those with the part in them
+    (a wall, the floor, a person who leans on it), and the share that ends just where it should."""
+    edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
+    off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)
+    ends, goes_on, absent = (int(mask.sum()) for mask in (edges.usable, edges.goes_on, edges.absent))
+    right = int((edges.usable & (off < MOST_OFF_PX)).sum())
+    return goes_on / max(ends + goes_on, 1) if ends + goes_on else 1.0, right / max(ends + goes_on + absent, 1)
+
+
+def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | None]:
+    """Why the pose is not accepted, None where it is, and the part that shows it, where it is one."""
+    if evidence.seen_share < LEAST_SEEN:
+        return NoPose.LITTLE_SEEN, None
+    if evidence.filled_share > MOST_FILLED:
+        return NoPose.FILLED, None
+    enough = evidence.pixels >= LEAST_PIXELS_OF_PART
+    through = evidence.through_m2 / np.maximum(evidence.on_m2 + evidence.through_m2, 1e-9)
+    missing = np.flatnonzero(enough & (through > MOST_THROUGH_OF_PART))
+    if len(missing):
+        return NoPose.PART_MISSING, int(missing[np.argmax(evidence.through_m2[missing])])
+    unread_share = evidence.unread_m2 / np.maximum(evidence.on_m2 + evidence.through_m2 + evidence.unread_m2, 1e-9)
+    unread = np.flatnonzero(enough & (unread_share > MOST_UNREAD_OF_PART))
+    if len(unread):
+        return NoPose.PART_UNREAD, int(unread[np.argmax(evidence.unread_m2[unread])])
+    if evidence.through_share > MOST_THROUGH:
+        return NoPose.SEEN_THROUGH, None
+    shift = np.nan_to_num(evidence.shift_m)
+    if shift.max(initial=0.0) > MOST_PART_SHIFT_M:
+        return NoPose.PART_ELSEWHERE, int(shift.argmax())
+    if evidence.outlined_share < LEAST_OUTLINED:
+        return NoPose.OUTLINE, None
+    turn, place = sigma_of(fit)
+    return (NoPose.UNSURE if turn > MOST_SIGMA_RAD or place > MOST_SIGMA_M else None), None
+
+
+def sigma_of(fit: Refined) -> tuple[float, float]:
+    """One standard deviation of the angle (rad) and of the position of the equipment's centre (m), worst direction.
+
+    What a device's steady error adds does not shrink with the number of pixels.
+    """
+    turn, place = (np.linalg.eigvalsh(block)[-1] for block in (fit.covariance[:3, :3], fit.covariance[3:, 3:]))
+    return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_M))
+
 
 TRIED: Final = 6  # places of the search that are refined; the right one was always among the first two
 LEAST_LEAD: Final = 0.9  # the pose accepted explains this share of what the best-scoring one does

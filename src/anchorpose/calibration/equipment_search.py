@@ -1,26 +1,239 @@
-"""Where the equipment may stand in one camera's depth image: a search over every place and direction on the floor."""
+"""Search every place and direction on the floor where the equipment may stand in one camera's depth image."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
+import numba as nb
 import numpy as np
 
 from anchorpose.calibration.equipment_model import EquipmentSamples, rotation_about_y
-from anchorpose.calibration.equipment_residuals import NOISE_GATE, StillView
-from anchorpose.calibration.equipment_search_kernels import (
-    Scoring,
-    SearchImage,
-    SearchPoints,
-    SpaceGrid,
-    climb,
-    correlate,
-    fill_space,
-    weigh_broad,
-)
+from anchorpose.calibration.equipment_refine import NOISE_GATE, StillView
 from anchorpose.calibration.floor import FloorPlane
 from anchorpose.camera import Camera
-from anchorpose.lens import lens_array
+from anchorpose.lens import lens_array, pixel_of_ray
+
+UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3
+LEAST_Z_M: Final = 0.3  # nearer than any depth camera measures
+RADIUS_M: Final = 0.5  # of the equipment, to compare a turn with a shift
+
+
+class SearchImage(NamedTuple):
+    """What is searched: depth_m (height, width) float32 of what stays, 0 = no reading; weight (height, width) float32
+    of each reading as evidence; lens: ``lens_array``; T_camera_ground (4, 4); noise_per_m."""
+
+    depth_m: np.ndarray
+    weight: np.ndarray
+    lens: np.ndarray
+    T_camera_ground: np.ndarray
+    noise_per_m: float
+
+
+class SpaceGrid(NamedTuple):
+    """Cells over the ground: counts along y, x, z; x starts at -wide_m; nothing below above_m is mapped."""
+
+    counts: tuple[int, int, int]
+    wide_m: float
+    cell_m: float
+    above_m: float
+
+
+class SearchPoints(NamedTuple):
+    """Points from the equipment's centre: surface (n, 3), normal (n, 3), two_sided (n,) bool, outside (m, 3)."""
+
+    surface: np.ndarray
+    normal: np.ndarray
+    two_sided: np.ndarray
+    outside: np.ndarray
+
+
+class Scoring(NamedTuple):
+    """tolerance_m, and gate in sigmas of noise: on the surface or not; through: weight of a point seen through."""
+
+    tolerance_m: float
+    gate: float
+    through: float
+
+
+@nb.njit(cache=True)
+def _transform(T: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A point by a rigid motion (4, 4)."""
+    return (
+        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
+        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3],
+    )
+
+
+@nb.njit(cache=True)
+def fill_space(image: SearchImage, grid: SpaceGrid, gate: float) -> np.ndarray:
+    """(y, x, z) int8 map of the ground frame: each cell by the pixels around its place in the depth image."""
+    counts, cell = grid.counts, grid.cell_m
+    space = np.zeros(counts, np.int8)
+    for iy in range(counts[0]):
+        y = (iy + 0.5) * cell
+        if y < grid.above_m:
+            continue
+        for ix in range(counts[1]):
+            for iz in range(counts[2]):
+                space[iy, ix, iz] = _state_of_cell(image, ix * cell - grid.wide_m, y, iz * cell, cell, gate)
+    return space
+
+
+@nb.njit(cache=True)
+def _state_of_cell(image: SearchImage, x: float, y: float, z: float, cell: float, gate: float) -> int:
+    """UNKNOWN, OCCUPIED, FREE or BROAD: of a cell at a point of the ground frame."""
+    still, weight, lens = image.depth_m, image.weight, image.lens
+    height, width = still.shape
+    cx, cy, cz = _transform(image.T_camera_ground, x, y, z)
+    if cz < LEAST_Z_M:
+        return UNKNOWN
+    column, row = pixel_of_ray(cx / cz, cy / cz, lens)
+    reach = int(min(max(0.5 * cell * lens[0] / cz, 1.0), 6.0))
+    c0, r0 = round(column), round(row)
+    if c0 < reach or r0 < reach or c0 >= width - reach or r0 >= height - reach:
+        return UNKNOWN
+    margin = cell + gate * image.noise_per_m * cz * cz
+    filled, narrow, behind, step = False, False, 0, max(1, reach // 2)
+    for r in range(r0 - reach, r0 + reach + 1, step):
+        for c in range(c0 - reach, c0 + reach + 1, step):
+            d = still[r, c]
+            if d > 0.0 and abs(d - cz) < margin:
+                filled = True
+                narrow = narrow or weight[r, c] == 1.0
+            if d > cz:
+                behind += 1
+    if filled:
+        return OCCUPIED if narrow else BROAD
+    return FREE if behind > 0 and still[r0, c0] > cz else UNKNOWN
+
+
+@nb.njit(cache=True, fastmath=True)
+def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(x, z) sum of the map's values over the cells (n, 3) of y, x, z, moved to every place."""
+    _, nx, nz = value.shape
+    total = np.zeros((nx, nz), np.float32)
+    for k in range(len(cells)):
+        iy, dx, dz = cells[k]
+        if iy >= value.shape[0]:
+            continue
+        w = weight[k]
+        low, high = max(0, -dz), min(nz, nz - dz)
+        for ix in range(max(0, -dx), min(nx, nx - dx)):
+            source = value[iy, ix + dx]
+            target = total[ix]
+            for iz in range(low, high):
+                target[iz] += w * source[iz + dz]
+    return total
+
+
+@nb.njit(cache=True)
+def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, scoring: Scoring) -> np.ndarray:
+    """Improves each place in turn along yaw, x and z, with steps of half and a quarter of the tolerance."""
+    scores = np.empty(len(places))
+    trial = np.empty(4)
+    for k in range(len(places)):
+        best = _score(places[k], image, points, scoring)
+        step = scoring.tolerance_m / 2.0
+        for _ in range(8):
+            improved = False
+            for axis in (0, 1, 3):
+                for sign in (-1.0, 1.0):
+                    trial[:] = places[k]
+                    trial[axis] += sign * (step / RADIUS_M if axis == 0 else step)
+                    value = _score(trial, image, points, scoring)
+                    if value > best + 1e-9:
+                        best = value
+                        places[k] = trial
+                        improved = True
+            if not improved:
+                if step < scoring.tolerance_m / 3.0:
+                    break
+                step /= 2.0
+        scores[k] = best
+    return scores
+
+
+@nb.njit(cache=True)
+def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, scoring: Scoring) -> float:
+    """How well (yaw, x, y, z) explains the depth image, per point of the surface that faces the camera."""
+    surface, outside, T = points.surface, points.outside, image.T_camera_ground
+    cos, sin = np.cos(place[0]), np.sin(place[0])
+    total, facing = 0.0, 0
+    for k in range(len(surface) + len(outside)):
+        on_surface = k < len(surface)
+        p = surface[k] if on_surface else outside[k - len(surface)]
+        x = cos * p[0] + sin * p[2] + place[1]
+        y = p[1] + place[2]
+        z = -sin * p[0] + cos * p[2] + place[3]
+        cx, cy, cz = _transform(T, x, y, z)
+        if on_surface:
+            n = points.normal[k]
+            gx, gy, gz = cos * n[0] + sin * n[2], n[1], -sin * n[0] + cos * n[2]
+            nx = T[0, 0] * gx + T[0, 1] * gy + T[0, 2] * gz
+            ny = T[1, 0] * gx + T[1, 1] * gy + T[1, 2] * gz
+            nz = T[2, 0] * gx + T[2, 1] * gy + T[2, 2] * gz
+            if not points.two_sided[k] and nx * cx + ny * cy + nz * cz > 0.0:
+                continue
+            facing += 1
+        elif y < 0.1:
+            continue  # the floor is allowed beside the equipment
+        d, w = _reading(image, cx, cy, cz)
+        if d <= 0.0:
+            continue
+        margin = scoring.tolerance_m + scoring.gate * image.noise_per_m * cz * cz
+        if on_surface:
+            if abs(d - cz) < margin:
+                total += w
+            elif d > cz:
+                total -= scoring.through
+        elif abs(d - cz) < margin:
+            total -= len(surface) / len(outside) * 0.5
+    return total / max(facing, 1)
+
+
+@nb.njit(cache=True)
+def _reading(image: SearchImage, x: float, y: float, z: float) -> tuple[float, float]:
+    """Depth and weight at the pixel of a camera point; 0 where there is no reading."""
+    if z < LEAST_Z_M:
+        return 0.0, 0.0
+    column, row = pixel_of_ray(x / z, y / z, image.lens)
+    c, r = round(column), round(row)
+    height, width = image.depth_m.shape
+    if c < 0 or r < 0 or c >= width or r >= height:
+        return 0.0, 0.0
+    return float(image.depth_m[r, c]), float(image.weight[r, c])
+
+
+@nb.njit(cache=True)
+def weigh_broad(
+    depth_m: np.ndarray, focal: float, reach_m: float, low: float, margin_m: float, noise: float
+) -> np.ndarray:
+    """(height, width) float32: ``low`` where the surface continues flat for ``reach_m`` to all four sides, else 1.
+
+    margin_m and noise (a margin in metres, and one that grows with the square of depth): what counts as flat.
+    """
+    height, width = depth_m.shape
+    weight = np.ones((height, width), np.float32)
+    for row in range(height):
+        for column in range(width):
+            z = depth_m[row, column]
+            if z <= 0.0:
+                continue
+            k = max(int(reach_m * focal / z), 1)
+            if row < k or column < k or row >= height - k or column >= width - k:
+                continue
+            left, right = depth_m[row, column - k], depth_m[row, column + k]
+            above, below = depth_m[row - k, column], depth_m[row + k, column]
+            if left <= 0.0 or right <= 0.0 or above <= 0.0 or below <= 0.0:
+                continue
+            limit = margin_m + noise * z * z
+            across = left * right / (left + right) * 2.0 - z  # 1/z, not z, is linear along a plane
+            along = above * below / (above + below) * 2.0 - z
+            if abs(across) < limit and abs(along) < limit:
+                weight[row, column] = low
+    return weight
+
 
 CELL_M: Final = 0.04  # of the first, coarse map: as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # 5 degrees move a bar at 0.5 m by one cell

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.noise import MAD_OF_NORMAL, noise_per_m
+from anchorpose.calibration.first_frames import MAD_OF_NORMAL, noise_per_m
 from anchorpose.camera import Camera
 
 LEAST_READINGS: Final = 1000  # a hundredth of the smallest depth image
@@ -120,7 +120,7 @@ def find_floor(
 ) -> FloorPlane | NoFloor:
     """The largest plane that faces up, with next to nothing below it.
 
-    depth_m (height, width) float32, best without people; noise_per_m: ``calibration.noise``; standing_m (n, 3) camera
+    depth_m (height, width) float32, best without people; noise_per_m: ``first_frames``; standing_m (n, 3) camera
     points of what stands on the floor; up (3,): about, in the camera frame. RANSAC on a sample, first with the strict
     tolerance; then weighted least squares on the inliers, whose gate shrinks to three of their own deviations: the foot
     of a wall within the first gate would tilt the plane.

@@ -12,8 +12,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from anchorpose.calibration.calibration import PoseFigure, PoseRecord, PoseSource
-from anchorpose.calibration.marker_corners import NoMarkers, SeenMarkers, detect_markers
-from anchorpose.calibration.marker_layout import MarkerLayout
+from anchorpose.calibration.markers import MarkerLayout, NoMarkers, SeenMarkers, detect_markers
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import Recording

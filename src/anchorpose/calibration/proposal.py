@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.calibration.proposal_joining import extended, guessed_lengths, hollow_share, merged, on_its_feet
-from anchorpose.calibration.proposal_parts import Found, find_parts
-from anchorpose.calibration.proposal_readings import Readings, Region, gather_readings
+from anchorpose.calibration.proposal_readings import Found, Readings, Region, find_parts, gather_readings
 from anchorpose.calibration.proposal_shape import REACH_M, Fit, first_fit, refine
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera

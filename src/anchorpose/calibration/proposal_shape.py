@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from anchorpose.calibration.noise import MAD_OF_NORMAL
+from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.calibration.proposal_readings import Readings
 from anchorpose.recording.equipment import Box, Cylinder
 

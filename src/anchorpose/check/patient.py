@@ -7,8 +7,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
-from anchorpose.check.finding import Finding, Level, OfCamera, level_of, of_cameras
-from anchorpose.check.material import Material, SeenPatient
+from anchorpose.check.material import Finding, Level, Material, OfCamera, SeenPatient, level_of, of_cameras
 from anchorpose.isolation.background import BackgroundSource
 from anchorpose.isolation.view import View
 from anchorpose.tracker.look import Look

@@ -138,8 +138,8 @@ def build(
     overwrite
         Replace an existing file.
     """
-    from anchorpose.collecting import build_motions
     from anchorpose.results.folder import naming_place
+    from anchorpose.results.reference_clips import build_motions
 
     if not sources:
         raise AnchorposeError("No sources are given; name results folders or skeleton files after the file's name.")

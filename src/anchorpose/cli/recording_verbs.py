@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from anchorpose.calibration.calibration import Calibration
-    from anchorpose.check.finding import Finding
+    from anchorpose.check.material import Finding
     from anchorpose.sources.plan import ConvertOptions
 
 
@@ -127,8 +127,8 @@ def check(recording: Path, /) -> int:
         The folder with recording.json and the depth images of each camera, into which nothing is written; or a file of
         a camera's recorder (see docs/guide/convert.md).
     """
-    from anchorpose.check.finding import Level
-    from anchorpose.checking import check_recording
+    from anchorpose.check.material import Level
+    from anchorpose.check.recording_check import check_recording
 
     findings = check_recording(as_recording(recording))
     _print_findings(findings)
@@ -180,8 +180,8 @@ def calibrate(
     config
         A TOML or JSON file with settings that differ from the defaults, as for track.
     """
-    from anchorpose.calibrating import calibrate_recording
     from anchorpose.cli.config_file import load_track_config
+    from anchorpose.pipeline import calibrate_recording
     from anchorpose.results.calibration_file import CALIBRATION
     from anchorpose.results.folder import check_results_path, new_results_folder
 

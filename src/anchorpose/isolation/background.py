@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from anchorpose.calibration.equipment_render import EquipmentCaster
+from anchorpose.calibration.equipment_model import EquipmentCaster
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.isolation.components import JUMP_GATE, JumpLimit, jump_limit, without_flying_pixels
 from anchorpose.isolation.depth_noise import SHARP_EDGE_PX, DepthDetail, DepthNoise

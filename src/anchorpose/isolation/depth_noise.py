@@ -4,8 +4,8 @@ Spatial filters (librealsense's among them) join a person and the wall behind by
 surface is there.
 
 A pixel that shows the empty room in two sampled frames differs between them by noise alone. Second differences along a
-row (``calibration.noise``) leave out what neighbouring pixels have in common: a stereo camera's error comes in patches
-as wide as its matching window, so it hardly averages out over a limb.
+row (``first_frames``) leave out what neighbouring pixels have in common: a stereo camera's error comes in patches as
+wide as its matching window, so it hardly averages out over a limb.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ class DepthNoise:
 
 
 def neighbour_noise(noise_per_m: float) -> DepthNoise:
-    """Where no still background is seen: ``noise_per_m z^2`` of ``calibration.noise``, every pixel by itself."""
+    """Where no still background is seen: ``noise_per_m z^2`` of ``calibration.first_frames``, every pixel by itself."""
     return DepthNoise((1.0,), (noise_per_m,), measured=False)
 
 

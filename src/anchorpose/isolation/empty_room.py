@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from anchorpose.calibration.noise import MAD_OF_NORMAL, noise_per_m, step_per_m
-from anchorpose.calibration.origin import FRAMES_NEEDED, people_only
+from anchorpose.calibration.first_frames import FRAMES_NEEDED, MAD_OF_NORMAL, noise_per_m, people_only, step_per_m
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.background import (
     EQUIPMENT_GATE,

@@ -9,7 +9,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.calibration.equipment_render import EquipmentCaster
+from anchorpose.calibration.equipment_model import EquipmentCaster
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.pages.canvas import (
     BLACK,

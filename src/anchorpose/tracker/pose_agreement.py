@@ -17,8 +17,7 @@ import numpy as np
 
 from anchorpose.body.constraints import thin
 from anchorpose.calibration.calibration import DoubtSource, PoseDoubt
-from anchorpose.calibration.common_view import LevelView
-from anchorpose.calibration.surface_displacement import Displacement, common_surfaces, find_displacement
+from anchorpose.calibration.common_view import Displacement, LevelView, common_surfaces, find_displacement
 from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet

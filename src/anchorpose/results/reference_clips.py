@@ -1,4 +1,4 @@
-"""From results folders and skeleton files to one file of reference movements."""
+"""Collect results folders and skeleton files in one file of reference movements."""
 
 from __future__ import annotations
 

@@ -1,16 +1,13 @@
-"""From a recording folder to what is good and bad about it, before anybody tracks it."""
+"""Check a recording before anybody tracks it: what is good and bad about it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from anchorpose.check.depth import check_depth
-from anchorpose.check.finding import Finding
-from anchorpose.check.frames import check_frames
-from anchorpose.check.lens import check_lens
-from anchorpose.check.material import gather_material
+from anchorpose.check.cameras import check_frames, check_poses
+from anchorpose.check.depth import check_depth, check_lens
+from anchorpose.check.material import Finding, gather_material
 from anchorpose.check.patient import check_patient
-from anchorpose.check.poses import check_poses
 from anchorpose.recording.reader import open_recording
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
