@@ -229,9 +229,9 @@ def verify(results: Path, recording: Path | None = None, /) -> int:
     recording
         The recording that the results are of; without it, only the results are looked at.
     """
-    from anchorpose import verifying
+    from anchorpose.results.verify import verify as verified
 
-    found = verifying.verify(results, recording)
+    found = verified(results, recording)
     _print_files("results", found.results)
     if found.recording is not None:
         _print_files("recording", found.recording)
