@@ -294,13 +294,17 @@ ROOM_PX, PEOPLE_PX = 6, 3  # every sixth and every third pixel of every such row
 LEAST_SURFACE_PAIRS: Final = 500
 LEAST_SUPPORT: Final = 0.02  # right poses: with less up to 32 mm and 26 mm, else up to 9; without people often 0.001
 STEP_M, STEP_RAD = 0.1, 0.2  # standard deviations that damp each step where nothing determines it
+COMPARED_M: Final = 0.15  # between surfaces, for a motion and the given pose alike: beyond, they are other surfaces
+BETTER: Final = (
+    0.8  # of the given pose's misfit: a motion along which surfaces slide fits no better, however far it goes
+)
 TIGHT_M: Final = 0.010  # right poses leave up to 6 mm; a lens 2 % wrong 15 to 25, and the turn then means nothing
 
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
-    """off_m: of the people, or of the room without them; turn_rad: None where the surfaces do not fit closely enough to
-    tell."""
+    """off_m: of the people, or of the room without them; where no motion fits better than the given poses, the median
+    distance of the surfaces by these. turn_rad: None where the surfaces do not fit closely enough to tell."""
 
     off_m: float
     turn_rad: float | None
@@ -347,9 +351,18 @@ def find_displacement(first: LevelView, second: LevelView) -> Displacement | Non
     there = transform_points(T, place)
     if _support(jacobian, weight, there[0]) < LEAST_SUPPORT:
         return None
+    misfit_m = _misfit_m(first, second, given)
+    if _misfit_m(first, second, T) > BETTER * misfit_m:
+        return Displacement(misfit_m, None)
     off_m = float(np.linalg.norm(there - transform_points(given, place)))
     turn = float(np.arccos(np.clip((np.trace((T @ invert_rigid(given))[:3, :3]) - 1.0) / 2.0, -1.0, 1.0)))
     return Displacement(off_m, turn if spread <= TIGHT_M else None)
+
+
+def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> float:
+    """Return the median distance of the surfaces that both cameras see, among those within ``COMPARED_M``."""
+    _, residual, _ = paired_rows(first, second, T_first_second, COMPARED_M)
+    return float(np.median(np.abs(residual))) if len(residual) else 0.0
 
 
 def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
