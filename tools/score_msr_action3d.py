@@ -36,8 +36,7 @@ from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.recording.recording import Recording
 from anchorpose.results.folder import new_results_folder
-from anchorpose.results.run_document import read_run
-from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 WITHIN_MM = 100.0  # the reference's own error at its worst

@@ -145,7 +145,7 @@ def _with_a_foreign_joint(table: pa.Table) -> pa.Table:
         (_without_a_row, "21 joints"),
         (_with_a_foreign_joint, "unknown joint 'Tail'"),
         (lambda table: table.drop_columns(["sigma_m"]), "columns are not"),
-        (lambda table: table.slice(0, 0), "no frames"),
+        (lambda table: table.slice(0, 0), "no rows"),
     ],
 )
 def test_a_table_that_is_not_ours_is_refused(tmp_path, spoil, problem):
