@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 from markupsafe import Markup
 
 from anchorpose.report.session import Session
-from anchorpose.report.words import Form, decimals_for, figure, named_part, spaced
+from anchorpose.report.words import PERCENT, Form, decimals_for, figure, named_part, spaced
 from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.extension import SIDED, UNSIDED
 from anchorpose.results.uncertainty import NORMAL_95
@@ -279,3 +279,47 @@ def inferred_share(measure: Measure, after: str = " %") -> Markup:
     if measure.inferred_share is None:
         return Markup()
     return figure(measure.inferred_share, Form(times=100.0, after=after, share=True))
+
+
+PRINTED: Final = (
+    "recorded_time", "found_time", "unknown_time", "upright_time", "upright_share", "longest_upright_bout",
+    "sit_to_stand_count", "sit_to_stand_duration_mean", "stand_to_sit_count", "stand_to_sit_duration_mean",
+    "knee_flexion_upright_mean", "knee_flexion_upright_least", "hip_flexion_upright_mean", "knee_straight_time",
+    "knee_flexion_difference", "load_share", "sway_velocity", "sway_ellipse_area", "five_times_sit_to_stand",
+    "functional_reach", "single_leg_stance", "step_count", "assistance_time", "hands_free_upright_time",
+    "hands_on_at_once_most",
+)  # fmt: skip
+"""The measures that are printed, in this order; all others are in measures.parquet."""
+
+ROUNDING_S: Final = 0.001  # less unknown time than this is rounding
+
+
+def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:
+    """Return a row of texts per printed measure: title, value with its error, inferred share, why there is no value."""
+    rows, lower_bounds = [], _lower_bounds(measures)
+    for name in PRINTED:
+        for row in measures:
+            if row.measure == name and not (name == "assistance_time" and row.person and row.part):
+                inferred = "" if row.inferred_share is None else PERCENT.write(row.inferred_share)
+                at_least = "at least " if row.value is not None and name in lower_bounds else ""
+                rows.append((title_of(row), at_least + _value_text(row), inferred, row.why or ""))
+    return rows
+
+
+def _value_text(measure: Measure) -> str:
+    if measure.value is None:
+        return "unknown"
+    form = value_form(measure)
+    spread = f" ± {form.write(NORMAL_95 * measure.sigma)}" if measure.sigma else ""
+    return form.write(measure.value) + spread
+
+
+def _lower_bounds(measures: Sequence[Measure]) -> set[str]:
+    """Return the measures whose true value may be larger, since part of the recording is unknown."""
+    seconds = {row.measure: row.value for row in measures if row.value is not None and row.unit == "s"}
+    found: set[str] = set()
+    if seconds.get("unknown_time", 0.0) > ROUNDING_S:
+        found |= {"upright_time", "sit_to_stand_count", "stand_to_sit_count"}
+    if seconds.get("recorded_time", 0.0) - seconds.get("found_time", 0.0) > ROUNDING_S:
+        found |= {"assistance_time"}
+    return found
