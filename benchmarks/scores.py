@@ -29,8 +29,7 @@ from anchorpose.research.benchmark.labels import (
     within,
 )
 from anchorpose.results.evaluate import ContactScore, Evaluation, evaluate
-from anchorpose.results.run_document import read_run
-from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.tracker.config import TrackConfig

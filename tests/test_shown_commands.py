@@ -16,8 +16,8 @@ from sources_builder import noise, plain_folder
 from anchorpose.cli import app, main
 from anchorpose.live.playback import Playback
 from anchorpose.recording.reader import open_recording
-from anchorpose.results.corrections_file import corrections_of_run, write_corrections
-from anchorpose.results.run_document import read_run
+from anchorpose.results.corrections import corrections_of_run, write_corrections
+from anchorpose.results.run_record import read_run
 from anchorpose.simulate.config import clinic, single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.viewer.server import ViewerServer

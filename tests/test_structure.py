@@ -24,7 +24,7 @@ FLOW = (
 )  # fmt: skip
 VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings", "threads")
 BESIDE_THE_FLOW = (
-    "simulate", "tracker", "pipeline", "inspecting", "run_account", "writing",
+    "simulate", "tracker", "pipeline", "inspecting", "writing",
     "track_inputs", "cli", "live", "check", "research", "exports", "pages", "viewer",
     "viewing", "sources", "batch", "agreement", "remote",
 )  # fmt: skip
@@ -145,9 +145,9 @@ def test_value_modules_import_nothing_but_each_other(value: str) -> None:
 def test_nothing_that_tracks_can_reach_the_simulation_and_its_truth() -> None:
     assert forbidden_imports("tracker", {*FLOW, *VALUES, "tracker"}) == []
     assert forbidden_imports("check", {*FLOW, *VALUES, "tracker", "check"}) == []
-    ways = ("pipeline", "writing", "run_account", "track_inputs", "inspecting")
+    ways = ("pipeline", "writing", "track_inputs", "inspecting")
     for way in ways:
-        allowed = {*FLOW, *VALUES, "tracker", "pages", "run_account", "track_inputs", "check", "writing"}
+        allowed = {*FLOW, *VALUES, "tracker", "pages", "track_inputs", "check", "writing"}
         assert forbidden_imports(way, allowed) == []
 
 

@@ -44,7 +44,7 @@ def test_what_is_left_out_and_what_is_not_code_changes_nothing(package: Path) ->
 
 
 def test_a_run_states_version_and_code(tmp_path: Path) -> None:
-    write_run_record(tmp_path / "run.json", RunRecord(recording="r", config=None, inputs_sha256=(), cameras=()))
+    write_run_record(tmp_path / "run.json", RunRecord(recording="r", config=None, inputs_sha256={}, cameras=()))
     run = json.loads((tmp_path / "run.json").read_text())
     assert run["code"] == versions.code_digest()
     assert run["versions"]["anchorpose"] == versions.versions()["anchorpose"]

@@ -15,10 +15,9 @@ from anchorpose.errors import InputError
 from anchorpose.recording.reader import frame_range, input_files, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.recording_file import CALIBRATION_FILE, with_height, with_poses
-from anchorpose.results.calibration_file import CalibrationUsed
-from anchorpose.results.corrections import Corrections, NamedPatient, poses_of, require_recording, reviewed_recording
-from anchorpose.results.corrections_file import read_corrections
-from anchorpose.results.run_record import as_json, hash_files
+from anchorpose.results.corrections import Corrections, NamedPatient, read_corrections, require_recording
+from anchorpose.results.reviewed_recording import poses_of, reviewed_recording
+from anchorpose.results.run_record import CalibrationUsed, as_json, hash_files
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import NO_REVIEW, Review, require_frames, review_of
 from anchorpose.versions import code_digest, versions
@@ -112,7 +111,7 @@ def _hash_inputs(recording: Recording, config: TrackConfig) -> tuple[tuple[str, 
 def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
     """The recording in the world of the corrected results: its poses need not be found again, and places in the
     corrections stay valid whoever is the patient."""
-    poses = corrections.recording.T_world_camera
+    poses = corrections.recording.poses
     cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)
     return replace(recording, cameras=cameras)
 

@@ -10,7 +10,7 @@ from html import escape
 from pathlib import Path
 
 from anchorpose.errors import InputError
-from anchorpose.results.corrections_file import corrections_beside, corrections_of_run
+from anchorpose.results.corrections import corrections_beside, corrections_of_run
 from anchorpose.results.run_record import RUN_FILE
 from anchorpose.viewer.api import ViewerApi
 from anchorpose.viewer.correction_file import CorrectionFile

@@ -2,44 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from anchorpose.body.asset import BodyAsset
 from anchorpose.body.contact_regions import area_of_point, region_of_points
-from anchorpose.body.skin_points import body_points
+from anchorpose.body.inverse_kinematics import CONTRADICTED
+from anchorpose.body.learning import bone_lengths
+from anchorpose.body.shape_prior import ShapeBelief, standing_height
+from anchorpose.body.skin_points import CLOTHES, body_points
+from anchorpose.body.standing_off import standing_off
+from anchorpose.calibration.calibration import Calibration, PoseSource
+from anchorpose.calibration.clocks import Clocks, clock_notes
+from anchorpose.isolation.scene import Scene
+from anchorpose.joints import JOINT_INDEX
 from anchorpose.pages.frame_pictures import draw_chosen, save_pictures
+from anchorpose.recording.pairing import CameraGaps, find_gaps
+from anchorpose.recording.recording import CoveredPart
 from anchorpose.report.page import REPORT_FILE, write_report
 from anchorpose.results.contact_intervals import ContactIntervals
+from anchorpose.results.corrections import CorrectionsRecord, JointCorrection
 from anchorpose.results.event_log import add_event
-from anchorpose.results.explained import EXPLAINED_FILE, read_explained, summarise, write_explained
+from anchorpose.results.explained import EXPLAINED_FILE, ExplainedSummary, read_explained, summarise, write_explained
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.people_labels import PEOPLE_FILE, write_people
-from anchorpose.results.poor_intervals import PoorInterval, note_poor
 from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import CONTACTS_FILE, write_contacts
 from anchorpose.results.run_record import (
     RUN_FILE,
+    BodyRecord,
+    BoneRecord,
+    CameraRecord,
+    DepthRecord,
     DroppedFrame,
     LostInterval,
     MatchedShares,
+    PatientRecord,
+    PictureRecord,
+    PoorInterval,
+    Residual,
+    RunRecord,
+    StageTiming,
     note_lost,
+    note_poor,
     write_run_record,
 )
 from anchorpose.results.tables import (
     ANCHORS_FILE,
     JOINTS_FILE,
     POSES_FILE,
+    JointTable,
     read_joints,
     write_anchors,
     write_joints,
     write_poses,
 )
-from anchorpose.run_account import Written, account_of, outcome_of
-from anchorpose.track_inputs import TrackInputs
+from anchorpose.track_inputs import ReviewFile, TrackInputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.learning_pass import LearntPatient
-from anchorpose.tracker.room import Run
+from anchorpose.tracker.room import Room, Run
 
 
 def write_results(
@@ -95,3 +120,219 @@ def _write_frames(results: Path, frames: Iterable[TrackedFrame], config: TrackCo
             contacts.append(contact)
     summary = summarise(read_explained(results / EXPLAINED_FILE))
     return Written(MatchedShares(tuple(shares)), tuple(dropped), tuple(lost), tuple(poor), summary)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Written:
+    """What the pass over all frames leaves behind besides the tables."""
+
+    association: MatchedShares
+    dropped: tuple[DroppedFrame, ...]
+    lost: tuple[LostInterval, ...]
+    poor_depth: tuple[PoorInterval, ...]
+    explained: ExplainedSummary
+
+
+def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
+    """Which corrections were honoured, judged by the joints that were written."""
+    corrections = given.corrections
+    sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
+    held = (corrections.unusable, corrections.joints, corrections.patient)
+    return CorrectionsRecord(given.path.name, given.sha256, *held, sentences)
+
+
+def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
+    """Why a joint is not where the reviewer placed it, None where it is."""
+    said, joint = f"{correction.joint} in frame {correction.frame}", JOINT_INDEX[correction.joint]
+    rows = np.flatnonzero(joints.frame == correction.frame)
+    if not len(rows):
+        return f"{said} was not corrected: the frame was not tracked"
+    row = int(rows[0])
+    if joints.lost[row].all():
+        return f"{said} was not corrected: the patient was not found in this frame, or it was marked as unusable"
+    if joints.lost[row, joint]:
+        return f"{said} was not corrected: the joint is lost all the same"
+    away_m = float(np.linalg.norm(joints.position_m[row, joint] - correction.position_m))
+    if away_m <= CONTRADICTED * np.hypot(correction.sigma_m, joints.sigma_m[row, joint]):
+        return None
+    return f"{said} was not corrected: no body of this size has it there, {100 * away_m:.0f} cm from where it is given"
+
+
+def account_of(
+    run: Run,
+    written: Written,
+    pictures: tuple[PictureRecord, ...],
+    learnt: LearntPatient | None,
+    inputs: TrackInputs,
+    corrections: CorrectionsRecord | None,
+) -> RunRecord:
+    """The record of a run that has been through all frames."""
+    room, config, gaps = run.room, run.config, find_gaps(run.room.recording)
+    return RunRecord(
+        recording=room.recording.folder.resolve().name,
+        config=config if config.motions is None else replace(config, motions=Path(config.motions).name),
+        inputs_sha256=dict(inputs.sha256),
+        identity=inputs.identity,
+        patient=_patient(room),
+        corrections=corrections,
+        calibration=inputs.calibration,
+        cameras=_cameras(room, inputs.pose_source),
+        floor_height_m=room.calibration.floor_height_m,
+        residuals=(*_pose_residuals(room.calibration), *_clock_residuals(room.clocks, gaps)),
+        timings=tuple(StageTiming(stage, seconds) for stage, seconds in run.stopwatch.seconds.items()),
+        frame_count=len(written.association.matched_share),
+        association=written.association,
+        dropped=written.dropped,
+        lost=written.lost,
+        poor_depth=written.poor_depth,
+        explained=written.explained,
+        body=None if learnt is None else _record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
+        pictures=pictures,
+        notes=(
+            *room.recording.notes,
+            *room.calibration.notes,
+            *clock_notes(room.clocks),
+            *(camera.sentence for camera in gaps if camera.sentence),
+            *_coarse_cameras(room),
+            *_unmeasured_cameras(room),
+            *room.notes,
+            *_notes(room, learnt),
+            *written.association.sentences,
+            *(() if corrections is None else corrections.not_honoured),
+        ),
+    )
+
+
+def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
+    """The poses and clocks that were used, and where each pose came from; source: of all, where they were given."""
+    return tuple(
+        CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock, _depth(scene))
+        for camera, pose, clock, scene in zip(
+            room.cameras, room.calibration.poses, room.clocks.cameras, room.scenes, strict=True
+        )
+    )
+
+
+def _depth(scene: Scene) -> DepthRecord:
+    model = scene.background
+    return DepthRecord(model.noise, model.step_per_m, model.detail.edge_px)
+
+
+def _pose_residuals(calibration: Calibration) -> list[Residual]:
+    floors = [
+        Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
+        for floor in calibration.residuals
+    ]
+    return floors + [
+        Residual(pose.camera, figure.what, figure.value, figure.unit)
+        for pose in calibration.poses
+        for figure in pose.figures
+    ]
+
+
+def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residual]:
+    """What was measured of each camera's clock, the first camera's being the reference."""
+    found = []
+    for camera, missing in zip(clocks.cameras[1:], gaps[1:], strict=True):
+        name, clock = camera.camera, camera.clock
+        if camera.sigma_s is not None:
+            found.append(
+                Residual(name, f"clock, ahead of the first camera's at {clock.at_s:.1f} s", clock.ahead_s, "s")
+            )
+            found.append(Residual(name, "clock, standard error of that", camera.sigma_s, "s"))
+        if camera.drift_sigma is not None:
+            found.append(Residual(name, "clock, drift against the first camera's", clock.drift, "s/s"))
+            found.append(Residual(name, "clock, standard error of the drift", camera.drift_sigma, "s/s"))
+            found.append(Residual(name, "clock, lags measured with other cameras", float(camera.lags), "1"))
+        found.append(Residual(name, "share of the first camera's frames with a picture", missing.paired_share, "1"))
+    if clocks.residual_s is not None:
+        found.append(Residual(clocks.cameras[0].camera, "clocks, rms of all lags", clocks.residual_s, "s"))
+    return found
+
+
+def _coarse_cameras(room: Room) -> list[str]:
+    """A sentence on each camera whose filters draw edges out."""
+    return [
+        f"camera {scene.camera.name}: its filters draw depth edges out over {detail.edge_px:.0f} pixels: farther than "
+        f"{detail.limbs_until_m:.1f} m from it an arm cannot be told from what is beside it"
+        for scene in room.scenes
+        if (detail := scene.background.detail).filtered
+    ]
+
+
+def _unmeasured_cameras(room: Room) -> list[str]:
+    """A sentence on each camera that shows no still background."""
+    return [
+        f"camera {scene.camera.name}: no still background is seen to measure its noise on; what neighbouring readings "
+        "differ by is used, without the errors that they share, so sigma may be too small"
+        for scene in room.scenes
+        if not scene.background.noise.measured
+    ]
+
+
+def _patient(room: Room) -> PatientRecord | None:
+    if room.initial_frame is None:
+        return None
+    choice, frame = room.initial_frame.choice, int(room.recording.streams[0].frame[room.initial_frame.frame])
+    (x, z), rival = choice.ground_xz_m.tolist(), choice.rival_xz_m
+    return PatientRecord(frame, (x, z), choice.reason, None if rival is None else (float(rival[0]), float(rival[1])))
+
+
+def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
+    """Sentences on who was tracked and with which body."""
+    if room.initial_frame is None:
+        return [f"no joint could be tracked: {room.why_nobody}"]
+    choice = room.initial_frame.choice
+    x, z = choice.ground_xz_m
+    notes = [
+        f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m in frame {room.initial_frame.frame}, "
+        f"who {choice.reason}; tracking goes from there to both ends"
+    ]
+    if choice.rival_xz_m is not None:
+        x, z = choice.rival_xz_m
+        notes.append(
+            f"the person at x {x:.2f} m, z {z:.2f} m may be the patient as well: look at the pictures, "
+            f"and track again with --patient {x:.2f},{z:.2f} if so"
+        )
+    if learnt is None:
+        notes.append("no body could be fitted to this person, so no joint could be tracked")
+    else:
+        thick = ", ".join(
+            f"{piece} {1000 * thickness_m:.0f} mm"
+            for piece, thickness_m in zip(CLOTHES, learnt.shape.offset_m.tolist(), strict=False)
+        )
+        notes.append(f"thickness of the learnt clothes: {thick}")
+        if learnt.contradiction:
+            notes.append(learnt.contradiction)
+        notes += [_standing_off_note(part, away_m) for part, away_m in _unstated(room, learnt).items()]
+    return notes
+
+
+def _unstated(room: Room, learnt: LearntPatient) -> dict[CoveredPart, float]:
+    """Segments that stand off the learnt body although nothing is stated to cover them."""
+    found = standing_off(body_points(), learnt.shape)
+    return {part: away_m for part, away_m in found.items() if part not in room.recording.subject.covered}
+
+
+def _standing_off_note(part: CoveredPart, away_m: float) -> str:
+    where, off_mm = part.replace("_", " "), 1000 * away_m
+    return (
+        f"what is seen of the patient's {where} is {off_mm:.0f} mm off a human one, more than clothes are, so joints "
+        f'there are less certain: if a brace covers it, add "covered": ["{part}"] to "subject" in recording.json'
+    )
+
+
+def _record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, seconds: float) -> BodyRecord:
+    """belief: the shape at the end of learning; first: after the first window."""
+    height_m, row = standing_height(asset, belief.shape)
+    return BodyRecord(
+        learnt_from_s=seconds,
+        height_m=height_m,
+        height_sigma_m=float(np.sqrt(belief.variance(row[None])[0])),
+        clothes_m=dict(zip(CLOTHES, belief.shape.offset_m.tolist(), strict=False)),
+        bones=tuple(
+            BoneRecord(now.bone, now.length_m, now.sigma_m, now.length_m - before.length_m)
+            for now, before in zip(bone_lengths(asset, belief), bone_lengths(asset, first), strict=True)
+        ),
+        coefficients=tuple(belief.shape.coefficients.tolist()),
+    )

@@ -65,7 +65,7 @@ def write_results(folder: Path, frames: list[JointFrame], pictures: tuple[Pictur
     record = RunRecord(
         recording="<ward> & garden",
         config={"gate_m": 0.05},
-        inputs_sha256=(("recording.json", "0" * 64),),
+        inputs_sha256={"recording.json": "0" * 64},
         cameras=(CameraRecord("front", np.eye(4), "given", depth=DepthRecord(NOISE, 0.0008, 2.0)),),
         frame_count=len(frames),
         dropped=(DroppedFrame(3, 0.3, "front/depth/000003.png is truncated"),),

@@ -62,7 +62,7 @@ def track_recording(
     record = RunRecord(
         recording=recording.name,
         config=config,
-        inputs_sha256=hash_files(input_files(opened), opened.folder),
+        inputs_sha256=dict(hash_files(input_files(opened), opened.folder)),
         cameras=(),
         frame_count=count,
         dropped=tuple(dropped),

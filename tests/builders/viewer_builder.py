@@ -159,7 +159,14 @@ def write_small_results(
             "reason": "was seen in place in 9 of 9 frames, of 2 people",
             "rival_xz_m": [0.4, -0.9],
         },
-        "body": {"height_m": 1.7, "height_sigma_m": 0.01, "bones": [], "coefficients": [0.0] * 16},
+        "body": {
+            "learnt_from_s": 4.0,
+            "height_m": 1.7,
+            "height_sigma_m": 0.01,
+            "clothes_m": {},
+            "bones": [],
+            "coefficients": [0.0] * 16,
+        },
         "notes": [],
         "inputs_sha256": dict(hash_files(input_files(opened), recording)),
     }

@@ -10,7 +10,7 @@ import pytest
 from viewer_builder import viewer_of, write_small_recording, write_small_results
 from viewer_page import opened
 
-from anchorpose.results.corrections_file import corrections_beside
+from anchorpose.results.corrections import corrections_beside
 from anchorpose.viewer.server import ViewerServer
 
 

@@ -9,8 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from anchorpose.results.corrections import Corrections
-from anchorpose.results.corrections_file import read_corrections
+from anchorpose.results.corrections import Corrections, read_corrections
 from anchorpose.viewer.server import ViewerServer
 
 

@@ -24,7 +24,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import read_depth_image
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import read_calibration
-from anchorpose.results.corrections_file import read_corrections
+from anchorpose.results.corrections import read_corrections
 from anchorpose.results.run_record import as_json
 from anchorpose.tracker.config import TrackConfig
 

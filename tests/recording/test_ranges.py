@@ -11,11 +11,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from anchorpose.recording.document import Entry
 from anchorpose.results.corrections import JointCorrection, NamedPatient, UnusableInterval
+from anchorpose.results.reviewed_recording import ReviewedRecording
 from anchorpose.settings import LARGEST, LEAST, Positive
 
 for _module in (
-    "recording.recording_file", "recording.equipment_file", "results.corrections_file", "calibration.markers",
-    "sources.image_folder",
+    "recording.recording_file", "recording.equipment_file", "calibration.markers", "sources.image_folder",
 ):  # fmt: skip
     import_module(f"anchorpose.{_module}")
 
@@ -46,8 +46,7 @@ def limits(about: tuple[Any, ...]) -> dict[str, float]:
 
 FIELDS = sorted(
     (f"{kind.__name__}.{name}", found)
-    for kind in {*documents(Entry), JointCorrection, NamedPatient, UnusableInterval}
-    if "run_document" not in kind.__module__  # its numbers are shown, not computed with
+    for kind in {*documents(Entry), JointCorrection, NamedPatient, ReviewedRecording, UnusableInterval}
     for name, hint in get_type_hints(kind, include_extras=True).items()
     for found in map(limits, floats(hint))
 )  # fmt: skip

@@ -87,14 +87,6 @@ def test_skipping_goes_to_the_report(page, address):
     assert page.evaluate("document.activeElement.id") == "main"
 
 
-def test_a_source_opens_the_list_at_its_rows(page, address):
-    page.goto(address)
-    page.locator("table.measures a.source").first.click()
-    row = page.locator(page.evaluate("location.hash"))
-    assert row.is_visible()
-    assert "measures.parquet, rows where measure is recorded_time" in row.text_content()
-
-
 def test_ten_minutes_open_quickly(page, tmp_path):
     report = write_report(write_session(tmp_path / "r", squats(700)))  # as many groups as ten minutes have
     page.goto(report.as_uri())

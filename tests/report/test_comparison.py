@@ -11,20 +11,25 @@ import pyarrow.parquet as pq
 import pytest
 from page_reader import PageReader
 from report_builder import MEASURES, squats, write_session
-from table_reader import taken_again
 
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import grows_with_time
-from anchorpose.report.comparison import change_between, write_comparison
-from anchorpose.report.detectable import read_detectable
+from anchorpose.report.comparison import change_between, read_detectable, write_comparison
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import Measure, write_measures
 from anchorpose.results.stand_training.extension import ExtensionConfig
 
 UPRIGHT = Measure(measure="upright_time", value=10.0, unit="s", sigma=3.0, frames=300)
-BODY = {"height_m": 1.72, "height_sigma_m": 0.01, "clothes_m": {"trunk": 0.005}, "bones": [], "coefficients": []}
+BODY = {
+    "learnt_from_s": 4.0,
+    "height_m": 1.72,
+    "height_sigma_m": 0.01,
+    "clothes_m": {"trunk": 0.005},
+    "bones": [],
+    "coefficients": [],
+}
 
 
 def session(
@@ -169,18 +174,6 @@ def test_every_measure_that_is_computed_grows_with_time_or_does_not(tmp_path):
         "upright_share", "sit_to_stand_duration_mean", "knee_flexion_upright_greatest", "sway_velocity", "load_share",
         "assistance_share_upright", "hands_on_at_once_mean",
     }  # fmt: skip
-
-
-def test_numbers_of_the_comparison_are_those_of_each_session_s_tables(tmp_path):
-    folders = [session(tmp_path, 1), session(tmp_path, 2, larger(1.5))]
-    page = PageReader(write_comparison(folders, tmp_path / "c.html"))
-    sources = {row.attributes["id"]: row for row in page.find("tr") if "data-file" in row.attributes}
-    figures = page.find("data")
-    assert {figure.attributes["data-rows"].split("-")[0] for figure in figures} == {"s1", "s2"}
-    for figure in figures:
-        folder = folders[int(figure.attributes["data-rows"][1]) - 1]
-        again = taken_again(folder, sources[figure.attributes["data-rows"]], figure.attributes["data-take"])
-        assert float(figure.attributes["value"]) == pytest.approx(again, rel=1e-12)
 
 
 def test_links_of_the_comparison_lead_somewhere_on_it(tmp_path):

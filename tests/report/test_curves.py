@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anchorpose.report.chart import Axis, make_axis, round_step
+from anchorpose.report.chart import Axis, envelope, make_axis, make_bins, round_step, worst
 from anchorpose.report.curves import band_path, line_paths, step_path
-from anchorpose.report.ledger import on_shortest_arc
-from anchorpose.report.session import envelope, make_bins, worst
+from anchorpose.report.motion_section import on_shortest_arc
 from anchorpose.report.words import decimals_for, number, split_side
 
 WHOLE = Axis(0.0, 1.0, ())

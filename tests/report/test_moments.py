@@ -9,12 +9,11 @@ import pytest
 from page_reader import PageReader
 from report_builder import RATE_HZ, squats, write_session
 from results_builder import explained_frames, write_explained_frames
-from table_reader import taken_again
 
 from anchorpose.errors import InputError
-from anchorpose.report.moment_section import moment_section
 from anchorpose.report.page import write_report
 from anchorpose.report.session import read_session
+from anchorpose.report.summary import moment_section
 from anchorpose.results.explained import ExplainedFrame
 
 FRAMES = 120
@@ -51,17 +50,6 @@ def test_the_sentence_and_the_table_name_the_worst_moments(tmp_path: Path) -> No
     assert len(rows) == 4
     assert "not explained by the body" in next(each.text for each in page.find("section", id="time"))
     assert "#moments" in [link.attributes.get("href") for link in page.find("a")]
-
-
-def test_every_number_of_it_is_that_of_the_row_it_names(tmp_path: Path) -> None:
-    page = page_of(tmp_path / "r", explained({10: 620.0, 60: 100.0}, {(10, "arm_left"): 0.45}))
-    sources = {row.attributes["id"]: row for row in page.find("tr") if "data-file" in row.attributes}
-    (own,) = page.find("section", id="moments")
-    figures = [figure for figure in page.find("data") if own in figure.ancestors]
-    assert len(figures) == 1 + 2 * 2 + 1
-    for figure in figures:
-        again = taken_again(tmp_path / "r", sources[figure.attributes["data-rows"]], figure.attributes["data-take"])
-        assert float(figure.attributes["value"]) == pytest.approx(again, rel=1e-12), figure.attributes
 
 
 def test_limbs_alone_have_a_sentence_of_their_own(tmp_path: Path) -> None:

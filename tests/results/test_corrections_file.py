@@ -18,20 +18,16 @@ from anchorpose.results.corrections import (
     Corrections,
     JointCorrection,
     NamedPatient,
-    ReviewedRecording,
-    Signature,
     UnusableInterval,
-    now_utc,
-    recording_of_run,
-    require_recording,
-    reviewed_recording,
-)
-from anchorpose.results.corrections_file import (
+    Withdrawal,
     corrections_beside,
     corrections_of_run,
+    now_utc,
     read_corrections,
+    require_recording,
     write_corrections,
 )
+from anchorpose.results.reviewed_recording import ReviewedRecording, recording_of_run, reviewed_recording
 from anchorpose.results.run_record import as_json
 
 WHEN = "2026-03-01T09:30:00Z"
@@ -68,21 +64,23 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     found = read_corrections(written(tmp_path / "c.json"))
     assert found.unusable == (INTERVAL,)
     assert found.joints == (knee(),)
-    assert found.withdrawn == ((knee(0.2), Signature("AB", WHEN)),)
+    assert found.withdrawn == (Withdrawal(knee(0.2), "AB", WHEN),)
     require_recording(tmp_path / "c.json", found, reviewed())
-    assert np.array_equal(found.recording.T_world_camera["front"], POSE)
-    assert found.recording.T_world_camera["left"] is None
+    assert np.array_equal(found.recording.poses["front"], POSE)
+    assert found.recording.poses["left"] is None
     assert (found.recording.clocks, found.recording.floor_height_m) == (reviewed().clocks, -0.005)
 
 
 def test_nothing_that_was_ever_said_leaves_the_file(tmp_path: Path) -> None:
-    by = Signature("CD", "2026-03-02T10:00:00Z")
-    write_corrections(tmp_path / "c.json", Corrections(reviewed()).added(INTERVAL).taken_back(INTERVAL, by))
+    by = ("CD", "2026-03-02T10:00:00Z")
+    write_corrections(
+        tmp_path / "c.json", Corrections(reviewed()).added(INTERVAL).taken_back(Withdrawal(INTERVAL, *by))
+    )
     found = read_corrections(tmp_path / "c.json")
     assert found.unusable == ()
-    assert found.withdrawn == ((INTERVAL, by),)
+    assert found.withdrawn == (Withdrawal(INTERVAL, *by),)
     with pytest.raises(ValueError, match="no such correction"):
-        found.taken_back(INTERVAL, by)
+        found.taken_back(Withdrawal(INTERVAL, *by))
 
 
 def test_taking_back_a_second_correction_makes_the_first_one_hold_again(tmp_path: Path) -> None:
@@ -90,15 +88,17 @@ def test_taking_back_a_second_correction_makes_the_first_one_hold_again(tmp_path
     elsewhere = replace(knee(), frame=5)
     held = Corrections(reviewed()).added(first).added(elsewhere).added(second).added(third)
     assert held.joints == (elsewhere, third)
-    by = Signature("CD", "2026-03-02T10:00:00Z")
+    by = ("CD", "2026-03-02T10:00:00Z")
     for undone, left in ((third, {elsewhere, second}), (second, {elsewhere, first}), (first, {elsewhere})):
-        held = held.taken_back(undone, by)
+        held = held.taken_back(Withdrawal(undone, *by))
         assert set(held.joints) == left
         write_corrections(tmp_path / "c.json", held)
         held = read_corrections(tmp_path / "c.json")
-    assert held.withdrawn == ((third, by), (second, by), (first, by))
+    assert held.withdrawn == tuple(Withdrawal(each, *by) for each in (third, second, first))
     again = held.added(replace(second, who="EF"))
-    assert again.taken_back(again.joints[-1], by).joints == (elsewhere,)  # what was taken back itself stays so
+    assert again.taken_back(Withdrawal(again.joints[-1], *by)).joints == (
+        elsewhere,
+    )  # what was taken back itself stays so
 
 
 def test_who_the_patient_is_holds_once_and_comes_back(tmp_path: Path) -> None:
@@ -107,14 +107,14 @@ def test_who_the_patient_is_holds_once_and_comes_back(tmp_path: Path) -> None:
     write_corrections(tmp_path / "c.json", held)
     found = read_corrections(tmp_path / "c.json")
     assert (found.patient, found.joints, found.unusable) == (second, (knee(),), (INTERVAL,))
-    assert found.withdrawn == ((first, Signature("AB", second.when)),)
-    by = Signature("CD", "2026-03-02T10:00:00Z")
-    write_corrections(tmp_path / "c.json", found.taken_back(second, by))
+    assert found.withdrawn == (Withdrawal(first, "AB", second.when),)
+    by = ("CD", "2026-03-02T10:00:00Z")
+    write_corrections(tmp_path / "c.json", found.taken_back(Withdrawal(second, *by)))
     found = read_corrections(tmp_path / "c.json")
-    assert (found.patient, found.withdrawn) == (first, ((second, by),))
-    assert found.taken_back(first, by).patient is None
+    assert (found.patient, found.withdrawn) == (first, (Withdrawal(second, *by),))
+    assert found.taken_back(Withdrawal(first, *by)).patient is None
     with pytest.raises(ValueError, match="no such correction"):
-        found.taken_back(second, by)
+        found.taken_back(Withdrawal(second, *by))
 
 
 def test_a_file_without_patient_and_clocks_is_one_of_an_older_release(tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_what_could_not_be_read_back_is_not_written(tmp_path: Path) -> None:
     path = written(tmp_path / "c.json")
     before = path.read_bytes()
     held = read_corrections(path)
-    for unreadable in (held.taken_back(INTERVAL, Signature("", WHEN)), held.added(replace(INTERVAL, first_frame=-1))):
+    for unreadable in (held.taken_back(Withdrawal(INTERVAL, "", WHEN)), held.added(replace(INTERVAL, first_frame=-1))):
         with pytest.raises(InputError, match=r"c\.json"):
             write_corrections(path, unreadable)
     assert path.read_bytes() == before
@@ -185,14 +185,14 @@ def test_the_recording_of_a_run_is_read_from_its_record() -> None:
     ]
     run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": cameras}
     assert recording_of_run(run).sha256 == reviewed().sha256
-    assert np.array_equal(recording_of_run(run).T_world_camera["front"], POSE)
+    assert np.array_equal(recording_of_run(run).poses["front"], POSE)
     assert recording_of_run(run).clocks == {"left": Clock(**clock)}
 
 
 def test_a_run_that_states_corrections_which_are_none_is_refused() -> None:
     run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": []}
     assert corrections_of_run(Path("run.json"), {**run, "corrections": None}).joints == ()
-    told = {"file": "c.json", "sha256": "a", "unusable": [], "joints": [{**asdict(knee()), "joint": "Knee"}]}
+    told = {"file": "c.json", "sha256": "a" * 64, "unusable": [], "joints": [{**asdict(knee()), "joint": "Knee"}]}
     with pytest.raises(InputError, match=r"run.json: corrections.joints\[0\].joint is \"Knee\""):
         corrections_of_run(Path("run.json"), {**run, "corrections": as_json(told)})
 
@@ -217,7 +217,7 @@ def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:
         (lambda d: d["joints"][0].update(sigma_m=1e-300), r"joints\[0\].sigma_m is 1e-300; it must be at least 0.0001"),
         (lambda d: d["joints"][0].update(time_s=1e308), r"joints\[0\].time_s is 1e\+308; it must be at most"),
         (lambda d: d["joints"][0].update(frame=1.5), r"joints\[0\].frame is 1.5"),
-        (lambda d: d["joints"].append(d["joints"][0]), r"joints\[1\] corrects KneeLeft of frame 4 a second time"),
+        (lambda d: d["joints"].append(d["joints"][0]), "joints has KneeLeft of frame 4 twice"),
         (lambda d: d["unusable"][0].update(last_frame=2), r"unusable\[0\].last_frame is 2, before first_frame 3"),
         (lambda d: d["unusable"][0].update(end_s=0.1), r"unusable\[0\].end_s is 0.1, before"),
         (lambda d: d["unusable"][0].update(who=" "), r'unusable\[0\].who is " "; it must have at least 1 character'),

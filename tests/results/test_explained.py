@@ -140,7 +140,7 @@ def test_the_summary_counts_known_frames_only():
 
 
 def test_run_json_states_the_summary_and_null_where_there_is_none(tmp_path):
-    made = {"recording": "r", "config": {}, "inputs_sha256": (), "cameras": ()}
+    made = {"recording": "r", "config": {}, "inputs_sha256": {}, "cameras": ()}
     write_run_record(tmp_path / RUN_FILE, RunRecord(**made, explained=summarise(table_of([100.0, 0.0]))))
     assert json.loads((tmp_path / RUN_FILE).read_text(encoding="utf-8"))["explained"] == {
         "uncovered_limit_cm2": pytest.approx(80.0),

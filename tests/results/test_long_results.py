@@ -10,8 +10,7 @@ import pytest
 
 from anchorpose.errors import InputError
 from anchorpose.results.records import Contact
-from anchorpose.results.run_document import read_run
-from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.stand_training.assistance import touch_of
 from anchorpose.results.unfinished import begin_journal
 

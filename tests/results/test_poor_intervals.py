@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from anchorpose.body.visibility import PoorDepth, PoorKind
-from anchorpose.results.poor_intervals import PoorInterval, note_poor
-from anchorpose.results.run_document import read_run
-from anchorpose.results.run_record import RUN_FILE, RunRecord, write_run_record
+from anchorpose.results.run_record import RUN_FILE, PoorInterval, RunRecord, note_poor, read_run, write_run_record
 
 
 def edges(amount_m: float, camera: str = "front") -> PoorDepth:
@@ -56,7 +54,7 @@ def test_good_depth_has_none():
 
 def test_run_json_has_the_intervals(tmp_path):
     record = RunRecord(
-        recording="r", config=None, inputs_sha256=(), cameras=(), poor_depth=tuple(intervals((edges(0.09),)))
+        recording="r", config=None, inputs_sha256={}, cameras=(), poor_depth=tuple(intervals((edges(0.09),)))
     )
     write_run_record(tmp_path / RUN_FILE, record)
     (entry,) = read_run(tmp_path / RUN_FILE)["poor_depth"]

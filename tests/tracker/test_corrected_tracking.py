@@ -15,12 +15,18 @@ from anchorpose.body.skin_points import FittedShape, body_points, build_body, ev
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pipeline import track_recording
-from anchorpose.results.corrections import Corrections, JointCorrection, UnusableInterval, recording_of_run
-from anchorpose.results.corrections_file import read_corrections, write_corrections
+from anchorpose.results.corrections import (
+    Corrections,
+    JointCorrection,
+    UnusableInterval,
+    read_corrections,
+    write_corrections,
+)
 from anchorpose.results.explained import read_explained
 from anchorpose.results.people_labels import read_people
 from anchorpose.results.records import read_contacts
-from anchorpose.results.run_document import read_run
+from anchorpose.results.reviewed_recording import recording_of_run
+from anchorpose.results.run_record import read_run
 from anchorpose.results.tables import JointTable, read_joints, read_poses
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
@@ -183,7 +189,7 @@ def test_corrections_of_another_recording_are_refused(review, tmp_path):
 
 def test_corrections_in_another_world_are_refused(review, tmp_path):
     given = read_corrections(review.file)
-    poses = {name: np.eye(4) for name in given.recording.T_world_camera}
+    poses = {name: np.eye(4) for name in given.recording.poses}
     refused(review, tmp_path, replace(given, recording=replace(given.recording, T_world_camera=poses)), "another world")
 
 

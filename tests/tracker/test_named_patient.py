@@ -17,9 +17,15 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pipeline import track_recording
 from anchorpose.recording.recording import Clock
-from anchorpose.results.corrections import Corrections, NamedPatient, UnusableInterval, recording_of_run
-from anchorpose.results.corrections_file import read_corrections, write_corrections
-from anchorpose.results.run_document import read_run
+from anchorpose.results.corrections import (
+    Corrections,
+    NamedPatient,
+    UnusableInterval,
+    read_corrections,
+    write_corrections,
+)
+from anchorpose.results.reviewed_recording import recording_of_run
+from anchorpose.results.run_record import read_run
 from anchorpose.results.tables import read_joints
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.write import simulate_recording
@@ -142,9 +148,7 @@ def test_clocks_and_floor_are_those_of_the_corrected_results(reviewed: Reviewed)
 
 def test_poses_that_the_recording_has_must_be_the_same(reviewed: Reviewed) -> None:
     held = read_corrections(reviewed.file)
-    moved = {
-        name: pose + np.eye(4, k=3) * 0.01 for name, pose in held.recording.T_world_camera.items() if pose is not None
-    }
+    moved = {name: pose + np.eye(4, k=3) * 0.01 for name, pose in held.recording.poses.items() if pose is not None}
     write_corrections(reviewed.file, replace(held, recording=replace(held.recording, T_world_camera=moved)))
     with pytest.raises(InputError, match="another world"):
         reviewed.read()

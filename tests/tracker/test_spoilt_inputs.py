@@ -12,7 +12,7 @@ from recording_builder import edit_json
 
 from anchorpose.pipeline import track_recording
 from anchorpose.recording.recording import FrameSet
-from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import read_run
 from anchorpose.results.tables import JointTable, read_joints
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording

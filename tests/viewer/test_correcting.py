@@ -45,7 +45,7 @@ def test_a_joint_is_moved_by_keys_saved_and_undone(viewer: Any, server: ViewerSe
     assert "corrected" in viewer.locator("#joint-card").inner_text()
     viewer.keyboard.press("Control+z")
     until(viewer, lambda: not file_of(server).joints)
-    assert file_of(server).withdrawn[0][0] == found
+    assert file_of(server).withdrawn[0].entry == found
     until(viewer, lambda: "None so far" in viewer.locator("#corrections").inner_text())  # the file is first
 
 
@@ -183,7 +183,7 @@ def test_taking_back_asks_a_newcomer_who_it_is_and_for_no_reason(viewer: Any, se
     viewer.keyboard.type("CD")
     viewer.keyboard.press("Enter")
     until(viewer, lambda: not file_of(server).unusable)
-    assert file_of(server).withdrawn[0][1].who == "CD"
+    assert file_of(server).withdrawn[0].who == "CD"
     for key in ("i", "o", "m"):  # the next correction needs a reason again
         viewer.keyboard.press(key)
     assert viewer.locator("#sign-reason").is_visible()

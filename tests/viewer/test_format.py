@@ -32,7 +32,7 @@ from anchorpose.lens import Intrinsics
 from anchorpose.recording.recording import Clock
 from anchorpose.results.frame_table import StoredFrames
 from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.tables import JOINTS, JointTable
+from anchorpose.results.tables import JointTable
 from anchorpose.surface.mesh import build_surface
 from anchorpose.viewer import payloads
 from anchorpose.viewer.depth_frames import DepthFrames, clocks_of_run, shade
@@ -266,7 +266,7 @@ def test_some_lost_joints_are_named() -> None:
     frame = make_frame(0, 0.0, standing_joints(), lost=("WristLeft", "HandLeft"))
     state_code = np.array([[6 if name in ("WristLeft", "HandLeft") else 0 for name in JOINT_NAMES]], np.int8)
     table = JointTable(np.array([0]), np.array([0.0]), frame.position_m[None], state_code, frame.sigma_m[None])
-    stored = StoredFrames(JOINTS, Path("joints.parquet"), table.frame, table.time_s, JOINT_NAMES, np.zeros(1), table)
+    stored = StoredFrames(table)
     assert worst_frames(overview_of(stored), np.array([np.nan]), [])[0].reason == "lost: WristLeft, HandLeft"
 
 

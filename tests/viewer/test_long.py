@@ -14,7 +14,7 @@ from viewer_page import opened, position, until
 
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.frame_table import StoredFrames
-from anchorpose.results.tables import ANGLES, AngleTable, read_angles, read_joints
+from anchorpose.results.tables import AngleTable, read_angles, read_joints
 from anchorpose.viewer.payloads import MOST_ROWS, curves_payload, motion_payload, unpack
 from anchorpose.viewer.review import open_review
 from anchorpose.viewer.server import ViewerServer
@@ -42,7 +42,7 @@ def long_server(long: Path) -> Iterator[ViewerServer]:
 def stored(degrees: np.ndarray, state_code: np.ndarray) -> StoredFrames[AngleTable]:
     frames, names = np.arange(len(degrees), dtype=np.int32), tuple(f"angle {k}" for k in range(degrees.shape[1]))
     table = AngleTable(frames, frames / 30.0, names, degrees, state_code, np.where(np.isnan(degrees), np.nan, 2.0))
-    return StoredFrames(ANGLES, Path("angles.parquet"), frames, frames / 30.0, names, np.zeros(1), table)
+    return StoredFrames(table)
 
 
 def test_no_peak_no_gap_and_no_inferred_frame_is_lost_by_thinning() -> None:

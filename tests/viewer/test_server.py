@@ -24,8 +24,8 @@ from recording_builder import edit_json
 from viewer_builder import viewer_of
 
 from anchorpose.cli import main
-from anchorpose.results.corrections_file import corrections_beside, read_corrections
-from anchorpose.results.run_record import CorrectionsRecord, as_json
+from anchorpose.results.corrections import CorrectionsRecord, corrections_beside, read_corrections
+from anchorpose.results.run_record import as_json
 from anchorpose.viewer import correction_file
 from anchorpose.viewer.access import Guard, is_loopback
 from anchorpose.viewer.payloads import unpack
@@ -177,7 +177,7 @@ def test_a_correction_is_in_the_file_with_its_time_and_who_and_when(server: View
     taken = {"entry": held["unusable"][0], "who": "CD"}
     status, held = tell(server, "corrections/take-back", taken)
     assert (status, held["unusable"]) == (200, [])
-    assert read_corrections(server.api.corrections.path).withdrawn[0][1].who == "CD"
+    assert read_corrections(server.api.corrections.path).withdrawn[0].who == "CD"
     assert tell(server, "corrections/take-back", taken)[0] == 400
 
 
@@ -261,12 +261,12 @@ def test_who_the_patient_is_can_be_changed_and_taken_back(server: ViewerServer) 
     found = read_corrections(server.api.corrections.path)
     assert found.patient is not None
     assert (found.patient.frame, found.patient.xz_m) == (7, (0.1, 0.5))
-    assert [entry.frame for entry, _ in found.withdrawn] == [4]
+    assert [each.entry.frame for each in found.withdrawn] == [4]
     _, held = tell(server, "corrections/take-back", {"entry": held["patient"], "who": "CD"})
     assert held["patient"]["frame"] == 4
     _, held = tell(server, "corrections/take-back", {"entry": held["patient"], "who": "CD"})
     assert held["patient"] is None
-    assert [entry.frame for entry, _ in read_corrections(server.api.corrections.path).withdrawn] == [7, 4]
+    assert [each.entry.frame for each in read_corrections(server.api.corrections.path).withdrawn] == [7, 4]
 
 
 def test_two_who_correct_at_once_lose_nothing(server: ViewerServer) -> None:

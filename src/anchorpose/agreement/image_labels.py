@@ -15,8 +15,7 @@ from anchorpose.recording.document import read_rows
 from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Clock, Recording
-from anchorpose.results.run_document import read_run
-from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.verify import require_own
 from anchorpose.settings import LARGEST

@@ -13,9 +13,9 @@ from markupsafe import Markup
 from anchorpose.batch.table import DONE, RESULTS_FOLDER, STATES, SessionRow
 from anchorpose.report.measure_section import title_of, value_form
 from anchorpose.report.page import REPORT_FILE
-from anchorpose.report.words import COVERAGE
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.records import Measure
+from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.web_page import render_page
 
 PAGE_FILE: Final = "index.html"
@@ -92,5 +92,5 @@ def _value(measure: Measure | None) -> Markup:
     if measure is None or measure.value is None:
         return UNKNOWN.format("did not occur" if measure is None else measure.why)
     form = value_form(measure)
-    error = Markup("") if measure.sigma is None else Markup(" ± {}").format(form.write(COVERAGE * measure.sigma))
+    error = Markup("") if measure.sigma is None else Markup(" ± {}").format(form.write(NORMAL_95 * measure.sigma))
     return Markup("{}{}").format(form.write(measure.value), error)

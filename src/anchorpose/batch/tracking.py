@@ -8,8 +8,7 @@ from typing import Final
 
 from anchorpose.batch.sessions import Session
 from anchorpose.remote import local_copy
-from anchorpose.results.run_document import read_run
-from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.unfinished import begun_identity, wait_until_free
 
 ENDING_S: Final = 30.0  # for the child of a killed worker to end

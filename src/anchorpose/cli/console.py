@@ -128,8 +128,7 @@ def print_outcome(results: Path) -> None:
 
     from anchorpose.joints import LOST
     from anchorpose.report.page import REPORT_FILE
-    from anchorpose.results.run_document import read_run
-    from anchorpose.results.run_record import RUN_FILE
+    from anchorpose.results.run_record import RUN_FILE, read_run
     from anchorpose.results.tables import JOINTS_FILE, read_joints
 
     joints = read_joints(results / JOINTS_FILE)

@@ -73,8 +73,9 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
     from rich.table import Table
 
     from anchorpose.cli.console import log_event
+    from anchorpose.report.measure_section import measure_rows
     from anchorpose.results.folder import naming_place
-    from anchorpose.results.measuring import WRITTEN, MeasureConfig, measure_rows, processing_sentence, write_measured
+    from anchorpose.results.measuring import WRITTEN, MeasureConfig, processing_sentence, write_measured
 
     given = options or MeasureOptions()
     with naming_place(results):

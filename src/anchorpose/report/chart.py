@@ -14,10 +14,92 @@ from typing import Final
 from urllib.parse import quote
 
 import numpy as np
-from markupsafe import Markup
 
-from anchorpose.report.session import Bins
 from anchorpose.report.words import number
+
+MOST_BINS: Final = 600
+"""Groups at most: about one and a half pixels each on a page, a third of a millimetre on paper."""
+
+PAUSE: Final = 3.0
+"""A gap of more than this many usual intervals between frames is a pause, across which no line is drawn."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bins:
+    """Groups of neighbouring frames. start (b,) first row of each group; time_s (n,), frame (n,) of all frames.
+
+    after_pause (b,) bool: no line connects this group with the one before. clock: the name of the session, where a page
+    shows several.
+    """
+
+    frame: np.ndarray
+    time_s: np.ndarray
+    start: np.ndarray
+    after_pause: np.ndarray
+    clock: str = ""
+
+    @property
+    def count(self) -> int:
+        """Number of groups."""
+        return len(self.start)
+
+    @property
+    def last(self) -> np.ndarray:
+        """(b,) last row of each group."""
+        return np.append(self.start[1:], len(self.frame)) - 1
+
+    @property
+    def thinned(self) -> bool:
+        """Whether any group holds more than one frame."""
+        return self.count < len(self.frame)
+
+    @property
+    def place(self) -> np.ndarray:
+        """(b,) where the middle of each group lies between the first frame (0) and the last (1)."""
+        middle = (self.time_s[self.start] + self.time_s[self.last]) / 2.0
+        return self.place_of(middle)
+
+    def place_of(self, time_s: np.ndarray) -> np.ndarray:
+        """Where a time lies between the first frame (0) and the last (1); one frame alone lies in the middle."""
+        span = self.time_s[-1] - self.time_s[0]
+        return (time_s - self.time_s[0]) / span if span > 0 else np.full(np.shape(time_s), 0.5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Envelope:
+    """The lowest and highest known value of each group, (b,) each, NaN where no frame of it has one.
+
+    rising (b,) bool: the lowest comes first.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    rising: np.ndarray
+
+
+def make_bins(frame: np.ndarray, time_s: np.ndarray, clock: str = "", most: int = MOST_BINS) -> Bins:
+    """At most ``most`` groups of equally many frames; one frame each where that suffices."""
+    count = min(len(frame), most)
+    start = np.arange(count) * len(frame) // count
+    step = np.diff(time_s)
+    pauses = np.append(False, step > PAUSE * np.median(step)) if len(step) else np.zeros(1, dtype=bool)
+    return Bins(frame, time_s, start, np.logical_or.reduceat(pauses, start), clock)
+
+
+def envelope(values: np.ndarray, bins: Bins) -> Envelope:
+    """values (n,), NaN where not known."""
+    low, high = np.fmin.reduceat(values, bins.start), np.fmax.reduceat(values, bins.start)
+    group = np.repeat(np.arange(bins.count), np.diff(np.append(bins.start, len(values))))
+    rows = np.arange(len(values))
+    at_low = np.minimum.reduceat(np.where(values == low[group], rows, len(values)), bins.start)
+    at_high = np.minimum.reduceat(np.where(values == high[group], rows, len(values)), bins.start)
+    return Envelope(low, high, at_low <= at_high)
+
+
+def worst(state_code: np.ndarray, bins: Bins) -> np.ndarray:
+    """(b,) the worst state of each group."""
+    return np.maximum.reduceat(state_code, bins.start)
+
 
 UNITS: Final = 1000
 """Rows are drawn on a square of this many units and stretched to their place: whole numbers keep the page small."""
@@ -150,7 +232,8 @@ class Reading:
 class Chart:
     """Rows above one another over one time axis.
 
-    identity: its id on the page and the name of its CSV file; title: for those who cannot see it; caption: above it.
+    identity: its id on the page and the name of its CSV file; title: for those who cannot see it; caption: above it;
+    sources: the tables that it is drawn from.
     """
 
     identity: str
@@ -158,7 +241,7 @@ class Chart:
     caption: str
     rows: Sequence[Row]
     readings: Sequence[Reading]
-    sources: Sequence[Markup]
+    sources: Sequence[str]
     bins: Bins
 
     @property

@@ -14,10 +14,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.report.session import SessionHead
-from anchorpose.report.words import COVERAGE, listed, number
+from anchorpose.report.session import Session
+from anchorpose.report.words import listed, number
 from anchorpose.results.records import MEASURES_FILE, Measure
 from anchorpose.results.tables import JOINTS_FILE
+from anchorpose.results.uncertainty import NORMAL_95
 
 ALIKE: Final = 0.05
 """Share of the longer span by which two may differ. Changes of a twentieth are rarely above the errors."""
@@ -93,7 +94,7 @@ def _differ(old_s: float, new_s: float) -> bool:
 MOST_NAMES: Final = 8  # of settings that differ; more are counted
 
 
-def require_comparable(sessions: Sequence[SessionHead]) -> None:
+def require_comparable(sessions: Sequence[Session]) -> None:
     """Raises InputError where two are of the same recording, or their measures are defined differently."""
     first = sessions[0]
     for later in sessions[1:]:
@@ -105,18 +106,15 @@ def require_comparable(sessions: Sequence[SessionHead]) -> None:
     _require_different(sessions)
 
 
-def differences(sessions: Sequence[SessionHead], labels: Sequence[str], times_s: Sequence[np.ndarray]) -> list[str]:
-    """Sentences on versions, settings, cameras, rates, lengths and bodies that differ from the first session's.
-
-    times_s: of the frames of each session, (n,).
-    """
+def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
+    """Sentences on versions, settings, cameras, rates, lengths and bodies that differ from the first session's."""
     first, notes = sessions[0], []
-    for later, label, time_s in zip(sessions[1:], labels[1:], times_s[1:], strict=True):
+    for later, label in zip(sessions[1:], labels[1:], strict=True):
         sentences = [
             *_versions(first.run, later.run),
             *_settings(first.run, later.run),
             *_cameras(first.run, later.run),
-            *_rates(times_s[0], time_s),
+            *_rates(first.joints.time_s, later.joints.time_s),
             *span_sentences(first.measures, later.measures),
             *_bodies(first.run, later.run),
         ]
@@ -128,7 +126,7 @@ def _full_stop(sentence: str) -> str:
     return "" if sentence.endswith("?") else "."
 
 
-def _other_definition(first: SessionHead, later: SessionHead) -> str | None:
+def _other_definition(first: Session, later: Session) -> str | None:
     """How the definitions of two sessions' measures differ; None where they are the same."""
     old, new = first.definition, later.definition
     if old is None or new is None:
@@ -145,13 +143,13 @@ def _other_definition(first: SessionHead, later: SessionHead) -> str | None:
     return next((f"{name} has another unit" for name in units if units[name] != own[name]), None)
 
 
-def _units(session: SessionHead) -> dict[str, str]:
+def _units(session: Session) -> dict[str, str]:
     """Of the measures that every session has; those of a part or a person depend on what happened."""
     return {m.measure: m.unit for m in session.measures if m.part is None and m.person is None}
 
 
-def _require_different(sessions: Sequence[SessionHead]) -> None:
-    seen: dict[Any, SessionHead] = {}
+def _require_different(sessions: Sequence[Session]) -> None:
+    seen: dict[Any, Session] = {}
     for session in sessions:
         if session.folder.resolve() in {other.folder.resolve() for other in seen.values()}:
             raise InputError(session.folder, "is given twice", "give each session once")
@@ -210,7 +208,7 @@ def _bodies(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
     old, new = first.get("body"), later.get("body")
     if old is None or new is None:
         return []
-    reach = COVERAGE * math.hypot(old["height_sigma_m"], new["height_sigma_m"])
+    reach = NORMAL_95 * math.hypot(old["height_sigma_m"], new["height_sigma_m"])
     change = abs(new["height_m"] - old["height_m"])
     if change <= reach:
         return []

@@ -14,32 +14,35 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import numpy as np
 from markupsafe import Markup
 
 from anchorpose.errors import InputError
-from anchorpose.report.chart import Chart
+from anchorpose.recording.document import read_rows, require_distinct
 from anchorpose.report.comparable import differences, require_comparable, unlike_time
-from anchorpose.report.detectable import Detectable, read_detectable
-from anchorpose.report.frame_columns import FrameColumns
-from anchorpose.report.ledger import Aggregation, Form, Ledger, Rows
 from anchorpose.report.measure_section import (
     grouped_measures,
     inferred_share,
-    rows_of,
     title_of,
     value_and_error,
     value_form,
     words_of,
 )
-from anchorpose.report.motion_section import RANGE
-from anchorpose.report.session import SessionHead, read_frames, read_head
+from anchorpose.report.motion_section import INFERRED_STATES, angle_figures, state_share
+from anchorpose.report.session import Session, read_session
 from anchorpose.report.summary import summary
 from anchorpose.report.timeline import short_timeline
-from anchorpose.report.words import COVERAGE, INFERRED_STATES, named_part
+from anchorpose.report.words import Form, figure, named_part
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.records import Measure
-from anchorpose.results.tables import ANGLES, ANGLES_FILE, read_angles
+from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.web_page import render_page
+
+Detectable = dict[tuple[str, str | None, str], float]
+"""By measure, side and unit: the least change that errors and days alone exceed 5 times in 100."""
+
+RELIABILITY_COLUMNS: Final = ("measure", "side", "unit", "mdc95")
+RELIABILITY_REMEDY: Final = "give the table that 'anchorpose reliability SESSIONS.csv -o FILE.csv' writes"
 
 
 def write_comparison(
@@ -53,14 +56,14 @@ def write_comparison(
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
-    sessions = [read_head(folder, f"s{number}") for number, folder in enumerate(folders, 1)]
+    sessions = [read_session(folder, f"s{number}") for number, folder in enumerate(folders, 1)]
     require_comparable(sessions)
     detectable = {} if reliability is None else read_detectable(reliability)
     write_text_whole(page, _page(sessions, _labels(sessions, labels), detectable))
     return page
 
 
-def _labels(sessions: Sequence[SessionHead], labels: Sequence[str]) -> list[str]:
+def _labels(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
     if labels and len(labels) != len(sessions):
         problem = f"{len(labels)} labels are given for {len(sessions)} sessions"
         raise InputError(sessions[0].folder, problem, "give --label once for each session, in the same order")
@@ -72,14 +75,8 @@ def _labels(sessions: Sequence[SessionHead], labels: Sequence[str]) -> list[str]
     return next((names for names in (recordings, folders) if len(set(names)) == len(names)), paths)
 
 
-def _page(sessions: Sequence[SessionHead], labels: Sequence[str], detectable: Detectable) -> str:
+def _page(sessions: Sequence[Session], labels: Sequence[str], detectable: Detectable) -> str:
     named = list(zip(sessions, labels, strict=True))
-    overviews = [_overview(session, label) for session, label in named]
-    parts = {  # in this order the sources are numbered
-        "sessions": [(each.label, each.summary, each.timeline) for each in overviews],
-        "changes": change_groups(sessions, detectable),
-        "angles": angle_rows(sessions, [each.angles for each in overviews]),
-    }
     return render_page(
         "anchorpose.report",
         "templates/comparison.html",
@@ -88,27 +85,11 @@ def _page(sessions: Sequence[SessionHead], labels: Sequence[str], detectable: De
         repeated=bool(detectable),
         change_titles=["measure", *labels, *(f"change to {label}" for label in labels[1:])],
         angle_titles=["angle", *labels],
-        differences=differences(sessions, labels, [each.timeline.bins.time_s for each in overviews]),
-        sources=[(label, session.ledger.name, session.ledger.sources()) for session, label in named],
-        **parts,
+        differences=differences(sessions, labels),
+        sessions=[(label, summary(session), short_timeline(session, label)) for session, label in named],
+        changes=change_groups(sessions, detectable),
+        angles=angle_rows(sessions),
     )
-
-
-class Overview(NamedTuple):
-    """What the page shows of a session by itself; angles: the names of those that it has."""
-
-    label: str
-    summary: list[Markup]
-    timeline: Chart
-    angles: tuple[str, ...]
-
-
-def _overview(head: SessionHead, label: str) -> Overview:
-    """Of one session after the other: the tables of two hours would not fit beside each other."""
-    session = read_frames(head)
-    overview = Overview(label, summary(session), short_timeline(session, label), session.angles.names)
-    head.ledger.hold({})
-    return overview
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +123,7 @@ def change_between(first: Measure, later: Measure, repeated: float | None = None
         return Change(difference, repeated, repeated=True)
     if not first.sigma or not later.sigma:  # without an error nothing follows, and an error of 0 was not measured
         return Change(difference, None)
-    return Change(difference, COVERAGE * math.hypot(first.sigma, later.sigma))
+    return Change(difference, NORMAL_95 * math.hypot(first.sigma, later.sigma))
 
 
 Key = tuple[str, str | None, str | None]
@@ -165,7 +146,7 @@ class ChangeGroup(NamedTuple):
     rows: list[tuple[str, str, list[Markup]]]
 
 
-def change_groups(sessions: Sequence[SessionHead], detectable: Detectable | None = None) -> list[ChangeGroup]:
+def change_groups(sessions: Sequence[Session], detectable: Detectable | None = None) -> list[ChangeGroup]:
     """The measures of all sessions side by side; detectable: minimal detectable changes of ``read_detectable``.
 
     Measures of one person are left out: people have no names that persist from session to session.
@@ -183,10 +164,10 @@ def change_groups(sessions: Sequence[SessionHead], detectable: Detectable | None
 
 
 def _change_row(
-    sessions: Sequence[SessionHead], found: Sequence[dict[Key, Measure]], like: Measure, repeated: float | None
+    sessions: Sequence[Session], found: Sequence[dict[Key, Measure]], like: Measure, repeated: float | None
 ) -> tuple[str, str, list[Markup]]:
     measures = [each.get((like.measure, like.side, like.part)) for each in found]
-    values = [_value(session, measure) for session, measure in zip(sessions, measures, strict=True)]
+    values = [_value(measure) for measure in measures]
     changes = [
         _change(measures[0], measure, unlike_time(like, sessions[0].measures, later.measures), repeated)
         for later, measure in zip(sessions[1:], measures[1:], strict=True)
@@ -194,14 +175,12 @@ def _change_row(
     return title_of(like), words_of(like.measure).meaning, [*values, *changes]
 
 
-def _value(session: SessionHead, measure: Measure | None) -> Markup:
+def _value(measure: Measure | None) -> Markup:
     if measure is None:
         return UNKNOWN.format("did not occur")
-    ledger, source = session.ledger, session.ledger.link
     if measure.value is None:
-        return Markup('<i class="why">no value: {}</i> {}').format(measure.why, source(rows_of(measure)))
-    inferred = inferred_share(ledger, measure, " % inferred")
-    return Markup("{} {}<br>{}").format(value_and_error(ledger, measure), source(rows_of(measure)), inferred)
+        return Markup('<i class="why">no value: {}</i>').format(measure.why)
+    return Markup("{}<br>{}").format(value_and_error(measure), inferred_share(measure, " % inferred"))
 
 
 def _change(first: Measure | None, later: Measure | None, unlike: str | None, repeated: float | None) -> Markup:
@@ -228,29 +207,45 @@ def _signed(change: Change, measure: Measure) -> str:
     return f"{arrow}{sign}{value_form(measure).write(change.difference)}"
 
 
-def angle_rows(sessions: Sequence[SessionHead], angles: Sequence[tuple[str, ...]]) -> list[tuple[str, list[Markup]]]:
-    """(name, a cell per session): the range of each angle that all sessions have, and how much of it is inferred.
-
-    angles: their names in each session.
-    """
-    names = [name for name in angles[0] if all(name in each for each in angles)]
-    columns = [_ranges(session, names) for session in sessions]
-    return [(named_part(name), list(cells)) for name, cells in zip(names, zip(*columns, strict=True), strict=True)]
+def angle_rows(sessions: Sequence[Session]) -> list[tuple[str, list[Markup]]]:
+    """(name, a cell per session): the range of each angle that all sessions have, and how much of it is inferred."""
+    names = [name for name in sessions[0].angles.names if all(name in each.angles.names for each in sessions)]
+    return [(named_part(name), [_range(session, name) for session in sessions]) for name in names]
 
 
-def _ranges(session: SessionHead, names: Sequence[str]) -> list[Markup]:
-    """A cell per angle."""
-    session.ledger.hold({ANGLES_FILE: FrameColumns(ANGLES, read_angles(session.folder / ANGLES_FILE))})
-    cells = [_range(session.ledger, name) for name in names]
-    session.ledger.hold({})
-    return cells
+def _range(session: Session, name: str) -> Markup:
+    column = session.angles.column(name)
+    if np.isnan(session.angles.degrees[:, column]).all():
+        return UNKNOWN.format("not known in any frame")
+    low, middle, high = angle_figures(session, name)
+    inferred = state_share(session.angles.state_code[:, column], *INFERRED_STATES)
+    form = Form(times=100.0, after=" % inferred", share=True)
+    return Markup("{} to {}, median {}<br>{}").format(low, high, middle, figure(inferred, form))
 
 
-def _range(ledger: Ledger, name: str) -> Markup:
-    rows, degree = Rows(ANGLES_FILE, (("angle", name),)), Form(after="°")
-    if ledger.take(rows, Aggregation(column="degrees", how="median")) is None:
-        return Markup("{} {}").format(UNKNOWN.format("not known in any frame"), ledger.link(rows))
-    low, middle, high = (ledger.figure(rows, Aggregation(column="degrees", how=how), degree) for how in RANGE)
-    share = Form(times=100.0, after=" % inferred", share=True)
-    inferred = ledger.figure(rows, Aggregation(column="state", how="share", among=INFERRED_STATES), share)
-    return Markup("{} to {}, median {} {}<br>{}").format(low, high, middle, ledger.link(rows), inferred)
+def read_detectable(path: Path) -> Detectable:
+    """The measures that have a value; raises InputError for another table."""
+    lines = [line for _, line in read_rows(path)]
+    head = lines[0] if lines else []
+    require_distinct(path, head)
+    found: Detectable = {}
+    for row in (dict(zip(head, line, strict=False)) for line in lines[1:]):
+        if any(row.get(name) is None for name in RELIABILITY_COLUMNS):
+            raise InputError(
+                path, f"does not have the columns {', '.join(RELIABILITY_COLUMNS)} in all rows", RELIABILITY_REMEDY
+            )
+        if row["mdc95"]:
+            found[row["measure"], row["side"] or None, row["unit"]] = _threshold(path, row["mdc95"])
+    if not found:
+        raise InputError(path, "holds no minimal detectable change", RELIABILITY_REMEDY)
+    return found
+
+
+def _threshold(path: Path, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise InputError(path, f"has the minimal detectable change '{text}'", RELIABILITY_REMEDY)
+    return value

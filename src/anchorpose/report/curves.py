@@ -16,9 +16,22 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import LOST, JointState
-from anchorpose.report.chart import UNITS, Axis, Column, Mark, Reading, Row, cells, make_axis
-from anchorpose.report.session import Bins, Envelope, envelope, worst
-from anchorpose.report.words import COVERAGE, STATE_WORDS
+from anchorpose.report.chart import (
+    UNITS,
+    Axis,
+    Bins,
+    Column,
+    Envelope,
+    Mark,
+    Reading,
+    Row,
+    cells,
+    envelope,
+    make_axis,
+    worst,
+)
+from anchorpose.report.words import STATE_WORDS
+from anchorpose.results.uncertainty import NORMAL_95
 
 LETTER_PX: Final = 13  # the height of a curve's initial
 
@@ -91,7 +104,7 @@ def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_stat
 
 
 def _band(curve: Curve, bins: Bins) -> tuple[np.ndarray, np.ndarray]:
-    reach = COVERAGE * curve.sigma
+    reach = NORMAL_95 * curve.sigma
     return envelope(curve.value - reach, bins).low, envelope(curve.value + reach, bins).high
 
 

@@ -11,11 +11,11 @@ from typing import Final, NamedTuple
 
 from markupsafe import Markup
 
-from anchorpose.report.ledger import Aggregation, Form, Ledger, Rows
 from anchorpose.report.session import Session
-from anchorpose.report.words import COVERAGE, decimals_for, named_part, spaced
-from anchorpose.results.records import MEASURES_FILE, Measure
+from anchorpose.report.words import PERCENT, Form, decimals_for, figure, named_part, spaced
+from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.extension import SIDED, UNSIDED
+from anchorpose.results.uncertainty import NORMAL_95
 
 
 class Words(NamedTuple):
@@ -173,7 +173,6 @@ class MeasureRow:
     """
 
     title: str
-    sources: Sequence[Markup]
     why: str = ""
     meaning: str = ""
     values: Sequence[Markup] = ()
@@ -201,20 +200,14 @@ def measure_section(session: Session) -> MeasureSection:
     whole = [measure for measure in session.measures if not _is_detail(measure)]
     detail = [measure for measure in session.measures if _is_detail(measure)]
     return MeasureSection(
-        whole=_groups(session.ledger, whole),
-        detail=_groups(session.ledger, detail),
+        whole=_groups(whole),
+        detail=_groups(detail),
         words=[words_of(name) for name in dict.fromkeys(measure.measure for measure in session.measures)],
     )
 
 
 def _is_detail(measure: Measure) -> bool:
     return measure.person is not None or (measure.part is not None and measure.measure == "contacts")
-
-
-def rows_of(measure: Measure) -> Rows:
-    """The row of measures.parquet that a measure stands in."""
-    keys = ("measure", "side", "part", "person")
-    return Rows(MEASURES_FILE, tuple((key, getattr(measure, key)) for key in keys))
 
 
 def title_of(measure: Measure) -> str:
@@ -228,15 +221,15 @@ def title_of(measure: Measure) -> str:
 def value_form(measure: Measure) -> Form:
     """As many digits as its uncertainty carries."""
     times, after = unit_of(measure.unit)
-    reach = None if measure.sigma is None else COVERAGE * measure.sigma * times
+    reach = None if measure.sigma is None else NORMAL_95 * measure.sigma * times
     value = times * (measure.value or 0.0)
     whole = reach is None and abs(value - round(value)) < 1e-9
     return Form(decimals=0 if whole else decimals_for(reach, value), times=times, after=after)
 
 
-def _groups(ledger: Ledger, measures: Sequence[Measure]) -> list[MeasureGroup]:
+def _groups(measures: Sequence[Measure]) -> list[MeasureGroup]:
     groups = grouped_measures(measures).items()
-    return [MeasureGroup(heading, [_row(ledger, entry) for entry in _entries(members)]) for heading, members in groups]
+    return [MeasureGroup(heading, [_row(entry) for entry in _entries(members)]) for heading, members in groups]
 
 
 def _entries(measures: Sequence[Measure]) -> list[list[Measure]]:
@@ -256,35 +249,77 @@ def _other_side(left: Measure, right: Measure) -> bool:
     return alike and (left.side, right.side) == ("left", "right") and left.value is not None is not right.value
 
 
-def _row(ledger: Ledger, entry: Sequence[Measure]) -> MeasureRow:
-    sources, first = [ledger.link(rows_of(measure)) for measure in entry], entry[0]
+def _row(entry: Sequence[Measure]) -> MeasureRow:
+    first = entry[0]
     if first.value is None:
         titles = "; ".join(dict.fromkeys(title_of(measure) for measure in entry))
-        return MeasureRow(title=titles, sources=sources, why=str(first.why))
-    frames = [ledger.figure(rows_of(measure), Aggregation(column="frames"), Form()) for measure in entry]
+        return MeasureRow(title=titles, why=str(first.why))
+    frames = [figure(measure.frames, Form()) for measure in entry]
     return MeasureRow(
         title=title_of(first) if len(entry) == 1 else words_of(first.measure).title,
-        sources=sources,
         meaning=words_of(first.measure).meaning,
-        values=[value_and_error(ledger, measure) for measure in entry],
-        inferred=Markup(" / ").join(filter(None, (inferred_share(ledger, measure) for measure in entry))),
+        values=[value_and_error(measure) for measure in entry],
+        inferred=Markup(" / ").join(filter(None, (inferred_share(measure) for measure in entry))),
         frames=Markup(" / ").join(dict.fromkeys(frames)),
     )
 
 
-def value_and_error(ledger: Ledger, measure: Measure) -> Markup:
+def value_and_error(measure: Measure) -> Markup:
     """A measure that has a value, and 1.96 times its sigma; a sigma of 0 is left out: nothing is that certain."""
-    rows, form = rows_of(measure), value_form(measure)
-    value = ledger.figure(rows, Aggregation(column="value"), form)
+    form = value_form(measure)
+    value = figure(measure.value, form)
     if not measure.sigma:
         return value
-    reach = Form(decimals=form.decimals, times=form.times * COVERAGE, before="± ", after=form.after)
-    return Markup("{} {}").format(value, ledger.figure(rows, Aggregation(column="sigma"), reach))
+    reach = Form(decimals=form.decimals, times=form.times * NORMAL_95, before="± ", after=form.after)
+    return Markup("{} {}").format(value, figure(measure.sigma, reach))
 
 
-def inferred_share(ledger: Ledger, measure: Measure, after: str = " %") -> Markup:
+def inferred_share(measure: Measure, after: str = " %") -> Markup:
     """How much of a measure is inferred; empty where that is not known."""
     if measure.inferred_share is None:
         return Markup()
-    share = Form(times=100.0, after=after, share=True)
-    return ledger.figure(rows_of(measure), Aggregation(column="inferred_share"), share)
+    return figure(measure.inferred_share, Form(times=100.0, after=after, share=True))
+
+
+PRINTED: Final = (
+    "recorded_time", "found_time", "unknown_time", "upright_time", "upright_share", "longest_upright_bout",
+    "sit_to_stand_count", "sit_to_stand_duration_mean", "stand_to_sit_count", "stand_to_sit_duration_mean",
+    "knee_flexion_upright_mean", "knee_flexion_upright_least", "hip_flexion_upright_mean", "knee_straight_time",
+    "knee_flexion_difference", "load_share", "sway_velocity", "sway_ellipse_area", "five_times_sit_to_stand",
+    "functional_reach", "single_leg_stance", "step_count", "assistance_time", "hands_free_upright_time",
+    "hands_on_at_once_most",
+)  # fmt: skip
+"""The measures that are printed, in this order; all others are in measures.parquet."""
+
+ROUNDING_S: Final = 0.001  # less unknown time than this is rounding
+
+
+def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:
+    """Return a row of texts per printed measure: title, value with its error, inferred share, why there is no value."""
+    rows, lower_bounds = [], _lower_bounds(measures)
+    for name in PRINTED:
+        for row in measures:
+            if row.measure == name and not (name == "assistance_time" and row.person and row.part):
+                inferred = "" if row.inferred_share is None else PERCENT.write(row.inferred_share)
+                at_least = "at least " if row.value is not None and name in lower_bounds else ""
+                rows.append((title_of(row), at_least + _value_text(row), inferred, row.why or ""))
+    return rows
+
+
+def _value_text(measure: Measure) -> str:
+    if measure.value is None:
+        return "unknown"
+    form = value_form(measure)
+    spread = f" ± {form.write(NORMAL_95 * measure.sigma)}" if measure.sigma else ""
+    return form.write(measure.value) + spread
+
+
+def _lower_bounds(measures: Sequence[Measure]) -> set[str]:
+    """Return the measures whose true value may be larger, since part of the recording is unknown."""
+    seconds = {row.measure: row.value for row in measures if row.value is not None and row.unit == "s"}
+    found: set[str] = set()
+    if seconds.get("unknown_time", 0.0) > ROUNDING_S:
+        found |= {"upright_time", "sit_to_stand_count", "stand_to_sit_count"}
+    if seconds.get("recorded_time", 0.0) - seconds.get("found_time", 0.0) > ROUNDING_S:
+        found |= {"assistance_time"}
+    return found

@@ -8,13 +8,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
+from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.report.chart import Chart
 from anchorpose.report.curves import Curve, Quantity, curve_row, readings, state_rows
-from anchorpose.report.ledger import ON_ARC, Aggregation, Form, Rows, on_shortest_arc
 from anchorpose.report.session import Session
-from anchorpose.report.words import COVERAGE, INFERRED_STATES, named_part, spaced, split_side
+from anchorpose.report.words import PERCENT, Form, figure, named_part, spaced, split_side
 from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE
+from anchorpose.results.uncertainty import NORMAL_95
 
 GROUPS: Final = {
     "Knees": ("knee",),
@@ -30,8 +30,7 @@ OTHERS: Final = "Other angles"
 
 DEGREES: Final = Quantity(label="degrees", unit="°", unit_name="deg", decimals=1, least_span=10.0)
 
-RANGE: Final = tuple(how + ON_ARC for how in ("lowest", "median", "highest"))
-"""The operations on an angle's column: none of them sees the jump of the numbers from 180 to -180."""
+INFERRED_STATES: Final = tuple(state for state in JointState if state not in (JointState.OBSERVED, JointState.LOST))
 
 ANGLE_HEIGHT_PX: Final = 150
 PATH_HEIGHT_PX: Final = 96
@@ -78,7 +77,7 @@ def _angle_chart(session: Session, base: str, names: list[str]) -> Chart | str:
         caption=spaced(base).capitalize(),
         rows=[curve_row(curves, DEGREES, session.bins, ANGLE_HEIGHT_PX), *state_rows(curves, session.bins)],
         readings=[readings(curve, DEGREES, session.bins, label) for curve, label in zip(curves, labels, strict=True)],
-        sources=[session.ledger.link(_angle_rows(name)) for name in names],
+        sources=[ANGLES_FILE],
         bins=session.bins,
     )
 
@@ -94,40 +93,44 @@ def _angle_curve(session: Session, name: str) -> Curve:
     )
 
 
-def _angle_rows(name: str) -> Rows:
-    return Rows(ANGLES_FILE, (("angle", name),))
+def angle_figures(session: Session, name: str) -> list[Markup]:
+    """Return lowest, median and highest value of an angle, on the shortest arc that holds all of them."""
+    degrees = on_shortest_arc(session.angles.degrees[:, session.angles.column(name)])
+    known = degrees[np.isfinite(degrees)]
+    return [figure(reduce(known) if len(known) else None, Form(after="°")) for reduce in (np.min, np.median, np.max)]
+
+
+def state_share(state_code: np.ndarray, *states: JointState) -> float:
+    """Return the share of state codes that are one of the states."""
+    return float(np.isin(state_code, [STATE_CODE[state] for state in states]).mean())
 
 
 def _range(session: Session, name: str) -> list[Markup]:
-    ledger, rows = session.ledger, _angle_rows(name)
-    percent = Form(times=100.0, after=" %", share=True)
-    reach = Form(decimals=1, times=COVERAGE, before="± ", after="°")
+    column = session.angles.column(name)
+    sigma_deg, state_code = session.angles.sigma_deg[:, column], session.angles.state_code[:, column]
     return [
-        *(ledger.figure(rows, Aggregation(column="degrees", how=how), Form(after="°")) for how in RANGE),
-        ledger.figure(rows, Aggregation(column="sigma_deg", how="median"), reach),
-        ledger.figure(rows, Aggregation(column="state", how="share", among=INFERRED_STATES), percent),
-        ledger.figure(rows, Aggregation(column="state", how="share", among=("lost",)), percent),
-        ledger.link(rows),
+        *angle_figures(session, name),
+        figure(known_median(sigma_deg), Form(decimals=1, times=NORMAL_95, before="± ", after="°")),
+        figure(state_share(state_code, *INFERRED_STATES), PERCENT),
+        figure(state_share(state_code, JointState.LOST), PERCENT),
     ]
+
+
+def known_median(values: np.ndarray) -> float | None:
+    """Return the median of the values that are not NaN; None where there are none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None
 
 
 def state_table(session: Session) -> list[tuple[str, list[Markup]]]:
-    """(name, cells) of each joint: per cent of its frames in each state, its typical uncertainty and the source."""
-    return [(named_part(name), _joint_cells(session, name)) for name in JOINT_NAMES]
+    """(name, cells) of each joint: per cent of its frames in each state, and its typical uncertainty."""
+    return [(named_part(name), _joint_cells(session, JOINT_INDEX[name])) for name in JOINT_NAMES]
 
 
-def _joint_cells(session: Session, name: str) -> list[Markup]:
-    ledger, rows, percent = session.ledger, _joint_rows(name), Form(times=100.0, share=True)
-    shares = [
-        ledger.figure(rows, Aggregation(column="state", how="share", among=(str(state),)), percent)
-        for state in JointState
-    ]
-    typical = ledger.figure(rows, Aggregation(column="sigma_m", how="median"), Form(times=1000.0 * COVERAGE))
-    return [*shares, typical, ledger.link(rows)]
-
-
-def _joint_rows(name: str) -> Rows:
-    return Rows(JOINTS_FILE, (("joint", name),))
+def _joint_cells(session: Session, joint: int) -> list[Markup]:
+    percent, millimetres = Form(times=100.0, share=True), Form(times=1000.0 * NORMAL_95)
+    shares = [figure(state_share(session.joints.state_code[:, joint], state), percent) for state in JointState]
+    return [*shares, figure(known_median(session.joints.sigma_m[:, joint]), millimetres)]
 
 
 def joint_charts(session: Session) -> list[Chart | str]:
@@ -155,7 +158,7 @@ def _path_chart(session: Session, base: str, names: Sequence[str]) -> Chart | st
         caption=spaced(base).capitalize(),
         rows=rows + state_rows([_path_curve(session, name, "x") for name in names], session.bins),
         readings=read,
-        sources=[session.ledger.link(_joint_rows(name)) for name in names],
+        sources=[JOINTS_FILE],
         bins=session.bins,
     )
 
@@ -169,3 +172,24 @@ def _path_curve(session: Session, name: str, axis: str) -> Curve:
         sigma=session.joints.sigma_m[:, column],
         state_code=session.joints.state_code[:, column],
     )
+
+
+TURN_DEG: Final = 360.0
+
+
+def on_shortest_arc(degrees: np.ndarray) -> np.ndarray:
+    """degrees (n,) from -180 to 180, NaN where not known: the same angles on the shortest arc that holds all of them.
+
+    A patient who faces against X has a pelvis at 179 in one frame and at -179 in the next: two degrees apart, not 358.
+    Some values move by a whole turn, such that the median is from -180 to 180. Angles within half a turn stay as they
+    are.
+    """
+    known = np.sort(degrees[np.isfinite(degrees)])
+    if len(known) < 2:
+        return degrees
+    gaps = np.diff(known)
+    widest = int(np.argmax(gaps))
+    if gaps[widest] <= TURN_DEG - (known[-1] - known[0]):
+        return degrees
+    moved = np.where(degrees <= known[widest], degrees + TURN_DEG, degrees)
+    return moved - TURN_DEG if np.nanmedian(moved) > TURN_DEG / 2 else moved

@@ -14,11 +14,10 @@ import numpy as np
 from anchorpose.joints import LOST
 from anchorpose.recording.regular_file import read_image
 from anchorpose.report.measure_section import measure_section
-from anchorpose.report.moment_section import moment_section
 from anchorpose.report.motion_section import angle_section, joint_charts, state_table
 from anchorpose.report.provenance import corrections, problems, provenance, settings
 from anchorpose.report.session import Session, read_session
-from anchorpose.report.summary import summary
+from anchorpose.report.summary import moment_section, summary
 from anchorpose.report.timeline import timeline
 from anchorpose.report.words import STATE_WORDS, counted
 from anchorpose.results.folder import write_text_whole
@@ -41,20 +40,11 @@ def write_report(results: Path) -> Path:
 
 
 def _page(session: Session) -> str:
-    parts = {  # in the order of the page: so are the sources numbered
-        "summary": summary(session),
-        "timeline": timeline(session),
-        "moments": moment_section(session),
-        "measures": measure_section(session),
-        "angles": angle_section(session),
-        "states": state_table(session),
-        "joints": joint_charts(session),
-    }
     return render_page(
         "anchorpose.report",
         "templates/page.html",
         title=f"Stand training: {session.recording}",
-        state_titles=["joint", *(f"{words}, %" for words in STATE_WORDS.values()), "typical ±, mm", "source"],
+        state_titles=["joint", *(f"{words}, %" for words in STATE_WORDS.values()), "typical ±, mm"],
         thinned=_thinned(session),
         pictures=kept_frames(session),
         problems=problems(session),
@@ -62,8 +52,13 @@ def _page(session: Session) -> str:
         corrections=corrections(session),
         provenance=provenance(session),
         settings=settings(session),
-        sources=session.ledger.sources(),  # last: all parts have named theirs
-        **parts,
+        summary=summary(session),
+        timeline=timeline(session),
+        moments=moment_section(session),
+        measures=measure_section(session),
+        angles=angle_section(session),
+        states=state_table(session),
+        joints=joint_charts(session),
     )
 
 

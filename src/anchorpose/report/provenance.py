@@ -149,10 +149,8 @@ def _depth(camera: dict[str, Any]) -> str:
     if depth is None:
         return "not known"
     step_mm = 1000 * AWAY_M**2 * depth["step_per_m"]
-    rest = f"steps of {step_mm:.0f} mm, edges {depth['edge_px']:.0f} pixels wide"
-    if "noise" not in depth:
-        return f"± {1000 * AWAY_M**2 * depth['noise_per_m']:.0f} mm (one sigma) between neighbouring readings, {rest}"
-    return f"{_noise(DepthNoise(**depth['noise']))}; {rest}"
+    noise = _noise(DepthNoise(**depth["noise"]))
+    return f"{noise}; steps of {step_mm:.0f} mm, edges {depth['edge_px']:.0f} pixels wide"
 
 
 def _noise(noise: DepthNoise) -> str:

@@ -1,25 +1,21 @@
-"""What was recorded and how good it is, in plain words, from the tables alone."""
+"""What was recorded, how good it is, and the moments to check, in plain words, from the tables alone."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 
-from anchorpose.joints import JOINT_NAMES
-from anchorpose.report.ledger import Aggregation, Form, Rows
-from anchorpose.report.measure_section import rows_of, value_form
+from anchorpose.joints import JOINT_NAMES, JointState
+from anchorpose.report.measure_section import value_form
+from anchorpose.report.motion_section import INFERRED_STATES, known_median, state_share
 from anchorpose.report.session import Session
-from anchorpose.report.words import COVERAGE, INFERRED_STATES, counted, listed, named_part
+from anchorpose.report.words import PERCENT, Form, counted, figure, listed, named_part
+from anchorpose.results.explained import PART_NAMES, SEEN_PAST, UNCOVERED_CM2, ExplainedTable, Moment, worst_moments
 from anchorpose.results.frame_table import UNKNOWN
-from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT, Measure
-from anchorpose.results.tables import JOINTS_FILE
-
-JOINTS: Final = Rows(JOINTS_FILE)
-CONTACTS: Final = Rows(CONTACTS_FILE)
-
-PERCENT: Final = Form(times=100.0, after=" %", share=True)
+from anchorpose.results.records import CONTACTS_FILE, SIT_TO_STAND, STAND_TO_SIT, Measure
+from anchorpose.results.uncertainty import NORMAL_95
 
 SELDOM_SEEN, USUALLY_SEEN = 0.5, 0.9
 """Shares of the frames. Below the first a joint's curve is more inference than measurement, and is named."""
@@ -44,21 +40,20 @@ def seen_shares(session: Session) -> np.ndarray:
 def _recorded(session: Session) -> Markup:
     names = [str(camera["name"]) for camera in session.run.get("cameras", [])]
     frame_form = Form(after=" frame" if len(session.joints.frame) == 1 else " frames")
-    return Markup("<b>{}</b>: {}, {}{}. {}").format(
+    return Markup("<b>{}</b>: {}, {}{}.").format(
         session.recording,
-        session.ledger.figure(*_duration(session), Form(decimals=1, after=" s")),
-        session.ledger.figure(JOINTS, Aggregation(column="frame", how="distinct"), frame_form),
+        figure(_duration_s(session), Form(decimals=1, after=" s")),
+        figure(len(session.joints.frame), frame_form),
         f", seen by {counted(len(names), 'camera')} ({listed(names)})" if names else "",
-        session.ledger.link(JOINTS),
     )
 
 
-def _duration(session: Session) -> tuple[Rows, Aggregation]:
+def _duration_s(session: Session) -> float:
     """As the measures have it, in which the last frame lasts as long as the others."""
     measured = _measure(session, "recorded_time")
     if measured is None or measured.value is None:
-        return JOINTS, Aggregation(column="time_s", how="extent")
-    return rows_of(measured), Aggregation(column="value")
+        return float(np.ptp(session.joints.time_s))
+    return measured.value
 
 
 def _measure(session: Session, name: str) -> Measure | None:
@@ -72,28 +67,22 @@ def _posture(session: Session) -> Markup:
         why = "measures.parquet does not say" if share is None else str(share.why)
         sentence = Markup("For how long the patient was upright is not known: {}.{}")
         return sentence.format(why, _transitions(session))
-    ledger = session.ledger
-    upright = ledger.figure(rows_of(share), Aggregation(column="value"), PERCENT)
     of_what = "of the time" if unknown is not None and unknown.value == 0 else "of the time in which posture is known"
     gap = Markup()
     if unknown is not None and unknown.value:
-        seconds = ledger.figure(rows_of(unknown), Aggregation(column="value"), value_form(unknown))
-        gap = Markup(" (unknown for {} {})").format(seconds, ledger.link(rows_of(unknown)))
-    source = ledger.link(rows_of(share))
-    sentence = Markup("The patient was upright in {} {}{} {}.{}")
-    return sentence.format(upright, of_what, gap, source, _transitions(session))
+        gap = Markup(" (unknown for {})").format(figure(unknown.value, value_form(unknown)))
+    sentence = Markup("The patient was upright in {} {}{}.{}")
+    return sentence.format(figure(share.value, PERCENT), of_what, gap, _transitions(session))
 
 
 def _transitions(session: Session) -> Markup:
     """How often each was seen, which is a lower bound where posture is not known throughout."""
     seen, least = [], "at least " if (session.posture.upright == UNKNOWN).any() else ""
     for kind, words in ((SIT_TO_STAND, "stood up"), (STAND_TO_SIT, "sat down")):
-        rows = Rows(EPISODES_FILE, (("kind", kind),))
         count = sum(episode.kind == kind for episode in session.episodes)
         if count:
             form = Form(after=" time" if count == 1 else " times")
-            times = session.ledger.figure(rows, Aggregation(column="kind", how="count"), form)
-            seen.append(Markup("{} {}{} {}").format(words, least, times, session.ledger.link(rows)))
+            seen.append(Markup("{} {}{}").format(words, least, figure(count, form)))
     return Markup(" The patient {}.").format(Markup(" and ").join(seen)) if seen else Markup()
 
 
@@ -101,28 +90,28 @@ def _touch(session: Session) -> Markup:
     """Who touched the patient, and in how much of the session that can be known at all."""
     if session.contacts is None:
         return Markup("Whether anybody touched the patient is not known: the folder has no {}.").format(CONTACTS_FILE)
-    everywhere = not session.joints.lost.all(axis=1).any()
+    lost = session.joints.lost.all(axis=1)
+    everywhere = not lost.any()
     touched = _touched_by(session, everywhere) if session.contacts else Markup("Nobody was seen to touch the patient.")
     if everywhere:
         return touched
-    found = session.ledger.figure(JOINTS, Aggregation(column="state", how="frames", among=("lost",)), PERCENT)
     return Markup(
-        "{} The patient was found in {} of the frames {}: whether anybody touched the patient in the others is not "
-        "known."
-    ).format(touched, found, session.ledger.link(JOINTS))
+        "{} The patient was found in {} of the frames: whether anybody touched the patient in the others is not known."
+    ).format(touched, figure(float(1.0 - lost.mean()), PERCENT))
 
 
 def _touched_by(session: Session, everywhere: bool) -> Markup:
     """everywhere: the patient was found in all frames."""
-    ledger, contacts = session.ledger, session.contacts or ()
-    person = Form(after=" person" if len({c.person for c in contacts}) == 1 else " people")
-    part = Form(after=" part" if len({c.part for c in contacts}) == 1 else " parts")
-    people = ledger.figure(CONTACTS, Aggregation(column="person", how="distinct"), person)
-    parts = ledger.figure(CONTACTS, Aggregation(column="part", how="distinct"), part)
+    contacts = session.contacts or ()
+    people, parts = len({c.person for c in contacts}), len({c.part for c in contacts})
     again = "" if everywhere else ", and so is everybody after the patient was lost"
     return Markup(
-        "{} touched the patient, {} of the body in all {}. A person who leaves and comes back is counted again{}."
-    ).format(people, parts, ledger.link(CONTACTS), again)
+        "{} touched the patient, {} of the body in all. A person who leaves and comes back is counted again{}."
+    ).format(
+        figure(people, Form(after=" person" if people == 1 else " people")),
+        figure(parts, Form(after=" part" if parts == 1 else " parts")),
+        again,
+    )
 
 
 NEVER_FOUND: Final = Markup(
@@ -131,18 +120,17 @@ NEVER_FOUND: Final = Markup(
 
 
 def _quality(session: Session) -> Markup:
-    ledger = session.ledger
     seen, inferred, lost = (
-        ledger.figure(JOINTS, Aggregation(column="state", how="share", among=among), PERCENT)
-        for among in (("observed",), INFERRED_STATES, ("lost",))
+        figure(state_share(session.joints.state_code, *states), PERCENT)
+        for states in ((JointState.OBSERVED,), INFERRED_STATES, (JointState.LOST,))
     )
-    reach = Form(times=1000 * COVERAGE, before="± ", after=" mm")
-    typical = ledger.figure(JOINTS, Aggregation(column="sigma_m", how="median"), reach)
+    reach = Form(times=1000 * NORMAL_95, before="± ", after=" mm")
+    typical = figure(known_median(session.joints.sigma_m), reach)
     return Markup(
         "{} Of all joint positions {} were seen, {} were inferred from the rest of the body and from movement, and {} "
-        "are lost {}. A typical position is accurate to {} along each axis, 95 times in 100, by the program's own "
+        "are lost. A typical position is accurate to {} along each axis, 95 times in 100, by the program's own "
         "estimate.{}{}"
-    ).format(_verdict(session), seen, inferred, lost, ledger.link(JOINTS), typical, _weak(session), _problems(session))
+    ).format(_verdict(session), seen, inferred, lost, typical, _weak(session), _problems(session))
 
 
 def _verdict(session: Session) -> Markup:
@@ -185,5 +173,47 @@ def _problems(session: Session) -> Markup:
     count = len({drop["frame"] for drop in session.run.get("dropped", [])})
     if not count:
         return Markup()
-    where = Markup() if session.ledger.name else Markup(' (<a href="#left-out">which and why</a>)')
+    where = Markup() if session.name else Markup(' (<a href="#left-out">which and why</a>)')
     return Markup(" {} had problems{}.").format(counted(count, "frame"), where)
+
+
+MEANING: Final = (
+    "There a limb is probably not where it is reported, or another person's surface was taken for the patient's."
+)
+BARE: Final = Markup(
+    "In {} of the frames in which the patient was found, {} cm² or more of the patient's visible surface is covered by "
+    "no limb. {}"
+)
+THROUGH: Final = Markup("At some moments a limb lies where a camera sees something farther away. {}")
+
+
+class MomentSection(NamedTuple):
+    """A sentence, and the worst moments as rows of (time, cells)."""
+
+    sentence: Markup
+    rows: list[tuple[Markup, list[Markup]]]
+
+
+def moment_section(session: Session) -> MomentSection | None:
+    """Return the moments that the body explains worst; None where it explains all frames, or this is not known."""
+    table = session.explained
+    moments = () if table is None else worst_moments(table)
+    if table is None or not moments:
+        return None
+    area_cm2 = table.uncovered_cm2[np.isfinite(table.uncovered_cm2)]
+    share = float((area_cm2 >= UNCOVERED_CM2).mean()) if len(area_cm2) else 0.0
+    limit = f"{UNCOVERED_CM2:g}"
+    sentence = BARE.format(figure(share, PERCENT), limit, MEANING) if share else THROUGH.format(MEANING)
+    return MomentSection(sentence, [_moment_row(table, moment) for moment in moments])
+
+
+def _moment_row(table: ExplainedTable, moment: Moment) -> tuple[Markup, list[Markup]]:
+    row = int(np.flatnonzero(table.frame == moment.frame)[0])
+    through = [
+        Markup("{} {}").format(named_part(part), figure(share, PERCENT))
+        for part, share in zip(PART_NAMES, table.seen_past[row].tolist(), strict=True)
+        if share >= SEEN_PAST
+    ]
+    limbs = Markup(listed(through)) if through else Markup("none")
+    uncovered = figure(float(table.uncovered_cm2[row]), Form(after=" cm²"))
+    return figure(moment.time_s, Form(decimals=2, after=" s")), [Markup(moment.frame), uncovered, limbs]

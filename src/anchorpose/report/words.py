@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
-from anchorpose.joints import JointState
+from markupsafe import Markup
 
-COVERAGE: Final = 1.96
-"""Standard deviations to either side that hold a normally distributed truth 95 times in 100."""
+from anchorpose.joints import JointState
 
 MISSING: Final = "not known"
 
@@ -23,8 +23,6 @@ STATE_WORDS: Final = {
     JointState.OUT_OF_VIEW: "out of view",
     JointState.LOST: "lost",
 }
-
-INFERRED_STATES: Final = tuple(str(s) for s in JointState if s not in (JointState.OBSERVED, JointState.LOST))
 
 _SIDED: Final = re.compile(r"(.*)_(left|right)$")
 
@@ -74,3 +72,34 @@ def listed(names: Sequence[str]) -> str:
 def counted(count: int, one: str, many: str | None = None) -> str:
     """1 frame, 2 frames."""
     return f"{number(count, 0)} {one if count == 1 else many or one + 's'}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Form:
+    """How a number is written: times a factor, with so many decimals, and words before and after it.
+
+    share: of a whole; a small share is not written as 0, nor a large one as all.
+    """
+
+    decimals: int = 0
+    times: float = 1.0
+    before: str = ""
+    after: str = ""
+    share: bool = False
+
+    def write(self, value: float) -> str:
+        """The text people read."""
+        text = number(self.times * value, self.decimals)
+        if self.share and 0 < value < 1 and text in ("0", "100"):
+            text = "under 1" if text == "0" else "over 99"
+        return f"{self.before}{text}{self.after}"
+
+
+PERCENT: Final = Form(times=100.0, after=" %", share=True)
+
+
+def figure(value: float | None, form: Form) -> Markup:
+    """Return a number as an HTML element with its exact value; "not known" for None and NaN."""
+    if value is None or math.isnan(value):
+        return Markup('<span class="unknown">{}</span>').format(MISSING)
+    return Markup('<data value="{!r}">{}</data>').format(float(value), form.write(value))

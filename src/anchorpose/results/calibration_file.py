@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,14 +14,6 @@ from anchorpose.recording.recording_file import CALIBRATION_FILE, CALIBRATION_FO
 from anchorpose.results.folder import FolderKind
 
 CALIBRATION: Final = FolderKind((CALIBRATION_FILE,), (CALIBRATION_FILE, "*.png"))
-
-
-@dataclass(frozen=True, slots=True)
-class CalibrationUsed:
-    """The calibration.json whose poses replaced those of a recording: its name and hash."""
-
-    file: str
-    sha256: str
 
 
 def write_calibration(folder: Path, recording: str, calibration: Calibration) -> None:

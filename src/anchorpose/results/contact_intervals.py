@@ -9,10 +9,11 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.contact_regions import REGIONS, Nearness
+from anchorpose.results.explained import CM2_PER_M2
 from anchorpose.results.records import Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
-CM2_PER_M2, MM_PER_M = 1e4, 1e3
+MM_PER_M: Final = 1e3
 
 
 FREE_SHARE: Final = 0.5

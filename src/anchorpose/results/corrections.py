@@ -1,5 +1,6 @@
-"""What a reviewer found to be wrong, with the reviewer and the time, and the recording and world it is about.
+"""Corrections of results by a reviewer, and their file.
 
+corrections.json, the format ``anchorpose-corrections``, is read by ``track --corrections`` and written by the viewer.
 Frames and times are those of the results' tables, positions are in their world frame. Nothing is ever lost: what a
 reviewer takes back, or corrects again, moves to ``withdrawn``; it comes back from there where the correction that
 replaced it is taken back.
@@ -7,99 +8,26 @@ replaced it is taken back.
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+import json
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Literal, cast
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Discriminator, Field, StringConstraints, Tag
 
-from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.recording.document import Text, Whole, numbers
-from anchorpose.recording.recording import Clock
+from anchorpose.recording.document import Text, Version, Whole, numbers, read_document, validate
 from anchorpose.recording.timestamps import Seconds
+from anchorpose.results.folder import write_text_whole
+from anchorpose.results.reviewed_recording import FARTHEST_M, ReviewedRecording, recording_of_run, same_world
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
-SAME_WORLD_M: Final = 0.001
-"""Camera poses closer than this, in every number of the matrix, are of the same world: a metre away from the camera
-a joint then moves by a millimetre or two, less than anybody can place it by hand."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ReviewedRecording:
-    """What corrections are about: a name for people, a hash of depth images and times, and the world by its cameras.
-
-    T_world_camera: (4, 4) by name; None for a camera that was not used for want of a pose. clocks, by name, and the
-    height of the floor: as they were used, so that they need not be found again; none where this is not known.
-    """
-
-    name: str
-    sha256: str
-    T_world_camera: dict[str, np.ndarray | None]
-    clocks: dict[str, Clock] = field(default_factory=dict)
-    floor_height_m: float | None = None
-
-
-def reviewed_recording(
-    name: str,
-    inputs_sha256: Iterable[tuple[str, str]],
-    T_world_camera: dict[str, np.ndarray | None],
-    clocks: dict[str, Clock] | None = None,
-    floor_height_m: float | None = None,
-) -> ReviewedRecording:
-    """inputs_sha256: (path in the recording folder, hash) as in run.json.
-
-    The hash covers depth images and times only: a height added to recording.json does not make it another recording.
-    """
-    lines = sorted(
-        f"{path} {digest}\n"
-        for path, digest in inputs_sha256
-        if path.endswith("/timestamps.csv") or path.split("/")[-2:-1] == ["depth"]
-    )
-    whole = hashlib.sha256()
-    for line in lines:
-        whole.update(line.encode())
-    return ReviewedRecording(name, whole.hexdigest(), T_world_camera, clocks or {}, floor_height_m)
-
-
-def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
-    """The recording and the world of a run.json (``read_run``)."""
-    poses = {
-        camera["name"]: None if camera["camera_to_world"] is None else np.array(camera["camera_to_world"])
-        for camera in run["cameras"]
-    }
-    clocks = {camera["name"]: Clock(**camera["clock"]) for camera in run["cameras"] if camera.get("clock")}
-    floor_m = run.get("floor_height_m")  # older results do not state it
-    return reviewed_recording(run["recording"], run["inputs_sha256"].items(), poses, clocks, floor_m)
-
-
-def poses_of(cameras: Iterable[Camera]) -> dict[str, np.ndarray | None]:
-    """T_world_camera by name, for ``reviewed_recording``."""
-    return {camera.name: camera.T_world_camera for camera in cameras}
-
-
-def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None]) -> bool:
-    """Whether two sets of camera poses, (4, 4) by name, are the same but for rounding."""
-    if a.keys() != b.keys():
-        return False
-    for name, pose in a.items():
-        other = b[name]
-        if pose is None or other is None:
-            if pose is not other:
-                return False
-        elif not np.allclose(pose, other, rtol=0, atol=SAME_WORLD_M):
-            return False
-    return True
-
+CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
 LATEST_FRAME: Final = 2**31 - 1
-FARTHEST_M: Final = 100.0
-
 SUREST_M: Final = 1e-4
 """Least sigma of a corrected joint: nobody places one within a tenth of a millimetre, and less would overflow."""
 
@@ -129,20 +57,13 @@ def _require_near(position_m: np.ndarray) -> tuple[float, ...]:
 
 
 Utc = Annotated[str, AfterValidator(_require_utc)]
+Sha256 = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
 Frame = Annotated[Whole, Field(ge=0, le=LATEST_FRAME, description="the number of a frame")]
 Position = Annotated[
     tuple[float, float, float],
     numbers(3, meaning="x, y and z in metres, world frame"),
     AfterValidator(_require_near),
 ]
-
-
-@dataclass(frozen=True, slots=True)
-class Signature:
-    """Who did something, as a pseudonym or initials, and when (UTC, ISO 8601 with Z)."""
-
-    who: str
-    when: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,16 +130,66 @@ def _subject(entry: Correction) -> tuple[int, str] | str | None:
     return "patient" if isinstance(entry, NamedPatient) else None
 
 
+def _kind_of(value: Any) -> str:
+    """A correction is of a joint where it has the key ``joint``, else of the patient where it has a place."""
+    if not isinstance(value, dict):
+        return "UnusableInterval"
+    return "JointCorrection" if "joint" in value else "NamedPatient" if "position_m" in value else "UnusableInterval"
+
+
+AnyCorrection = Annotated[
+    Annotated[UnusableInterval, Tag("UnusableInterval")]
+    | Annotated[JointCorrection, Tag("JointCorrection")]
+    | Annotated[NamedPatient, Tag("NamedPatient")],
+    Discriminator(_kind_of),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Withdrawal:
+    """A correction that was taken back, by whom (a pseudonym or initials), and when (UTC, ISO 8601 with Z)."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    entry: AnyCorrection
+    who: Text
+    when: Utc
+
+
+def _require_each_once(joints: tuple[JointCorrection, ...]) -> tuple[JointCorrection, ...]:
+    seen = set[tuple[int, str]]()
+    for joint in joints:
+        if (joint.frame, joint.joint) in seen:
+            raise Unfit(f"has {joint.joint} of frame {joint.frame} twice", "keep one of the two")
+        seen.add((joint.frame, joint.joint))
+    return joints
+
+
+EachJointOnce = Annotated[tuple[JointCorrection, ...], AfterValidator(_require_each_once)]
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectionsRecord:
+    """The corrections file as in run.json: name, hash and entries, and a sentence for each that could not be
+    followed."""
+
+    file: str
+    sha256: Sha256
+    unusable: tuple[UnusableInterval, ...]
+    joints: EachJointOnce
+    patient: NamedPatient | None = None
+    not_honoured: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """The corrections that hold, and those that were taken back (by whom, when). patient: None where nobody was
-    named."""
+    """The corrections that hold, and those that were taken back. patient: None where nobody was named."""
 
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
     recording: ReviewedRecording
     unusable: tuple[UnusableInterval, ...] = ()
-    joints: tuple[JointCorrection, ...] = ()
+    joints: EachJointOnce = ()
     patient: NamedPatient | None = None
-    withdrawn: tuple[tuple[Correction, Signature], ...] = ()
+    withdrawn: tuple[Withdrawal, ...] = ()
 
     @property
     def valid(self) -> tuple[Correction, ...]:
@@ -226,29 +197,31 @@ class Corrections:
         return (*self.unusable, *self.joints, *(() if self.patient is None else (self.patient,)))
 
     def added(self, entry: Correction) -> Corrections:
-        """With one more entry; an earlier one about the same joint in the same frame, or about who the patient is, is
-        withdrawn by it."""
+        """Return these with one more entry, which withdraws an earlier one about the same joint in the same frame, or
+        about who the patient is."""
         about = _subject(entry)
         same = [old for old in self.valid if about is not None and _subject(old) == about]
-        by = Signature(entry.who, entry.when)
-        return self._holding(
-            (*(old for old in self.valid if old not in same), entry), (*self.withdrawn, *((old, by) for old in same))
-        )
+        replaced = (Withdrawal(old, entry.who, entry.when) for old in same)
+        return self._holding((*(old for old in self.valid if old not in same), entry), (*self.withdrawn, *replaced))
 
-    def taken_back(self, entry: Correction, by: Signature) -> Corrections:
-        """Without ``entry``, which moves to ``withdrawn``; what it had replaced holds again. Raises ValueError where it
-        does not hold."""
+    def taken_back(self, withdrawal: Withdrawal) -> Corrections:
+        """Return these without an entry, which moves to ``withdrawn``; what it had replaced holds again. Raises
+        ValueError where it does not hold."""
+        entry = withdrawal.entry
         if entry not in self.valid:
             raise ValueError("there is no such correction (any more)")
-        before = self._replaced_by(entry)
+        about = _subject(entry)
+        replaced = [  # the withdrawal, one at most, that ``added`` made for the entry: signed as it is
+            old
+            for old in self.withdrawn
+            if about is not None and (_subject(old.entry), old.who, old.when) == (about, entry.who, entry.when)
+        ][-1:]
         return self._holding(
-            (*(old for old in self.valid if old != entry), *(old for old, _ in before)),
-            (*(pair for pair in self.withdrawn if pair not in before), (entry, by)),
+            (*(old for old in self.valid if old != entry), *(old.entry for old in replaced)),
+            (*(old for old in self.withdrawn if old not in replaced), withdrawal),
         )
 
-    def _holding(
-        self, valid: tuple[Correction, ...], withdrawn: tuple[tuple[Correction, Signature], ...]
-    ) -> Corrections:
+    def _holding(self, valid: tuple[Correction, ...], withdrawn: tuple[Withdrawal, ...]) -> Corrections:
         return Corrections(
             self.recording,
             tuple(entry for entry in valid if isinstance(entry, UnusableInterval)),
@@ -256,14 +229,6 @@ class Corrections:
             next((entry for entry in valid if isinstance(entry, NamedPatient)), None),
             withdrawn,
         )
-
-    def _replaced_by(self, entry: Correction) -> tuple[tuple[Correction, Signature], ...]:
-        """The withdrawal, one at most, that ``added`` made for ``entry``: of what it is about, signed as it is."""
-        about, signed = _subject(entry), Signature(entry.who, entry.when)
-        found = [
-            (old, by) for old, by in self.withdrawn if about is not None and (_subject(old), by) == (about, signed)
-        ]
-        return tuple(found[-1:])
 
 
 def now_utc() -> str:
@@ -277,6 +242,63 @@ def require_recording(path: Path, corrections: Corrections, recording: ReviewedR
     if theirs.sha256 != recording.sha256:
         problem = f"is about another recording ('{theirs.name}', other depth images or times)"
         raise InputError(path, problem, "give the corrections that were made of this recording's results")
-    if not same_world(theirs.T_world_camera, recording.T_world_camera):
+    if not same_world(theirs.poses, recording.poses):
         remedy = "use the calibration that the corrected results were made with, or correct the new results"
         raise InputError(path, "its positions are in another world: the camera poses were different", remedy)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CorrectionsDocument(Corrections):
+    """corrections.json."""
+
+    format: Literal["anchorpose-corrections"]
+    version: Version
+    unusable: tuple[UnusableInterval, ...]
+    joints: EachJointOnce
+
+
+@dataclass(frozen=True, slots=True)
+class _RunPart:
+    """The part of run.json that is about corrections."""
+
+    corrections: CorrectionsRecord | None
+
+
+def corrections_beside(results: Path) -> Path:
+    """``RESULTS.corrections.json``: next to the folder, not in it, so that tracking again does not replace it."""
+    folder = results.resolve()
+    return folder.with_name(f"{folder.name}.corrections.json")
+
+
+def read_corrections(path: Path) -> Corrections:
+    """Read a corrections.json; raises InputError naming the file, the place in it and the remedy."""
+    return read_document(path, CorrectionsDocument)
+
+
+def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
+    """Return the corrections that the results of the run.json at ``path`` were tracked with, none where without: the
+    next review begins with them. Raises InputError where they cannot be used."""
+    held, recording = (
+        validate(path, _RunPart, {"corrections": run.get("corrections")}).corrections,
+        recording_of_run(run),
+    )
+    return Corrections(recording) if held is None else Corrections(recording, held.unusable, held.joints, held.patient)
+
+
+def write_corrections(path: Path, corrections: Corrections) -> None:
+    """Write the whole file or leave it as it was; raises InputError for corrections that could not be read back."""
+    document = {"format": CORRECTIONS_FORMAT, "version": 1, **asdict(corrections)}
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False, default=np.ndarray.tolist)
+    validate(path, CorrectionsDocument, json.loads(text))
+    write_text_whole(path, text + "\n")
+
+
+def parse_correction(path: Path, values: dict[str, Any]) -> Correction:
+    """Return a correction that stands as in the file; raises InputError with the name ``path``."""
+    found: Correction = validate(path, cast("Any", AnyCorrection), values)
+    return found
+
+
+def parse_withdrawal(path: Path, values: dict[str, Any]) -> Withdrawal:
+    """Return a withdrawal that stands as in the file; raises InputError with the name ``path``."""
+    return validate(path, Withdrawal, values)

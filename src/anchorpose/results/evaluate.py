@@ -14,6 +14,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.results.evaluate_confidence import (
+    WRONG_M,
     WrongInView,
     confident_errors,
     distance_m,
@@ -28,10 +29,6 @@ from anchorpose.results.truth import TrueTouch, Truth, read_true_touch, read_tru
 from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 
-OFF_M: Final = 0.15
-"""Farther off than this, a joint says nothing about the patient."""
-
-
 LEAST_SHARE: Final = 0.1
 """Share of the frames that must have a partner, of the results' or of the truth's. Fewer match by chance, as where
 times are in another unit; a truth of every thirtieth frame matches whole."""
@@ -39,7 +36,7 @@ times are in another unit; a truth of every thirtieth frame matches whole."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongestError:
-    """The longest time without a break in which a joint was over ``OFF_M`` off; joint is None if there is none."""
+    """The longest time without a break in which a joint was over ``WRONG_M`` off; joint is None if there is none."""
 
     joint: str | None
     start_s: float | None
@@ -51,7 +48,7 @@ def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
 
     A frame in which the joint is lost ends it. A frame counts for one period of the recording.
     """
-    off = distance_m(joints, truth_m) > OFF_M  # False where either is NaN
+    off = distance_m(joints, truth_m) > WRONG_M  # False where either is NaN
     longest = LongestError(joint=None, start_s=None, seconds=0.0)
     for column, name in enumerate(JOINT_NAMES):
         start_s, seconds = longest_run(off[:, column], joints.time_s)

@@ -20,7 +20,7 @@ CONFIDENT_SIGMAS: Final = 4.0
 """An error beyond this many of a joint's own sigmas: of calibrated axes one in 16 000 is."""
 
 WRONG_M: Final = 0.15
-"""A limb with a joint farther off than this is wrong: half a forearm."""
+"""Farther off than this, half a forearm, a joint says nothing about the patient, and its limb is wrong."""
 
 PLAIN_VIEW: Final = 0.5
 """Least share of a limb's skin that one camera must see for the limb to be in plain view."""
@@ -41,8 +41,7 @@ LIMBS_JUDGED: Final[Mapping[str, np.ndarray]] = {
 
 
 SEEN_SHARE: Final = 0.25
-"""Share of the skin around a joint that one camera must see for the joint to be seen: as the tracker counts it
-(``body.visibility.LEAST_SEEN``)."""
+"""Share of the skin around a joint that one camera must see for the joint to be seen by the truth."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from anchorpose.joints import JOINT_COUNT
-from anchorpose.results.evaluate import OFF_M, ContactEvaluation, ErrorSummary, Evaluation
+from anchorpose.results.evaluate import ContactEvaluation, ErrorSummary, Evaluation
 from anchorpose.results.evaluate_confidence import CONFIDENT_SIGMAS, FAR_M, WRONG_M
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import as_json
@@ -87,9 +87,9 @@ def longest_error_sentence(evaluation: Evaluation) -> str:
     if evaluation.overall.mean_mm is None:
         return "Every joint with a true position was lost in the results: no error is known."
     if off.joint is None:
-        return f"No joint was ever more than {1000 * OFF_M:.0f} mm off."
+        return f"No joint was ever more than {1000 * WRONG_M:.0f} mm off."
     return (
-        f"The longest time in which a joint was more than {1000 * OFF_M:.0f} mm off was {off.seconds:.2f} s: "
+        f"The longest time in which a joint was more than {1000 * WRONG_M:.0f} mm off was {off.seconds:.2f} s: "
         f"{off.joint}, from {off.start_s:.2f} s on."
     )
 

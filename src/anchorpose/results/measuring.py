@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final
@@ -59,7 +58,6 @@ from anchorpose.results.tables import (
     write_posture,
     write_processed_angles,
 )
-from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 from anchorpose.settings import settings
 
@@ -158,84 +156,8 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
     return MeasureResult(tuple(measures), None if processed is None else processed.policy)
 
 
-_SHOWN: Final = {
-    "recorded_time": "recorded",
-    "found_time": "patient found",
-    "unknown_time": "posture not known",
-    "upright_time": "upright",
-    "upright_share": "upright, of the time in which posture is known",
-    "longest_upright_bout": "longest time upright without a break",
-    "sit_to_stand_count": "stood up from sitting",
-    "sit_to_stand_duration_mean": "standing up took, mean",
-    "stand_to_sit_count": "sat down",
-    "stand_to_sit_duration_mean": "sitting down took, mean",
-    "knee_flexion_upright_mean": "knee flexion while upright, mean",
-    "knee_flexion_upright_least": "knee flexion while upright, least",
-    "hip_flexion_upright_mean": "hip flexion while upright, mean",
-    "knee_straight_time": "knee straight while upright (within 10°)",
-    "knee_flexion_difference": "knee flexion, left less right",
-    "load_share": "load on this foot, if standing still",
-    "sway_velocity": "sway, mean velocity",
-    "sway_ellipse_area": "sway, 95 % ellipse",
-    "five_times_sit_to_stand": "five times sit to stand",
-    "functional_reach": "functional reach",
-    "single_leg_stance": "standing on one leg",
-    "step_count": "steps",
-    "assistance_time": "touched by others",
-    "hands_free_upright_time": "upright with nobody's hands on",
-    "hands_on_at_once_most": "most places touched at once",
-}
-"""The measures that are printed, in this order; all others are in measures.parquet."""
-
-SHORT_S: Final = 0.001
-"""Less unknown time than this is rounding."""
-
-_UNIT: Final = {"1": "%", "deg": "°", "count": "", "cm2": "cm²"}
-
-
-def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:
-    """What, value with its 95 % range, share that was inferred, and why there is no value; one row per measure."""
-    rows, lower_bounds = [], _lower_bounds(measures)
-    for name, words in _SHOWN.items():
-        for row in measures:
-            if row.measure == name and not (row.measure == "assistance_time" and row.person and row.part):
-                inferred = "" if row.inferred_share is None else f"{100 * row.inferred_share:.0f} %"
-                at_least = "at least " if row.value is not None and row.measure in lower_bounds else ""
-                rows.append((_label(words, row), at_least + _value(row), inferred, row.why or ""))
-    return rows
-
-
 def processing_sentence(policy: str) -> str:
     """How many joint positions were smoothed, filled and left alone; policy: of ``ProcessedAngles``."""
     counted = json.loads(policy)
     counts = [f"{counted[f'joint_frames_{name}']} {name}" for name in (*PROCESSING, "lost")]
     return f"Of the joint positions of all frames, {', '.join(counts)}."
-
-
-def _lower_bounds(measures: Sequence[Measure]) -> set[str]:
-    """The measures whose true value may be larger, since part of the recording is unknown."""
-    seconds = {row.measure: row.value for row in measures if row.value is not None and row.unit == "s"}
-    found: set[str] = set()
-    if seconds.get("unknown_time", 0.0) > SHORT_S:
-        found |= {"upright_time", "sit_to_stand_count", "stand_to_sit_count"}
-    if seconds.get("recorded_time", 0.0) - seconds.get("found_time", 0.0) > SHORT_S:
-        found |= {"assistance_time"}
-    return found
-
-
-def _label(words: str, row: Measure) -> str:
-    if row.part is not None:
-        return f"  {row.part.replace('_', ' ')}"
-    if row.person is not None:
-        return f"  by {row.person}"
-    return f"{words}, {row.side}" if row.side is not None else words
-
-
-def _value(row: Measure) -> str:
-    if row.value is None:
-        return "unknown"
-    factor = 100.0 if row.unit == "1" else 1.0
-    unit = _UNIT.get(row.unit, row.unit)
-    digits = 0 if row.unit == "count" and float(row.value).is_integer() else 1
-    spread = "" if row.sigma is None else f" ± {NORMAL_95 * factor * row.sigma:.1f}"
-    return f"{factor * row.value:.{digits}f}{spread} {unit}".rstrip()

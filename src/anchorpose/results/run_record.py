@@ -1,31 +1,46 @@
-"""run.json: what a result was made from and with, how long it took, what was left out, and the body that was learnt."""
+"""run.json: what a result was made from and with, how long it took, what was left out, and the body that was learnt.
+
+One set of types says what is written and what may be read. A run.json may have been edited or come from another
+program: keys that are not known are ignored, and keys that have a default here may be missing.
+"""
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field
 
-from anchorpose.recording.recording import Clock
+from anchorpose.body.visibility import PoorDepth, PoorKind
+from anchorpose.errors import InputError
+from anchorpose.isolation.depth_noise import DepthNoise
+from anchorpose.recording.document import LARGEST_WITH_HASHES, FileInFolder, Text, Version, read_json, validate
+from anchorpose.recording.recording_file import CameraPose
 from anchorpose.recording.regular_file import open_regular
-from anchorpose.results.calibration_file import CalibrationUsed
-from anchorpose.results.corrections import JointCorrection, NamedPatient, UnusableInterval
+from anchorpose.recording.timestamps import Seconds
+from anchorpose.results.corrections import CorrectionsRecord, Frame, Sha256
 from anchorpose.results.explained import ExplainedSummary
-from anchorpose.results.poor_intervals import PoorInterval
+from anchorpose.results.reviewed_recording import CameraClock
+from anchorpose.settings import Unfit
 from anchorpose.versions import code_digest, machine, versions
 
-if TYPE_CHECKING:  # what reads results needs no OpenCV
-    from anchorpose.isolation.depth_noise import DepthNoise
-
 RUN_FILE: Final = "run.json"
+
+PICTURES: Final = "pictures"
+"""The folder in the results that holds what the report shows."""
+
+NotNegative = Annotated[float, Field(ge=0, le=1e6)]
+Share = Annotated[float, Field(ge=0, le=1)]
+NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # of depths that noise is stated at
+_is_sha256: Final = re.compile("[0-9a-f]{64}").fullmatch
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +48,9 @@ class BoneRecord:
     """A bone from joint to joint, the same in every frame; refined_m: change of its length by later frames."""
 
     bone: str
-    length_m: float
-    sigma_m: float
-    refined_m: float
+    length_m: NotNegative
+    sigma_m: NotNegative
+    refined_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +62,21 @@ class BodyRecord:
     """
 
     learnt_from_s: float
-    height_m: float  # standing, without clothes and shoes
-    height_sigma_m: float
+    height_m: NotNegative  # standing, without clothes and shoes
+    height_sigma_m: NotNegative
     clothes_m: dict[str, float]  # thickness of each piece
     bones: tuple[BoneRecord, ...]
     coefficients: tuple[float, ...]  # of the body asset's shape space
+
+
+def _require_noise(noise: DepthNoise) -> DepthNoise:
+    """Raise Unfit unless it can be evaluated at any depth."""
+    if not noise.at_m or len(noise.at_m) != len(noise.sigma_at_m):
+        raise Unfit("does not have one sigma per depth", "track the recording again", "sigma_at_m")
+    numbers = (*noise.sigma_at_m, noise.shared_px, *(at_m if at_m > NEAREST_M else -1 for at_m in noise.at_m))
+    if not all(0 <= number <= FARTHEST_READING_M for number in numbers):
+        raise Unfit("has numbers that are no depth, no sigma or no count of pixels", "track the recording again")
+    return noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,19 +84,19 @@ class DepthRecord:
     """What the recording itself shows of a camera's depth: its noise; the step between readings, ``step_per_m z^2``
     at a distance z in metres; how wide edges are."""
 
-    noise: DepthNoise  # older results have noise_per_m, the noise between neighbouring readings over z^2
-    step_per_m: float
-    edge_px: float
+    noise: Annotated[DepthNoise, AfterValidator(_require_noise)]
+    step_per_m: NotNegative
+    edge_px: NotNegative
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraRecord:
     """The pose that was used for a camera, whether it was given or found, and its clock as used."""
 
-    name: str
-    camera_to_world: np.ndarray | None  # (4, 4); None where the camera has no pose and was not used
+    name: Text
+    camera_to_world: CameraPose | None  # (4, 4); None where the camera has no pose and was not used
     source: str  # for example "given", "equipment", "floor"
-    clock: Clock = field(default_factory=Clock)
+    clock: CameraClock | None = None
     depth: DepthRecord | None = None  # None in older results
 
 
@@ -81,7 +106,7 @@ class Residual:
 
     camera: str
     what: str  # for example "equipment, median distance to the model"
-    value: float
+    value: float | None
     unit: str
 
 
@@ -101,7 +126,7 @@ class MatchedShares:
     and in frames that do not show the patient.
     """
 
-    matched_share: tuple[float | None, ...] = ()
+    matched_share: tuple[Share | None, ...] = ()
 
     @property
     def sentences(self) -> list[str]:
@@ -122,8 +147,8 @@ class MatchedShares:
 class DroppedFrame:
     """A frame, or one camera's depth image of it, that was not used, and why."""
 
-    frame: int
-    time_s: float
+    frame: Frame
+    time_s: Seconds
     why: str
 
 
@@ -131,10 +156,27 @@ class DroppedFrame:
 class LostInterval:
     """Frames in a row, both ends included, in which the patient was lost for the same reason."""
 
-    first_frame: int
-    last_frame: int
-    start_s: float
-    end_s: float
+    first_frame: Frame
+    last_frame: Frame
+    start_s: Seconds
+    end_s: Seconds
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class PoorInterval:
+    """Frames in a row, both ends included, in which one camera's depth is too poor for joints for the same reason.
+
+    worst: the largest ``PoorDepth.amount`` of them; why: a sentence without its full stop.
+    """
+
+    camera: str
+    kind: PoorKind
+    first_frame: Frame
+    last_frame: Frame
+    start_s: Seconds
+    end_s: Seconds
+    worst: float
     why: str
 
 
@@ -143,31 +185,27 @@ class PatientRecord:
     """Who was taken to be the patient: the place (x, z, metres) in the initial frame, and why, as the end of a sentence
     that begins with "who"; rival_xz_m: another person who may be the patient."""
 
-    frame: int
+    frame: Frame
     xz_m: tuple[float, float]
     reason: str
-    rival_xz_m: tuple[float, float] | None
+    rival_xz_m: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class CorrectionsRecord:
-    """The corrections file: name, hash and entries, and a sentence for each correction that could not be followed."""
+class CalibrationUsed:
+    """The calibration.json whose poses replaced those of a recording: its name and hash."""
 
     file: str
-    sha256: str
-    unusable: tuple[UnusableInterval, ...]
-    joints: tuple[JointCorrection, ...]
-    patient: NamedPatient | None
-    not_honoured: tuple[str, ...] = ()
+    sha256: Sha256
 
 
 @dataclass(frozen=True, slots=True)
 class PictureRecord:
     """A picture kept for the report, under the results folder."""
 
-    file: str  # relative to the results folder
-    frame: int
-    time_s: float
+    file: FileInFolder  # relative to the results folder
+    frame: Frame
+    time_s: Seconds
     camera: str
     caption: str
     why: str = ""  # why the frame was chosen
@@ -175,16 +213,20 @@ class PictureRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord:
-    """Everything about a run that its tables do not contain."""
+    """Everything about a run that its tables do not contain, in the order of run.json."""
 
-    recording: str  # name of the recording folder, not its path: results travel
-    config: Any  # the resolved configuration, a dataclass of stage configurations
-    inputs_sha256: tuple[tuple[str, str], ...]  # (path in the recording folder, hash)
+    format: Literal["anchorpose-run"] = "anchorpose-run"
+    version: Version = 1
+    versions: dict[str, str] = field(default_factory=dict)  # of this package and its libraries
+    machine: dict[str, Any] = field(default_factory=dict)
+    code: str = ""  # hash of the package's code
+    identity: str = ""  # SHA-256 over inputs, settings, code and libraries: the same one means the same joints
+    recording: Text  # name of the recording folder, not its path: results travel
+    frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
     floor_height_m: float | None = None  # Y of the floor in the world, None where no camera sees it
     residuals: tuple[Residual, ...] = ()
     timings: tuple[StageTiming, ...] = ()
-    frame_count: int = 0
     association: MatchedShares = MatchedShares()
     dropped: tuple[DroppedFrame, ...] = ()
     lost: tuple[LostInterval, ...] = ()
@@ -193,10 +235,12 @@ class RunRecord:
     body: BodyRecord | None = None  # None where the patient was never found
     patient: PatientRecord | None = None  # None where nobody was tracked
     corrections: CorrectionsRecord | None = None
-    pictures: tuple[PictureRecord, ...] = ()
     calibration: CalibrationUsed | None = None  # None where poses are the recording's, or were found
-    identity: str = ""  # SHA-256 over inputs, settings, code and libraries: the same one means the same joints
+    pictures: tuple[PictureRecord, ...] = ()
     notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what needs care
+    config: Any = None  # the resolved configuration, a dataclass of stage configurations
+    inputs_sha256: dict[str, Sha256]  # by the file's path in the recording folder
+    outputs_sha256: dict[str, Sha256] = field(default_factory=dict)  # by the file's path in the results folder
 
 
 def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str) -> None:
@@ -205,9 +249,49 @@ def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str
         return
     last = intervals[-1] if intervals else None
     if last is not None and last.why == why and last.last_frame == frame - 1:
-        intervals[-1] = dataclasses.replace(last, last_frame=frame, end_s=time_s)
+        intervals[-1] = replace(last, last_frame=frame, end_s=time_s)
     else:
         intervals.append(LostInterval(frame, frame, time_s, time_s, why))
+
+
+def note_poor(intervals: list[PoorInterval], frame: int, time_s: float, poor: Sequence[PoorDepth]) -> None:
+    """Take in one more frame: of each camera that is poor in it, the last interval goes on, or a new one begins."""
+    for one in poor:
+        at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], frame, one)), None)
+        before = None if at is None else intervals[at]
+        worst = one.amount if before is None else max(one.amount, before.worst)
+        first, start_s = (frame, time_s) if before is None else (before.first_frame, before.start_s)
+        why = sentence(PoorDepth(one.camera, one.kind, worst))
+        found = PoorInterval(one.camera, one.kind, first, frame, start_s, time_s, worst, why)
+        if at is None:
+            intervals.append(found)
+        else:
+            intervals[at] = found
+
+
+def _goes_on(interval: PoorInterval, frame: int, poor: PoorDepth) -> bool:
+    return (interval.camera, interval.kind, interval.last_frame) == (poor.camera, poor.kind, frame - 1)
+
+
+_WHERE_ONLY: Final = "joints show where the patient is, not the posture"
+
+
+def sentence(poor: PoorDepth) -> str:
+    """For people, without a full stop."""
+    if poor.kind is PoorKind.EDGES:
+        return (
+            f"camera {poor.camera}: edges are drawn out over {1000 * poor.amount:.0f} mm at the patient, "
+            f"more than an arm is thick: {_WHERE_ONLY}"
+        )
+    if poor.kind is PoorKind.STEPS:
+        return (
+            f"camera {poor.camera}: depth has steps of {1000 * poor.amount:.0f} mm at the patient, "
+            f"more than an arm is thick: {_WHERE_ONLY}"
+        )
+    return (
+        f"camera {poor.camera}: {100 * poor.amount:.0f} % of the patient's skin towards it has no usable reading: "
+        f"joints are known by the rest"
+    )
 
 
 def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ...]:
@@ -226,42 +310,43 @@ def output_files(results: Path) -> list[Path]:
 
 
 def write_run_record(path: Path, record: RunRecord) -> None:
-    """Writes run.json, with the hashes of all tables and pictures, which are there already."""
-    document = {
-        "format": "anchorpose-run",
-        "version": 1,
-        "versions": versions(),
-        "machine": machine(),
-        "code": code_digest(),
-        "identity": record.identity,
-        "recording": record.recording,
-        "frame_count": record.frame_count,
-        "cameras": as_json(record.cameras),
-        "floor_height_m": record.floor_height_m,
-        "residuals": as_json(record.residuals),
-        "timings": as_json(record.timings),
-        "association": as_json(record.association),
-        "dropped": as_json(record.dropped),
-        "lost": as_json(record.lost),
-        "poor_depth": as_json(record.poor_depth),
-        "explained": as_json(record.explained),
-        "body": as_json(record.body),
-        "patient": as_json(record.patient),
-        "corrections": as_json(record.corrections),
-        "calibration": as_json(record.calibration),
-        "pictures": as_json(record.pictures),
-        "notes": as_json(record.notes),
-        "config": as_json(record.config),
-        "inputs_sha256": dict(record.inputs_sha256),
-        "outputs_sha256": dict(hash_files(output_files(path.parent), path.parent)),
-    }
-    path.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    """Write run.json, with the hashes of all tables and pictures, which are there already, and of the program."""
+    outputs = dict(hash_files(output_files(path.parent), path.parent))
+    whole = replace(record, versions=versions(), machine=machine(), code=code_digest(), outputs_sha256=outputs)
+    text = json.dumps(as_json(whole), indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def read_run(path: Path) -> dict[str, Any]:
+    """Return the content of a run.json as it stands there, checked against ``RunRecord``.
+
+    Raises InputError for another file, for a value that cannot be used, and for a picture that is not in the results.
+    """
+    run = read_json(path, LARGEST_WITH_HASHES)
+    if run.get("format") != "anchorpose-run":
+        raise InputError(path, "is not a run.json of anchorpose", "give a results folder made by 'anchorpose track'")
+    record = validate(path, RunRecord, _less_sound_hashes(run))
+    inside = path.resolve().parent / PICTURES
+    for index, picture in enumerate(record.pictures):
+        if not (path.parent / picture.file).resolve().is_relative_to(inside):
+            problem = f"pictures[{index}].file is '{picture.file}', not a file in the results' folder {PICTURES}"
+            raise InputError(path, problem, "correct it: the report shows no other files")
+    return run
+
+
+def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
+    """The content without hashes that are sound: the 324,000 of an hour's inputs would cost more than the rest."""
+    hashes = run.get("inputs_sha256")
+    if not isinstance(hashes, dict):
+        return run
+    doubtful = {name: digest for name, digest in hashes.items() if not (isinstance(digest, str) and _is_sha256(digest))}
+    return {**run, "inputs_sha256": doubtful}
 
 
 def as_json(value: Any) -> Any:
     """Dataclasses, arrays, enums and paths as JSON values; a number that is not finite becomes null."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: as_json(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, dict):
         return {str(key): as_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

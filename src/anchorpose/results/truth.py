@@ -12,7 +12,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.recording.regular_file import read_arrays
 from anchorpose.recording.timestamps import FARTHEST_TIME_S
-from anchorpose.results.corrections import FARTHEST_M
+from anchorpose.results.reviewed_recording import FARTHEST_M
 
 _READ = ("joints", "names", "time", "occluded", "seen_share")
 

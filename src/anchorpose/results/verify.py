@@ -14,8 +14,7 @@ from anchorpose.recording.regular_file import is_there
 from anchorpose.results.event_log import LOG_FILE, Event, Log, read_log
 from anchorpose.results.parquet import MEASURE_AGAIN
 from anchorpose.results.records import EPISODES_FILE, MEASURES_FILE
-from anchorpose.results.run_document import read_run
-from anchorpose.results.run_record import RUN_FILE, hash_files, output_files
+from anchorpose.results.run_record import RUN_FILE, hash_files, output_files, read_run
 from anchorpose.results.tables import ANGLES_FILE, POSTURE_FILE, PROCESSED_FILE
 from anchorpose.versions import code_digest, versions
 

@@ -13,11 +13,13 @@ from typing import Any, Final
 from filelock import FileLock, Timeout
 
 from anchorpose.errors import InputError
-from anchorpose.results.corrections import Corrections, now_utc, require_recording
-from anchorpose.results.corrections_file import (
+from anchorpose.results.corrections import (
+    Corrections,
+    now_utc,
     parse_correction,
     parse_withdrawal,
     read_corrections,
+    require_recording,
     write_corrections,
 )
 from anchorpose.results.run_record import as_json
@@ -88,9 +90,9 @@ class CorrectionFile:
     def take_back(self, given: dict[str, Any]) -> Corrections:
         """Moves an ``entry``, given as it stands in the file, to the withdrawn ones, by ``who``; raises InputError, or
         ValueError where there is no such entry."""
-        entry, by = parse_withdrawal(Path("correction"), {**given, "when": now_utc()})
+        withdrawal = parse_withdrawal(Path("correction"), {**given, "when": now_utc()})
         with locked(self.path):
-            after = self.current().taken_back(entry, by)
+            after = self.current().taken_back(withdrawal)
             write_corrections(self.path, after)
         return after
 

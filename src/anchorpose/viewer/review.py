@@ -15,8 +15,7 @@ from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_ex
 from anchorpose.results.frame_table import FrameTable, StoredFrames, open_frames
 from anchorpose.results.frame_time import worst_rows
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
-from anchorpose.results.run_document import read_run
-from anchorpose.results.run_record import RUN_FILE, as_json
+from anchorpose.results.run_record import RUN_FILE, as_json, read_run
 from anchorpose.results.tables import ANCHORS, ANGLES, JOINTS, POSES, AnchorTable, AngleTable, JointTable, PoseTable
 from anchorpose.results.verify import require_own
 from anchorpose.viewer.depth_frames import DepthFrames, open_depth_frames

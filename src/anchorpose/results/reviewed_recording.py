@@ -1,0 +1,127 @@
+"""The recording and the world that corrections are about: a hash of depth images and times, and the camera poses."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Final
+
+import numpy as np
+from pydantic import AfterValidator, ConfigDict, Field
+
+from anchorpose.camera import Camera
+from anchorpose.recording.document import Text
+from anchorpose.recording.recording import Clock
+from anchorpose.recording.recording_file import CameraPose
+from anchorpose.recording.timestamps import FARTHEST_TIME_S
+from anchorpose.settings import STRICT, Unfit
+
+FARTHEST_M: Final = 100.0
+
+LARGEST_DRIFT: Final = 0.1
+"""Seconds per second: the clocks of cameras differ by a thousandth at most."""
+
+
+def _require_clock(clock: Clock) -> Clock:
+    if abs(clock.drift) > LARGEST_DRIFT or max(abs(clock.ahead_s), abs(clock.at_s)) > FARTHEST_TIME_S:
+        raise Unfit("is no clock of a camera", f"write seconds, and a drift of at most {LARGEST_DRIFT:g}")
+    return clock
+
+
+CameraClock = Annotated[Clock, AfterValidator(_require_clock)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReviewedCamera:
+    """A camera with its pose (4, 4), None where it was not used for want of one, and its clock, None where unknown."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    name: Text
+    camera_to_world: CameraPose | None = None
+    clock: CameraClock | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReviewedRecording:
+    """What corrections are about: a name for people, a hash of depth images and times, and the world by its cameras.
+
+    Clocks and the height of the floor are those that were used, so that they need not be found again; None where not
+    known.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    name: Text
+    sha256: Text
+    cameras: tuple[ReviewedCamera, ...]
+    floor_height_m: (
+        Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, description="metres, along the world's Y")] | None
+    ) = None
+
+    @property
+    def poses(self) -> dict[str, np.ndarray | None]:
+        """T_world_camera (4, 4) by the camera's name."""
+        return {camera.name: camera.camera_to_world for camera in self.cameras}
+
+    @property
+    def clocks(self) -> dict[str, Clock]:
+        """Those that are known, by the camera's name."""
+        return {camera.name: camera.clock for camera in self.cameras if camera.clock is not None}
+
+
+def reviewed_recording(
+    name: str,
+    inputs_sha256: Iterable[tuple[str, str]],
+    T_world_camera: dict[str, np.ndarray | None],
+    clocks: dict[str, Clock] | None = None,
+    floor_height_m: float | None = None,
+) -> ReviewedRecording:
+    """Describe a recording; inputs_sha256: (path in the recording folder, hash) as in run.json.
+
+    The hash covers depth images and times only: a height added to recording.json does not make it another recording.
+    """
+    lines = sorted(
+        f"{path} {digest}\n"
+        for path, digest in inputs_sha256
+        if path.endswith("/timestamps.csv") or path.split("/")[-2:-1] == ["depth"]
+    )
+    whole = hashlib.sha256()
+    for line in lines:
+        whole.update(line.encode())
+    cameras = tuple(ReviewedCamera(name, pose, (clocks or {}).get(name)) for name, pose in T_world_camera.items())
+    return ReviewedRecording(name, whole.hexdigest(), cameras, floor_height_m)
+
+
+def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
+    """The recording and the world of a run.json (``read_run``)."""
+    poses = {
+        camera["name"]: None if camera["camera_to_world"] is None else np.array(camera["camera_to_world"])
+        for camera in run["cameras"]
+    }
+    clocks = {camera["name"]: Clock(**camera["clock"]) for camera in run["cameras"] if camera.get("clock")}
+    floor_m = run.get("floor_height_m")  # older results do not state it
+    return reviewed_recording(run["recording"], run["inputs_sha256"].items(), poses, clocks, floor_m)
+
+
+def poses_of(cameras: Iterable[Camera]) -> dict[str, np.ndarray | None]:
+    """T_world_camera by name, for ``reviewed_recording``."""
+    return {camera.name: camera.T_world_camera for camera in cameras}
+
+
+def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None]) -> bool:
+    """Whether two sets of camera poses, (4, 4) by name, are the same but for rounding."""
+    if a.keys() != b.keys():
+        return False
+    for name, pose in a.items():
+        other = b[name]
+        if pose is None or other is None:
+            if pose is not other:
+                return False
+        elif not np.allclose(pose, other, rtol=0, atol=SAME_WORLD_M):
+            return False
+    return True
+
+
+SAME_WORLD_M: Final = 0.001
+"""Camera poses closer than this, in every number of the matrix, are of the same world: a metre away from the camera
+a joint then moves by a millimetre or two, less than anybody can place it by hand."""
