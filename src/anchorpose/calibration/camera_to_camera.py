@@ -22,7 +22,7 @@ from anchorpose.calibration.floor import FloorPlane, NoFloor
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.pairing import pair_frames
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.recording import FrameSet, Recording, depths_of
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
@@ -112,9 +112,7 @@ def place_cameras(
     if frames[-1].time_s - frames[0].time_s < LEAST_SPAN_S:
         return NoCameraToCamera.TOO_SHORT
     views = [
-        level_view(
-            camera, floor, background, [d for frame in frames if (d := frame.depths_m[k]) is not None], config.step_px
-        )
+        level_view(camera, floor, background, depths_of(frames, k), config.step_px)
         for k, (camera, floor, background) in enumerate(zip(cameras, floors, backgrounds_m, strict=True))
     ]
     placed, links, refusal = {0: np.eye(4)}, list[CameraLink](), NoCameraToCamera.NOTHING_COMMON
