@@ -22,7 +22,7 @@ from anchorpose.motion.database_file import load_motions
 from anchorpose.pages.canvas import as_png
 from anchorpose.pages.stage_drawing import draw_model
 from anchorpose.recording.reader import open_recording
-from anchorpose.recording.recording import Recording
+from anchorpose.recording.recording import Recording, depths_of
 from anchorpose.results.calibration_file import write_calibration
 from anchorpose.results.unfinished import begin_journal, end_journal
 from anchorpose.threads import one_thread
@@ -142,7 +142,7 @@ def calibrate_recording(
         calibration = replace(found, poses=records, notes=(*opened.notes, *found.notes))
         write_calibration(folder, opened.folder.resolve().name, calibration)
         for index, camera in enumerate(calibration.cameras):
-            seen = [depth for sample in samples if (depth := sample.depths_m[index]) is not None]
+            seen = depths_of(samples, index)
             background = opened.backgrounds_m[index]
             if background is not None or seen:
                 still = background if background is not None else what_stays(np.stack(seen), noise_per_m(seen))

@@ -22,7 +22,7 @@ from anchorpose.calibration.floor import FloorPlane, NoFloor
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.pairing import pair_frames
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.recording import FrameSet, Recording, depths_of
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
@@ -112,9 +112,7 @@ def place_cameras(
     if frames[-1].time_s - frames[0].time_s < LEAST_SPAN_S:
         return NoCameraToCamera.TOO_SHORT
     views = [
-        level_view(
-            camera, floor, background, [d for frame in frames if (d := frame.depths_m[k]) is not None], config.step_px
-        )
+        level_view(camera, floor, background, depths_of(frames, k), config.step_px)
         for k, (camera, floor, background) in enumerate(zip(cameras, floors, backgrounds_m, strict=True))
     ]
     placed, links, refusal = {0: np.eye(4)}, list[CameraLink](), NoCameraToCamera.NOTHING_COMMON
@@ -152,7 +150,7 @@ def _place(first: LevelView, second: LevelView, rough_clocks: bool) -> SurfaceFi
     to_first = invert_rigid(first.T_level_camera)
     fits = [
         fit
-        for T_first_second in search_ground(first, second, PLACES)
+        for T_first_second in search_ground(first, second)
         if (fit := fit_people(first, second, to_first @ T_first_second @ second.T_level_camera)) is not None
         and fit.common >= LEAST_COMMON
     ]
@@ -169,11 +167,6 @@ def _place(first: LevelView, second: LevelView, rough_clocks: bool) -> SurfaceFi
     return NoCameraToCamera.AMBIGUOUS if others else best
 
 
-def is_credible(fit: SurfaceFit) -> bool:
-    """Whether a fit between cameras with known clocks shows enough in common, and fixes their placement accurately."""
-    return fit.common >= LEAST_COMMON and fit.impossible <= WORST_IMPOSSIBLE and _is_accurate(fit, rough_clocks=False)
-
-
 def _is_accurate(fit: SurfaceFit, rough_clocks: bool) -> bool:
     residual, sigma = (ROUGH_RESIDUAL, ROUGH_SIGMA) if rough_clocks else (1.0, 1.0)
     return (
@@ -187,8 +180,8 @@ def _distance_m(one: SurfaceFit, other: SurfaceFit) -> float:
     return float(np.linalg.norm(one.T_first_second[:3, 3] - other.T_first_second[:3, 3]))
 
 
-def search_ground(first: LevelView, second: LevelView, places: int) -> list[np.ndarray]:
-    """T_first_second (4, 4) between level frames, the best ``places`` placements, best first, all distinct.
+def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
+    """Return T_first_second (4, 4) between level frames of the best ``PLACES`` placements, best first, all distinct.
 
     Two cameras that know the floor differ by a turn about the vertical and a shift over the floor. For every turn, the
     shift at which people stand in the same places at the same times, and the room's walls and furniture too, is found
@@ -207,7 +200,7 @@ def search_ground(first: LevelView, second: LevelView, places: int) -> list[np.n
             shift = [(k if k < size // 2 else k - size) * CELL_M for k in (int(row), int(column))]
             found.append((float(score[row, column]), float(turn), shift[0], shift[1]))
             _erase(score, int(row), int(column))
-    return [_placement(*place[1:]) for place in _distinct(found, places)]
+    return [_placement(*place[1:]) for place in _distinct(found)]
 
 
 def _maps(view: LevelView, turn: float) -> np.ndarray:
@@ -256,7 +249,7 @@ def _erase(score: np.ndarray, row: int, column: int) -> None:
     score[np.ix_(rows, columns)] = -np.inf
 
 
-def _distinct(found: list[tuple[float, float, float, float]], places: int) -> list[tuple[float, float, float, float]]:
+def _distinct(found: list[tuple[float, float, float, float]]) -> list[tuple[float, float, float, float]]:
     kept: list[tuple[float, float, float, float]] = []
     for place in sorted(found, reverse=True):
         near = (
@@ -266,6 +259,6 @@ def _distinct(found: list[tuple[float, float, float, float]], places: int) -> li
         )
         if not any(near):
             kept.append(place)
-        if len(kept) == places:
+        if len(kept) == PLACES:
             break
     return kept

@@ -162,6 +162,7 @@ LEAST_WINDOWS: Final = 2  # that must agree where the signals are not certain
 LEAST_FRAMES: Final = 8  # what a window needs at 4 Hz
 
 DRIFT_SIGMA: Final = 1e-4  # a quartz clock is accurate to 100 parts in a million
+PLACES: Final = 4  # sampled in each tenth of the recording, to find where much moves
 STEP_PX: Final = 8  # every eighth pixel of every eighth row shows how much moves
 APART_S: Final = 0.2  # between the two frames that are compared
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15  # noise; and another surface that appears
@@ -224,17 +225,15 @@ class RoughLag:
 REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # of the first camera against itself
 
 
-def busiest_times(
-    frames: FrameCache, span_s: tuple[float, float], windows: int, places: int
-) -> list[tuple[float, float]]:
-    """(time on the reference clock, how much moves there in m^3) of the busiest place of each of ``windows`` parts.
+def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
+    """Return (time on the reference clock, how much moves there in m^3) of the busiest place of each part.
 
-    Each part of ``span_s`` is sampled at ``places`` places, two frames each; a part without frames has no entry.
+    Each part of ``span_s`` is sampled at ``PLACES`` places, two frames each; a part without frames has no entry.
     """
     edges = np.linspace(*span_s, windows + 1)
     found = []
     for begin_s, end_s in pairwise(edges):
-        sampled = begin_s + (np.arange(places) + 0.5) * (end_s - begin_s) / places
+        sampled = begin_s + (np.arange(PLACES) + 0.5) * (end_s - begin_s) / PLACES
         amount, time_s = max((_motion(frames, time_s), float(time_s)) for time_s in sampled)
         if amount >= 0:
             found.append((time_s, amount))

@@ -15,7 +15,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.calibration.common_view import NORMAL_PX, SurfaceGates, points_with_normals
+from anchorpose.calibration.common_view import NORMAL_PX, SurfaceGates, huber_weights, points_with_normals
 from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
@@ -32,7 +32,6 @@ SAME_SURFACE_M: Final = 0.05  # beyond this it is another surface: a hand in fro
 ONE_SURFACE_M: Final = 0.15  # within four frames; 1.1 m/s at 30 Hz. More is an edge that passes
 LEAST_FACING: Final = 0.3  # cosine between normal and ray in both cameras: flatter ones lose their place
 PATCH_PX: Final = 24  # of the depth image whose mean error is subtracted: 10 cm at 2 m
-HUBER: Final = 1.5  # robust deviations beyond which a residual counts as much as its root
 CHUNK_S: Final = 0.25  # errors of residuals within such a time are correlated
 RATE_GATE: Final = 3.0  # sigmas of the rate's own noise: still surfaces add no evidence and slow the steps
 LEAST_POINTS: Final = 400  # fewer residuals are one hand
@@ -251,8 +250,7 @@ def _normal_equation(look: _LookUp, lag_s: float) -> _Normal:
     patch = look.pixel[index] // width // PATCH_PX * width
     patch += look.pixel[index] % width // PATCH_PX
     residual, rate = (_less_patch_mean(values[same], patch) for values in (found.residual_m, found.rate))
-    spread = float(np.median(np.abs(residual))) / MAD_OF_NORMAL + 1e-6
-    weight = 1.0 / np.maximum(1.0, np.abs(residual) / (HUBER * spread))
+    weight, _ = huber_weights(residual)
     source_s = look.source.time_s
     chunk = ((source_s[look.frame[index]] - source_s[0]) / CHUNK_S).astype(np.int64)
     pull = np.bincount(chunk, weight * rate * residual)

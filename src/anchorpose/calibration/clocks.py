@@ -121,7 +121,6 @@ CONFIRMING: Final = 4  # windows whose lags show whether the time stamps are rig
 AGREEING: Final = 0.75  # of these windows, and of their lags, that have to agree
 APART_S: Final = 0.01  # their scatter: a sixth of the time between frames at 15 per second
 ENOUGH_S: Final = 0.002  # at either end of the recording: 1 mm of a limb that moves by half a metre a second
-PLACES: Final = 4  # sampled in each tenth of the recording, to find where much moves
 SIGNAL_SIGMA_S: Final = 0.03  # of the lags from signals, on simulated clinics
 WORST_SIGMA_S: Final = 0.008  # at either end of the recording: half of the usual time between paired frames
 FLOOR_FRAMES: Final = 9  # of a camera without a background: their median has few people in it
@@ -231,7 +230,7 @@ def estimate_clocks(source: DepthFrames, levels: Sequence[Level | None], config:
     frames = FrameCache(source)
     span_s = (float(frames.times_s[0][0]), float(frames.times_s[0][-1]))
     windows = int(np.clip((span_s[1] - span_s[0]) / WINDOW_S, 1, WINDOWS))
-    busy = busiest_times(frames, span_s, windows, PLACES)
+    busy = busiest_times(frames, span_s, windows)
     times_s = [time_s for first in range(SPREAD) for time_s, _ in busy[first::SPREAD]]
     rough, lags = stamped_lags(frames), list[PairLag]()
     first_s = times_s[:CONFIRMING]

@@ -166,6 +166,12 @@ def points_with_normals(
     return point, normal, seen & flat & facing & (length > 0)
 
 
+def huber_weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return Huber's weights (n,) of residuals, and the robust deviation that they are measured by."""
+    spread = float(np.median(np.abs(residual))) / MAD_OF_NORMAL + 1e-6
+    return 1.0 / np.maximum(1.0, np.abs(residual) / (HUBER * spread)), spread
+
+
 def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> SurfaceFit | None:
     """The turn about the vertical and the shift over the floor, from a first guess that is right in all else.
 
@@ -181,8 +187,7 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
         jacobian = jacobian @ freedom
         if len(residual) < LEAST_PAIRS:
             return None
-        spread = float(np.median(np.abs(residual))) / MAD_OF_NORMAL + 1e-6
-        weight = 1.0 / np.maximum(1.0, np.abs(residual) / (HUBER * spread))
+        weight, spread = huber_weights(residual)
         information = (jacobian * weight[:, None]).T @ jacobian
         if np.linalg.cond(information) > WORST_CONDITION:
             return None
@@ -274,22 +279,8 @@ def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 DISPLACEMENT_GATES_M: Final = (
-    0.4,
-    0.4,
-    0.4,
-    0.4,
-    0.3,
-    0.3,
-    0.3,
-    0.2,
-    0.2,
-    0.2,
-    0.15,
-    0.15,
-    0.1,
-    0.1,
-    0.1,
-)  # a wrong lens leaves 5 cm
+    0.4, 0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.15, 0.1, 0.1, 0.1,
+)  # fmt: skip  # a wrong lens leaves 5 cm
 ROOM_PX, PEOPLE_PX = 6, 3  # every sixth and every third pixel of every such row
 LEAST_SURFACE_PAIRS: Final = 500
 LEAST_SUPPORT: Final = 0.02  # right poses: with less up to 32 mm and 26 mm, else up to 9; without people often 0.001
@@ -340,8 +331,8 @@ def find_displacement(first: LevelView, second: LevelView) -> Displacement | Non
         jacobian, residual, moment = paired_rows(first, second, T, gate)
         if len(residual) < LEAST_SURFACE_PAIRS:
             return None
-        spread = float(np.median(np.abs(residual))) / MAD_OF_NORMAL + 1e-6
-        weight = _halved(1.0 / np.maximum(1.0, np.abs(residual) / (HUBER * spread)), moment > 0)
+        weight, spread = huber_weights(residual)
+        weight = _halved(weight, moment > 0)
         information = (jacobian * weight[:, None]).T @ jacobian
         damping = np.repeat([(10.0 * spread / STEP_RAD) ** 2, (10.0 * spread / STEP_M) ** 2], 3)
         T = moved_by(T, -np.linalg.solve(information + np.diag(damping), jacobian.T @ (weight * residual)))

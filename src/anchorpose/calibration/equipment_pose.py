@@ -11,7 +11,6 @@ import numpy as np
 from anchorpose.calibration.equipment_model import Equipment
 from anchorpose.calibration.equipment_refine import (
     FINE,
-    NOISE_GATE,
     FloorPrior,
     Gate,
     Prediction,
@@ -24,6 +23,7 @@ from anchorpose.calibration.equipment_refine import (
     standing_prior,
 )
 from anchorpose.calibration.equipment_search import search_floor
+from anchorpose.calibration.floor import NOISE_GATE
 from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 

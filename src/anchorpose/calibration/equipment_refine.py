@@ -11,11 +11,10 @@ import numpy as np
 
 from anchorpose.calibration.equipment_model import Equipment, Outline, Rendering
 from anchorpose.calibration.first_frames import what_stays
-from anchorpose.calibration.floor import FloorPlane
+from anchorpose.calibration.floor import NOISE_GATE, FloorPlane
 from anchorpose.camera import Camera, transform_points
 
 MOSTLY: Final = 0.4  # of the frames: an edge pixel of a thin bar reads the bar six times in ten
-NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise, added to each tolerance
 STEADY_ERROR_M: Final = 0.0015  # smooth error of a device, the same in all its frames
 OUTLINE_SIGMA_PX: Final = 0.6  # of one place of the outline: edge pixels often read what is behind
 SURFACE_ROWS_PER_OBSERVATION: Final = 40.0  # neighbouring pixels share the device's error

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.calibration import DoubtSource, PoseDoubt, PoseFigure, PoseRecord, PoseSource
+from anchorpose.calibration.calibration import Calibration, DoubtSource, PoseDoubt, PoseFigure, PoseRecord, PoseSource
 from anchorpose.calibration.equipment_agreement import (
     REMEDY,
     ChooseHeading,
@@ -28,9 +28,9 @@ from anchorpose.calibration.equipment_pose import (
     find_equipment,
     refit,
 )
-from anchorpose.calibration.equipment_refine import NOISE_GATE, FloorPrior, StillView, see_still, standing_prior
+from anchorpose.calibration.equipment_refine import FloorPrior, StillView, see_still, standing_prior
 from anchorpose.calibration.first_frames import noise_per_m, what_stays
-from anchorpose.calibration.floor import FloorPlane, NoFloor, find_floor
+from anchorpose.calibration.floor import NOISE_GATE, FloorPlane, NoFloor, find_floor
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
@@ -208,23 +208,13 @@ def _first_elsewhere(before: _Placed, now: _Placed, frames_m: Sequence[np.ndarra
     return int(np.argmax(later))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EquipmentWorld:
-    """cameras, all with a pose, and one record each; floor_height_m: Y of the floor; notes for people."""
-
-    cameras: tuple[Camera, ...]
-    poses: tuple[PoseRecord, ...]
-    floor_height_m: float
-    notes: tuple[str, ...]
-
-
 def world_from_equipment(
     recording: Recording,
     sample_frames: Sequence[FrameSet],
     config: EquipmentPoseConfig,
     choose_heading: ChooseHeading | None = None,
-) -> EquipmentWorld:
-    """Poses in Gamma_0 of all cameras that have none; given poses are in Gamma_0 already.
+) -> Calibration:
+    """Return poses in Gamma_0 of all cameras that have none; given poses are in Gamma_0 already.
 
     Each camera by itself first; then chi_0's symmetry is resolved between the cameras and by ``choose_heading``, all
     share one floor, and no two may contradict each other. Raises InputError where a pose is not accepted.
@@ -246,7 +236,7 @@ def world_from_equipment(
         records[one.index] = _record(cameras[one.index].name, pose)
     notes += _moved_notes(seen, moves, len(cameras))
     refuse_contradiction(inputs, cameras, seen)
-    return EquipmentWorld(tuple(cameras), tuple(records), prior.height_m, tuple(notes))
+    return Calibration(tuple(cameras), prior.height_m, (), tuple(notes), tuple(records))
 
 
 def _find_in_camera(inputs: EquipmentInputs, index: int) -> SeenEquipment:

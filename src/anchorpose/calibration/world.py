@@ -24,7 +24,7 @@ from anchorpose.calibration.first_frames import USUAL_DISTANCE_M, start_of_patie
 from anchorpose.calibration.floor import FloorPlane, NoFloor, floor_of_room, is_upside_down
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
-from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.recording import FrameSet, Recording, depths_of
 
 TILTED_RAD: Final = 0.035  # two degrees between a measured floor and the world's: a metre away a foot is 3.5 cm off
 WORST_FLOOR_TILT_RAD: Final = 0.07  # four degrees: floors are level to one, lenses bend them by one; the pose is wrong
@@ -96,13 +96,9 @@ def _equipment_world(
 def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[FloorPlane | NoFloor]:
     """The floor that each camera sees in its empty room or, without one, in the sampled frames."""
     return [
-        floor_of_room(camera, recording.backgrounds_m[index], _frames_of(sample_frames, index))
+        floor_of_room(camera, recording.backgrounds_m[index], depths_of(sample_frames, index))
         for index, camera in enumerate(recording.cameras)
     ]
-
-
-def _frames_of(sample_frames: Sequence[FrameSet], index: int) -> list[np.ndarray]:
-    return [depth for frame in sample_frames if (depth := frame.depths_m[index]) is not None]
 
 
 def _upside_down(
@@ -111,7 +107,7 @@ def _upside_down(
     """A doubt about each camera that shows people on a floor above their heads."""
     found = []
     for index, (camera, floor) in enumerate(zip(recording.cameras, floors, strict=True)):
-        if is_upside_down(floor, camera, recording.backgrounds_m[index], _frames_of(sample_frames, index)):
+        if is_upside_down(floor, camera, recording.backgrounds_m[index], depths_of(sample_frames, index)):
             by = "its images" if camera.T_world_camera is None else "its given pose"
             sentence = f"camera {camera.name} is upside down: by {by}, people stand on a floor above it"
             found.append(PoseDoubt(DoubtSource.UPSIDE_DOWN, (camera.name,), sentence, float("nan"), True))

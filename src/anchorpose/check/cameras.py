@@ -9,12 +9,12 @@ import numpy as np
 from anchorpose.calibration.calibration import Calibration, DoubtSource, FloorResidual, PoseDoubt, PoseSource
 from anchorpose.calibration.clocks import clock_notes
 from anchorpose.calibration.world import TILTED_RAD, WORST_FLOOR_TILT_RAD
-from anchorpose.check.material import Finding, Level, Material, OfCamera, level_of, of_cameras
+from anchorpose.check.material import ENOUGH_HZ, Finding, Level, Material, OfCamera, level_of, of_cameras
 from anchorpose.recording.pairing import OFF_BEAT, CameraGaps, find_gaps, off_beat
 from anchorpose.recording.recording import DepthStream
 from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy_of
 
-SLOW_HZ, TOO_SLOW_HZ = 14.5, 5.0  # the guide asks for 15 to 30, which recorders just miss; at 5 people move by a step
+TOO_SLOW_HZ: Final = 5.0  # people move by a step from one frame to the next
 SOME_MISSING, MANY_MISSING = 0.05, 0.25  # gaps of single frames are bridged; a quarter lost halves the rate in places
 SHORT_S: Final = 4.0  # the patient's body is learnt from so much
 SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5  # off the beat: a hand at 2 m/s is then 2 cm elsewhere at 30 Hz
@@ -45,7 +45,7 @@ def _frames(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
     span_s = float(stream.time_s[-1] - stream.time_s[0])
     total = gaps.usable + gaps.dropped + gaps.duplicates
     lost = level_of((gaps.dropped + gaps.duplicates) / total, SOME_MISSING, MANY_MISSING)
-    slow = level_of(-rate_hz, -SLOW_HZ, -TOO_SLOW_HZ)
+    slow = level_of(-rate_hz, -ENOUGH_HZ, -TOO_SLOW_HZ)
     short = Level.YELLOW if span_s < SHORT_S else Level.GREEN
     measured = "a single one"
     if len(stream.time_s) > 1:

@@ -20,7 +20,7 @@ from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.pairing import nominal_period_s, pair_frames
 from anchorpose.recording.reader import frame_range, read_frame
-from anchorpose.recording.recording import DepthStream, FrameSet, Recording, align_clocks
+from anchorpose.recording.recording import DepthStream, FrameSet, Recording, align_clocks, depths_of
 from anchorpose.tracker.bystanders import ordinary_body, person_evidence, rough_body
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.look import Look
@@ -144,7 +144,7 @@ class Material:
     def by_camera(self) -> Iterator[tuple[Camera, list[np.ndarray]]]:
         """Each camera with its sampled depth images (height, width), metres, 0 = no reading; none may be left."""
         for index, camera in enumerate(self.cameras):
-            yield camera, [depth for sample in self.samples if (depth := sample.depths_m[index]) is not None]
+            yield camera, depths_of(self.samples, index)
 
     def successive_of(self, index: int) -> list[tuple[np.ndarray, np.ndarray]]:
         """One camera's depth images of ``successive``, where it has both."""

@@ -5,7 +5,7 @@ What is stated about the patient is optional, and none of it is copied into resu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal, overload
@@ -128,6 +128,11 @@ class FrameSet:
     depths_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading; None = none
     taken_s: tuple[float | None, ...] = ()  # one per camera: when its depth image was taken, reference clock
     problems: tuple[str, ...] = ()  # one sentence for each depth image that exists and cannot be used
+
+
+def depths_of(frames: Iterable[FrameSet], camera: int) -> list[np.ndarray]:
+    """Return the depth images of one camera, without the frames that have none."""
+    return [depth for frame in frames if (depth := frame.depths_m[camera]) is not None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
