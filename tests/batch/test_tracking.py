@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from anchorpose.batch.sessions import find_sessions
-from anchorpose.batch.table import SESSIONS
+from anchorpose.batch.summary import SESSIONS
 from anchorpose.batch.tracking import done_identity, track_session
 from anchorpose.cli import main
 from anchorpose.cli.track import TrackOptions

@@ -14,10 +14,10 @@ from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES, Pose, moving_bones
 from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.exports.bvh_skeleton import skeleton_of_joints
+from anchorpose.exports.bvh import skeleton_of_joints
+from anchorpose.exports.exporting import export_results
 from anchorpose.exports.formats import ExportConfig, Format
 from anchorpose.exports.opensim_coordinates import joint
-from anchorpose.exports.run import export_results
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.results.tables import POSES_FILE, BodyPose, write_poses
 from anchorpose.rotations import rotation_matrices

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.exports import c3d, csv_tables
+from anchorpose.exports.exporting import export_results
 from anchorpose.exports.formats import STATES, ExportConfig, Format, rounded_text
-from anchorpose.exports.run import export_results
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results import frame_time
 from anchorpose.results.records import CONTACTS_FILE, Contact, write_contacts

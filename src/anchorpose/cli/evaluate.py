@@ -133,7 +133,7 @@ def print_comparison(comparison: Comparison) -> None:
     """How the recordings lie, and the main figures as a table."""
     from rich.table import Table
 
-    from anchorpose.agreement.page import DIFFERENCE_HEAD, DISTANCE_HEAD, angle_rows, distance_rows
+    from anchorpose.agreement.evaluation_page import DIFFERENCE_HEAD, DISTANCE_HEAD, angle_rows, distance_rows
     from anchorpose.agreement.writing import alignment_sentences
 
     for match in comparison.matches:

@@ -26,7 +26,7 @@ def reliability(sessions: Path, /, *, out: Annotated[Path | None, Parameter(name
     """
     from rich.table import Table
 
-    from anchorpose.agreement.sessions import reliability_text, session_reliability
+    from anchorpose.agreement.reliability import reliability_text, session_reliability
     from anchorpose.results.folder import write_text_whole
 
     rows = session_reliability(sessions)
