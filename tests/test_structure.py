@@ -78,7 +78,6 @@ OPENS_ITSELF = {
     "research/experiment/plan.py": "results that the experiment stored",
     "research/experiment/run.py": "movements that the experiment stored",
     "research/experiment/pictures/album.py": "an account that the experiment stored",
-    "exports/c3d_frames.py": "the file that it is writing",
     "simulate/write.py": "copies of images that were just written",
     "batch/worker.py": "the answer of a process that it started",
 }

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -19,7 +17,6 @@ from anchorpose.exports.formats import ExportConfig, Product, Samples, Source, r
 from anchorpose.exports.opensim_coordinates import joint, pelvis_axes, rotations_deg, torso_axes
 from anchorpose.exports.regular_time import Interpolation, RegularSamples, regular_samples, stretch_name, stretches_of
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.frame_time import blocks
 from anchorpose.results.tables import POSES_FILE, read_poses
 from anchorpose.rotations import unit
 
@@ -54,16 +51,15 @@ class Node:
     """A node of the hierarchy over all frames.
 
     parent: its index in the list of nodes, -1 for the root. offset_m (3,) from the parent's node in the parent's axes;
-    end_m (3,): what the node points to, in its own axes. axes: gives (r, 3, 3), its rotation in the world in some rows
-    of the n frames, NaN where it is unknown; the identity is the rest pose of the body asset. All of all nodes would
-    fill the memory in an hour.
+    end_m (3,): what the node points to, in its own axes. axes (n, 3, 3): its rotation in the world in each frame, NaN
+    where it is unknown; the identity is the rest pose of the body asset.
     """
 
     name: str
     parent: int
     offset_m: np.ndarray
     end_m: np.ndarray
-    axes: Callable[[slice], np.ndarray]
+    axes: np.ndarray
 
 
 def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
@@ -74,23 +70,17 @@ def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
     """
     rest = shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None]
     nodes, index = list[Node](), dict[str, int]()
-    nodes.append(Node(ROOT, -1, np.zeros(3), np.zeros(3), lambda rows: pelvis_axes(position_m[rows])))
+    nodes.append(Node(ROOT, -1, np.zeros(3), np.zeros(3), pelvis_axes(position_m)))
     index[ROOT] = 0
     for name, (above, at, to) in _TREE.items():
         parent, points = nodes[index[above]], _along(rest, at, to)[0]
-        axes = partial(_swung, position_m, (at, to), points, None if name == "SpineMid" else parent)
+        start = torso_axes(position_m) if name == "SpineMid" else parent.axes
+        axes = (
+            _swing(start @ points, _along(position_m, at, to)) @ start
+        )  # the shortest way from the parent's direction
         nodes.append(Node(name, index[above], parent.end_m, points * _length(position_m, at, to), axes))
         index[name] = len(index)
     return nodes
-
-
-def _swung(
-    position_m: np.ndarray, bone: tuple[str, str], points: np.ndarray, parent: Node | None, rows: slice
-) -> np.ndarray:
-    """(r, 3, 3) axes in which the bone points along ``points`` (3,), by the shortest way from the parent's; None: from
-    those of the torso."""
-    start = torso_axes(position_m[rows]) if parent is None else parent.axes(rows)
-    return _swing(start @ points, _along(position_m[rows], *bone)) @ start
 
 
 def _along(position_m: np.ndarray, start: str, end: str) -> np.ndarray:
@@ -139,14 +129,9 @@ def skeleton_of_poses(
             offset = _middle(poses.quaternion[:, parent], head_m - poses.head_m[:, parent].astype(np.float64))
         if name in _ENDS:
             end = _middle(poses.quaternion[:, row], joint(recorded.position_m, _ENDS[name]) - head_m)
-        axes = partial(_turned, poses.quaternion[:, row], interpolation)
+        axes = _matrices(_mixed(poses.quaternion[:, row], interpolation))
         nodes.append(Node(name, parent, offset, end, axes))
     return nodes, interpolation.values(poses.head_m[:, 0].astype(np.float64))
-
-
-def _turned(quaternion: np.ndarray, interpolation: Interpolation, rows: slice) -> np.ndarray:
-    """(r, 3, 3) a bone's axes at some of the grid times, from its quaternions (n, 4)."""
-    return _matrices(_mixed(quaternion, interpolation.rows(rows)))
 
 
 def _parent(name: str) -> int:
@@ -195,12 +180,8 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
     regular = regular_samples(source.samples)
     from_poses = (source.folder / POSES_FILE).exists()
     nodes, root_m = _skeleton(source, regular, from_poses)
-    known = np.empty((len(root_m), len(nodes)), dtype=bool)
-    for rows in blocks(len(root_m)):
-        placed = np.isfinite(root_m[rows]).all(axis=1)
-        for place, node in enumerate(nodes):
-            known[rows, place] = np.isfinite(node.axes(rows)).all(axis=(1, 2)) & placed
-    stretches = stretches_of(known)
+    known = np.stack([np.isfinite(node.axes).all(axis=(1, 2)) for node in nodes], axis=1)
+    stretches = stretches_of(known & np.isfinite(root_m).all(axis=1)[:, None])
     if not stretches.runs or not stretches.kept[0]:
         raise AnchorposeError("No two frames in a row have the joints that a BVH needs; export with --to csv instead.")
     kept = [place for place, keep in enumerate(stretches.kept) if keep]
@@ -217,13 +198,13 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
         "of frames in which all the others are known is a file of its own",
         counts=(
             ("files", len(stretches.runs)), ("frames", frames),
-            ("frames_left_out", len(regular.time_s) - frames), ("rate_hz", regular.rate_hz),
+            ("frames_left_out", len(regular.samples.time_s) - frames), ("rate_hz", regular.rate_hz),
         ),
         notes=(
             "Turns are those of the learnt body (poses.parquet)." if from_poses else
             "Turns are made from joint centres; a turn about a bone's own long axis is not in them.",
             *(f"{stretch_name(STEM, '.bvh', number, len(stretches.runs))} begins at "
-              f"{float(regular.time_s[first])!r} s." for number, (first, _) in enumerate(stretches.runs)),
+              f"{float(regular.samples.time_s[first])!r} s." for number, (first, _) in enumerate(stretches.runs)),
             f"Left out for want of joints: {', '.join(left_out) or 'nothing'}.",
         ),
     )  # fmt: skip
@@ -239,24 +220,16 @@ def write_bvh_file(
     for number, place in enumerate(order, 1):
         values[:, 3 * number : 3 * number + 3] = _turns_deg(nodes, place, rows)
     head = ["HIERARCHY", *lines, "MOTION", f"Frames: {len(values)}", f"Frame Time: {1.0 / rate_hz:.9f}"]
-    body = (
-        [rounded_text(value, DIGITS, "") for value in row]
-        for some in blocks(len(values))
-        for row in values[some].tolist()
-    )
+    body = ([rounded_text(value, DIGITS, "") for value in row.tolist()] for row in values)
     write_rows(path, " ", ([line] for line in head), body)
 
 
 def _turns_deg(nodes: list[Node], place: int, rows: slice) -> np.ndarray:
     """(r, 3) about Z, X and Y, in the axes of the parent, without jumps by 360 degrees."""
-    turns = np.empty((rows.stop - rows.start, 3))
-    for some in blocks(len(turns)):
-        chosen, node = slice(rows.start + some.start, rows.start + some.stop), nodes[place]
-        axes = node.axes(chosen)
-        if node.parent >= 0:
-            axes = np.einsum("nji,njk->nik", nodes[node.parent].axes(chosen), axes)
-        turns[some] = np.stack(rotations_deg(axes), axis=1)
-    return np.unwrap(turns, period=360.0, axis=0)
+    node, axes = nodes[place], nodes[place].axes[rows]
+    if node.parent >= 0:
+        axes = np.einsum("nji,njk->nik", nodes[node.parent].axes[rows], axes)
+    return np.unwrap(np.stack(rotations_deg(axes), axis=1), period=360.0, axis=0)
 
 
 def _skeleton(source: Source, regular: RegularSamples, from_poses: bool) -> tuple[list[Node], np.ndarray]:

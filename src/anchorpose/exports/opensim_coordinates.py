@@ -19,10 +19,8 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.formats import CoordinateModel, ExportConfig, Product, Source, rounded_text, write_rows
 from anchorpose.exports.regular_time import near_in_time, stretch_name, stretches_of
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.frame_table import open_frames
-from anchorpose.results.frame_time import blocks
 from anchorpose.results.kinematics.joint_angles import SOLE_SLOPE_DEG, knee_flexion
-from anchorpose.results.tables import POSES, POSES_FILE, PoseTable
+from anchorpose.results.tables import POSES_FILE, PoseTable, read_poses
 from anchorpose.rotations import unit
 
 SIDES: Final = (("Right", "r", 1), ("Left", "l", -1))
@@ -104,25 +102,19 @@ class HingeAxes:
     knee: np.ndarray
     elbow: np.ndarray
 
-    def rows(self, rows: slice) -> HingeAxes:
-        """Those of some frames."""
-        return HingeAxes(self.knee[rows], self.elbow[rows])
-
 
 def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
     """From poses.parquet; None where there is none. Raises InputError where its frames are not ``frame`` (n,)."""
     if not path.exists():
         return None
-    poses = open_frames(POSES, path)
+    poses = read_poses(path)
     if not np.array_equal(poses.frame, frame):
         raise InputError(path, "has other frames than joints.parquet", "track the recording again")
     knee, elbow = np.empty((len(frame), len(SIDES), 3)), np.empty((len(frame), len(SIDES), 3))
-    for rows in blocks(len(frame)):
-        some = poses.rows(rows.start, rows.stop)
-        for index, (side, _, _) in enumerate(SIDES):
-            # our knee bends about an axis to the left, OpenSim's about one to the right
-            knee[rows, index] = -_axis(some, f"{side}UpLeg", f"{side}Leg")
-            elbow[rows, index] = _axis(some, f"{side}Arm", f"{side}ForeArm")
+    for index, (side, _, _) in enumerate(SIDES):
+        # our knee bends about an axis to the left, OpenSim's about one to the right
+        knee[:, index] = -_axis(poses, f"{side}UpLeg", f"{side}Leg")
+        elbow[:, index] = _axis(poses, f"{side}Arm", f"{side}ForeArm")
     return HingeAxes(knee, elbow)
 
 
@@ -230,7 +222,7 @@ DIGITS: Final = 6  # after the point: micrometres, and millionths of a degree
 def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     """motion.mot, or one file for each stretch without a gap; raises AnchorposeError where there is no such stretch."""
     hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)
-    coordinates = _coordinates(source.samples.position_m, config.model, hinges)
+    coordinates = opensim_coordinates(source.samples.position_m, config.model, hinges)
     stretches = stretches_of(np.isfinite(coordinates.values), near_in_time(source.samples.time_s))
     if not stretches.runs:
         raise AnchorposeError("No two frames in a row have the joints that a MOT needs; export with --to csv instead.")
@@ -257,15 +249,6 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     )
 
 
-def _coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None) -> Coordinates:
-    """``opensim_coordinates``, some frames at a time."""
-    some = [
-        opensim_coordinates(position_m[rows], model, None if hinges is None else hinges.rows(rows))
-        for rows in blocks(len(position_m))
-    ]
-    return Coordinates(some[0].names, np.concatenate([each.values for each in some]))
-
-
 def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
     """Values (n, c) in which no angle jumps by 360 degrees, as it would where a patient turns past -X.
 
@@ -281,8 +264,7 @@ def write_mot_file(path: Path, time_s: np.ndarray, names: tuple[str, ...], value
     """Writes the file; values (n, c) without NaN."""
     head = [path.stem, "version=1", f"nRows={len(time_s)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "endheader"]
     body = (
-        [repr(float(time)), *(rounded_text(value, DIGITS, "") for value in row)]
-        for rows in blocks(len(time_s))
-        for time, row in zip(time_s[rows], values[rows].tolist(), strict=True)
+        [repr(float(time)), *(rounded_text(value, DIGITS, "") for value in row.tolist())]
+        for time, row in zip(time_s, values, strict=True)
     )
     write_rows(path, "\t", ([line] for line in head), [["time", *names]], body)

@@ -23,7 +23,6 @@ from anchorpose.exports.formats import (
 from anchorpose.exports.opensim_model import OSIM_VERSION, as_text, measure_body, model_xml
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, runs_where, stretch_name, stretches_of
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.frame_time import blocks
 
 TRC_FILE: Final = "joints.trc"
 
@@ -37,8 +36,8 @@ MICROMETRES: Final = 6  # digits after the point, in metres
 def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
     """joints.trc, and beside it the files with which OpenSim works on it."""
     regular = regular_samples(source.samples)
-    write_rows(folder / TRC_FILE, "\t", trc_head(regular), trc_body(regular))
     samples = regular.samples
+    write_rows(folder / TRC_FILE, "\t", trc_head(regular), trc_body(samples))
     notes = write_osim_files(folder, TRC_FILE, samples, config.model)
     return Product(
         axes="OpenSim's and ours: X forward, Y up, Z to the patient's right",
@@ -46,7 +45,7 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
         time=str(regular.base),
         missing=f"{MISSING} in all three cells of a marker; OpenSim's inverse kinematics leaves such a marker out",
         counts=(
-            ("frames", len(regular.time_s)),
+            ("frames", len(samples.time_s)),
             ("rate_hz", regular.rate_hz),
             ("recorded_frames", int(regular.interpolation.recorded.sum())),
             ("missing_markers", int(np.isnan(samples.position_m[..., 0]).sum())),
@@ -57,7 +56,7 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 def trc_head(regular: RegularSamples) -> list[list[str]]:
     """The lines before the frames."""
-    rate, count = number_text(regular.rate_hz), len(regular.time_s)
+    rate, count = number_text(regular.rate_hz), len(regular.samples.time_s)
     markers = range(1, len(JOINT_NAMES) + 1)
     return [
         ["PathFileType", "4", "(X/Y/Z)", TRC_FILE],
@@ -70,13 +69,10 @@ def trc_head(regular: RegularSamples) -> list[list[str]]:
     ]  # fmt: skip
 
 
-def trc_body(regular: RegularSamples) -> Iterator[list[str]]:
+def trc_body(samples: Samples) -> Iterator[list[str]]:
     """One line per frame, times as recorded where they are regular."""
-    for rows in blocks(len(regular.time_s)):
-        samples = regular.part(rows).samples
-        places = samples.position_m.reshape(len(samples.time_s), -1).tolist()
-        for row, time_s, place in zip(range(rows.start, rows.stop), samples.time_s.tolist(), places, strict=True):
-            yield [str(row + 1), repr(time_s), *(rounded_text(x, MICROMETRES, MISSING) for x in place)]
+    for number, (time_s, place) in enumerate(zip(samples.time_s.tolist(), samples.position_m, strict=True), 1):
+        yield [str(number), repr(time_s), *(rounded_text(x, MICROMETRES, MISSING) for x in place.ravel().tolist())]
 
 
 SCALED_MODEL: Final = "scaled.osim"
