@@ -64,11 +64,11 @@ OPENING = {
 OPENS_ITSELF = {
     "recording/regular_file.py": "the one place",
     "results/parquet.py": "pyarrow, of a path that refuse_unreadable asked about",
-    "batch/table.py": "pyarrow, of a path that refuse_unreadable asked about, and of a table that was just written",
+    "batch/summary.py": "pyarrow, of a path that refuse_unreadable asked about, and of a table that was just written",
     "research/benchmark/answers.py": "pyarrow, of a file that open_regular opened",
     "research/benchmark/truth.py": "np.loadtxt, of a text that read_text read",
     "sources/bag_file.py": "SQLite, of a path whose first bytes open_regular read",
-    "agreement/c3d_file.py": "ezc3d, of a path that require_regular asked about",
+    "agreement/captured.py": "ezc3d, of a path that require_regular asked about",
     "live/recorder.py": "copies of files that require_regular asked about",
     "research/benchmark/make.py": "a file of the package, and copies of images that were just written",
     "body/asset.py": "a file of the package",
@@ -78,7 +78,6 @@ OPENS_ITSELF = {
     "research/experiment/plan.py": "results that the experiment stored",
     "research/experiment/run.py": "movements that the experiment stored",
     "research/experiment/pictures/album.py": "an account that the experiment stored",
-    "exports/c3d_frames.py": "the file that it is writing",
     "simulate/write.py": "copies of images that were just written",
     "batch/worker.py": "the answer of a process that it started",
 }
@@ -195,7 +194,7 @@ def test_every_input_is_opened_as_a_regular_file() -> None:
         if isinstance(node, ast.Call) and opens_a_file(node)
     }
     assert {name: call for name, call in found.items() if name not in OPENS_ITSELF} == {}
-    assert set(OPENS_ITSELF) - set(found) == {"agreement/c3d_file.py"}  # ezc3d: the same name makes a new file
+    assert set(OPENS_ITSELF) - set(found) == {"agreement/captured.py"}  # ezc3d: the same name makes a new file
 
 
 @pytest.mark.parametrize("call", ["open(x)", "x.open()", "x.open('rb')", "x.read_bytes()", "np.load(x)", "os.open(x)"])

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from anchorpose.agreement.captured import read_captured
 from anchorpose.agreement.joint_centres import (
     HipCentre,
     functional_centre,
     harrington_hip,
+    known_marking,
     other_side,
     pelvis_frame,
 )
-from anchorpose.agreement.labels import known_marking
-from anchorpose.agreement.reading import read_captured
 from anchorpose.agreement.reference import read_reference
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX

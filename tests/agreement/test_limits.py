@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anchorpose.agreement.limits import limits_of_agreement
+from anchorpose.agreement.statistics import limits_of_agreement
 
 CARDIAC_OUTPUT = """
 1 7.83 6.57 7.42 5.62 7.89 6.90 7.12 6.57 7.88 6.35

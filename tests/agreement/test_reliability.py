@@ -8,8 +8,14 @@ import importlib
 import numpy as np
 import pytest
 
-from anchorpose.agreement.reliability import MeanSquares, absolute_agreement, consistency, mean_squares, reliability_of
-from anchorpose.agreement.sessions import session_reliability
+from anchorpose.agreement.reliability import (
+    MeanSquares,
+    absolute_agreement,
+    consistency,
+    mean_squares,
+    reliability_of,
+    session_reliability,
+)
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 

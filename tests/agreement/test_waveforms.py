@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from anchorpose.agreement.waveforms import calibration_error, coverage_95, range_of, waveform_correlation
+from anchorpose.agreement.statistics import calibration_error, coverage_95, range_of, waveform_correlation
 
 WAVE = np.sin(np.linspace(0, 6 * np.pi, 400))
 

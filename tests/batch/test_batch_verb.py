@@ -10,7 +10,7 @@ import pytest
 from recording_builder import write_recording
 from report_builder import squats, write_session
 
-from anchorpose.batch.table import MEASURES, SESSIONS
+from anchorpose.batch.summary import MEASURES, SESSIONS
 from anchorpose.batch.worker import Outcome
 from anchorpose.cli import main
 
@@ -136,8 +136,10 @@ def test_an_outcome_that_cannot_be_noted_ends_nothing(tmp_path: Path, monkeypatc
     def full(out: Path, outcome: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("anchorpose.batch.run.note_outcome", full)
-    monkeypatch.setattr("anchorpose.batch.run.run_jobs", lambda jobs, place: [Outcome(jobs[0].name, "a is broken.")])
+    monkeypatch.setattr("anchorpose.batch.tracking.note_outcome", full)
+    monkeypatch.setattr(
+        "anchorpose.batch.tracking.run_jobs", lambda jobs, place: [Outcome(jobs[0].name, "a is broken.")]
+    )
     write_recording(tmp_path / "a", frames=2)
     assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "out")]) == 1
     (row,) = SESSIONS.read(tmp_path / "out" / SESSIONS.file)

@@ -16,14 +16,12 @@ from threading import Thread
 
 import batch_stub
 import pytest
-from anchorpose.cli.track_verbs import TrackOptions
 from distributed import Client, LocalCluster
 
-from anchorpose.batch import cluster as place_of_work
-from anchorpose.batch import engine, run
-from anchorpose.batch.cluster import Place, connected
-from anchorpose.batch.engine import Job, run_jobs
+from anchorpose.batch import cluster, tracking
+from anchorpose.batch.cluster import Job, Place, connected, run_jobs
 from anchorpose.batch.sessions import find_sessions
+from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.errors import AnchorposeError, MissingPackage
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
@@ -65,7 +63,7 @@ def known_client(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Client]]:
             seen.append(client)
             yield client
 
-    monkeypatch.setattr(engine, "connected", noted)
+    monkeypatch.setattr(cluster, "connected", noted)
     yield seen
 
 
@@ -140,12 +138,12 @@ def test_four_real_sessions_on_two_workers_are_all_done_though_a_worker_is_kille
             kill_a_worker(clients[0], name)
             wait_until(lambda name=name: len(lines(tmp_path / name)) == 2, patience_s)
 
-    monkeypatch.setattr(run, "track_session", partial(batch_stub.track_counted, tmp_path))
+    monkeypatch.setattr(tracking, "track_session", partial(batch_stub.track_counted, tmp_path))
     with known_client(monkeypatch) as clients:
         thread = Thread(target=disturb, args=(clients,), daemon=True)
         thread.start()
         sessions = find_sessions([str(tmp_path / "in" / name) for name in names], TrackOptions())
-        rows = run.run_batch(sessions, out, Place(workers=2), lambda done, total: None)
+        rows = tracking.run_batch(sessions, out, Place(workers=2), lambda done, total: None)
         thread.join()
     assert [(row.session, row.state) for row in rows] == [(name, "done") for name in names]
     assert [len(lines(tmp_path / name)) for name in names] == [2, 2, 1, 1]
@@ -188,7 +186,7 @@ def test_a_scheduler_that_runs_is_used_and_left_running(tmp_path: Path) -> None:
 
 
 def test_a_scheduler_that_does_not_answer_is_one_sentence(monkeypatch) -> None:
-    monkeypatch.setattr(place_of_work, "CONNECT_S", 1.0)
+    monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
     with pytest.raises(AnchorposeError, match=r"No scheduler answers at tcp://127\.0\.0\.1:9"):
         list(run_jobs([Job("a", print)], Place(scheduler="tcp://127.0.0.1:9")))
 
@@ -199,5 +197,5 @@ def test_a_scheduler_that_is_no_address_is_refused() -> None:
 
 
 def test_without_jobs_nothing_is_started(monkeypatch) -> None:
-    monkeypatch.setattr(engine, "connected", None)
+    monkeypatch.setattr(cluster, "connected", None)
     assert list(run_jobs([], Place())) == []

@@ -9,8 +9,7 @@ from pathlib import Path
 import batch_stub
 import pytest
 
-from anchorpose.batch.cluster import SLURM, Place
-from anchorpose.batch.engine import Job, run_jobs
+from anchorpose.batch.cluster import SLURM, Job, Place, run_jobs
 from anchorpose.errors import AnchorposeError
 
 SBATCH = """#!/bin/sh

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
-from anchorpose.cli.track_verbs import TrackOptions
 
 from anchorpose.batch.sessions import find_sessions
-from anchorpose.batch.table import SESSIONS
+from anchorpose.batch.summary import SESSIONS
 from anchorpose.batch.tracking import done_identity, track_session
 from anchorpose.cli import main
+from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 

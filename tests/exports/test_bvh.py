@@ -14,10 +14,10 @@ from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES, Pose, moving_bones
 from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.exports.bvh_skeleton import skeleton_of_joints
+from anchorpose.exports.bvh import skeleton_of_joints
+from anchorpose.exports.exporting import export_results
 from anchorpose.exports.formats import ExportConfig, Format
 from anchorpose.exports.opensim_coordinates import joint
-from anchorpose.exports.run import export_results
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.results.tables import POSES_FILE, BodyPose, write_poses
 from anchorpose.rotations import rotation_matrices
@@ -146,11 +146,11 @@ def test_poses_between_jittering_stamps_are_turned_and_not_shortened(tmp_path):
 
 def test_the_chest_is_turned_by_the_shoulders_and_the_pelvis_by_the_hips():
     joints = true_joints()[:1].copy()
-    before = {node.name: node.axes(slice(1))[0] for node in skeleton_of_joints(joints)}
+    before = {node.name: node.axes[0] for node in skeleton_of_joints(joints)}
     middle, turn = joint(joints, "SpineShoulder").copy(), Rotation.from_euler("Y", 40.0, degrees=True)
     for name in ("ShoulderLeft", "ShoulderRight"):
         joints[:, JOINT_INDEX[name]] = turn.apply(joints[:, JOINT_INDEX[name]] - middle) + middle
-    after = {node.name: node.axes(slice(1))[0] for node in skeleton_of_joints(joints)}
+    after = {node.name: node.axes[0] for node in skeleton_of_joints(joints)}
     turned_deg = np.degrees(Rotation.from_matrix(after["SpineMid"] @ before["SpineMid"].T).magnitude())
     assert turned_deg == pytest.approx(40.0, abs=2.0)
     assert np.array_equal(after["SpineBase"], before["SpineBase"])

@@ -7,10 +7,10 @@ import pytest
 from results_builder import make_frame, standing_joints, write_results
 
 from anchorpose.agreement.reference import read_reference
-from anchorpose.exports import c3d_events
-from anchorpose.exports.c3d_events import add_events, read_events
+from anchorpose.exports import c3d
+from anchorpose.exports.c3d import add_events, read_events
+from anchorpose.exports.exporting import export_results
 from anchorpose.exports.formats import ExportConfig, Format
-from anchorpose.exports.run import export_results
 from anchorpose.joints import JointState
 from anchorpose.results.records import (
     CONTACTS_FILE,
@@ -60,7 +60,7 @@ def test_events_have_the_labels_contexts_and_times_that_other_programs_read(resu
 
 
 def test_more_events_than_a_file_holds_lose_contacts_before_steps(results, monkeypatch):
-    monkeypatch.setattr(c3d_events, "MOST_EVENTS", 2)
+    monkeypatch.setattr(c3d, "MOST_EVENTS", 2)
     file = ezc3d.c3d()
     assert add_events(file, read_events(results), np.arange(5.0, 125.0, 0.1)) == 2
     assert list(file["parameters"]["EVENT"]["LABELS"]["value"]) == ["Foot Off", "Foot Strike"]

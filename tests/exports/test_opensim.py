@@ -19,6 +19,7 @@ from anchorpose.body.pose import hinge_axes, moving_bones
 from anchorpose.body.segments import load_body_asset
 from anchorpose.cli import main
 from anchorpose.errors import AnchorposeError
+from anchorpose.exports.exporting import export_results
 from anchorpose.exports.formats import CoordinateModel, ExportConfig, Format
 from anchorpose.exports.opensim_coordinates import (
     LOWER_SPINE_LEAN_DEG,
@@ -27,9 +28,7 @@ from anchorpose.exports.opensim_coordinates import (
     joint,
     opensim_coordinates,
 )
-from anchorpose.exports.osim_model import model_xml
-from anchorpose.exports.osim_segments import measure_body
-from anchorpose.exports.run import export_results
+from anchorpose.exports.opensim_model import measure_body, model_xml
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.tables import POSES_FILE, BodyPose, write_poses
 from anchorpose.results.truth import read_truth

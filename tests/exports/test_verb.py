@@ -12,7 +12,7 @@ from exports_builder import times, true_joints, write_true_results
 
 from anchorpose import __version__
 from anchorpose.cli import main
-from anchorpose.exports import run
+from anchorpose.exports import exporting
 from anchorpose.exports.formats import ExportConfig, Format
 
 
@@ -83,10 +83,10 @@ def test_whatever_stops_the_work_leaves_nothing_behind(results, monkeypatch, err
     def fail(*_: object) -> None:
         raise error
 
-    monkeypatch.setitem(run._WRITERS, Format.BVH, fail)
+    monkeypatch.setitem(exporting._WRITERS, Format.BVH, fail)
     before = sorted(path.name for path in results.iterdir())
     with pytest.raises(error):
-        run.export_results(results, [Format.CSV, Format.BVH], ExportConfig())
+        exporting.export_results(results, [Format.CSV, Format.BVH], ExportConfig())
     assert sorted(path.name for path in results.iterdir()) == before
 
 

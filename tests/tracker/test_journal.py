@@ -90,7 +90,7 @@ def test_only_the_work_of_a_child_process_is_pickled():
     runs = r"^\s*(import|from) (pickle|dill|cloudpickle|marshal|shelve|yaml|joblib)\b"
     found = re.compile(rf"{runs}|allow_pickle=True|(?<![.\w])(eval|exec)\(", re.MULTILINE)
     users = {path.relative_to(package).as_posix() for path in package.rglob("*.py") if found.search(path.read_text())}
-    assert users == {"batch/child.py", "batch/engine.py"}
+    assert users == {"batch/worker.py", "batch/cluster.py"}
 
 
 def test_frames_come_in_the_order_of_the_pass_or_against_it(tmp_path):

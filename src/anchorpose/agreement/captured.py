@@ -1,15 +1,17 @@
-"""What a file of another motion capture system holds: points and angles over time, by the names that it gives them."""
+"""Read a file of another motion capture system: points and angles over time, by the names that it gives them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from anchorpose.errors import InputError
+from anchorpose.errors import InputError, MissingPackage
+from anchorpose.recording.document import read_rows, read_text
+from anchorpose.recording.regular_file import LARGEST_TABLE, require_regular
 
 METRES: Final[Mapping[str, float]] = {
     "m": 1.0, "metre": 1.0, "meter": 1.0, "metres": 1.0, "meters": 1.0, "cm": 0.01, "mm": 0.001, "millimeters": 0.001,
@@ -83,3 +85,173 @@ def repeated_label(path: Path, labels: tuple[str, ...]) -> None:
     for label in labels:
         if labels.count(label) > 1:
             raise InputError(path, f"has the label '{label}' twice", "rename one of them in the other system")
+
+
+def read_c3d(path: Path, unit: str | None = None) -> Captured:
+    """Points and angles of a C3D; unit: of its lengths, where the file does not state it or states it wrongly.
+
+    A point is missing where its residual is negative. Unlabelled points (``*12``) are left out; a subject's name before
+    a colon is too. Raises InputError, MissingPackage without ezc3d.
+    """
+    try:
+        import ezc3d
+    except ImportError:
+        raise MissingPackage("evaluate --reference with a C3D", "ezc3d", "c3d") from None
+    try:
+        require_regular(path, LARGEST_TABLE)
+        file = ezc3d.c3d(str(path))
+        group = file["parameters"]["POINT"]
+        places = np.asarray(file["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)
+        residual = np.asarray(file["data"]["meta_points"]["residuals"], dtype=np.float64)[0].T
+        rate_hz, first = float(file["header"]["points"]["frame_rate"]), int(file["header"]["points"]["first_frame"])
+    except (OSError, RuntimeError, KeyError, IndexError, ValueError, SystemError) as error:
+        reason = (str(error).splitlines() or ["no reason given"])[0][:80]
+        raise InputError(path, f"cannot be read as C3D ({reason})", "export it again from the other system") from None
+    labels = _labels(group)[: places.shape[1]]
+    listed = set(_texts(group, "ANGLES"))
+    if rate_hz <= 0:
+        raise InputError(path, "states no frame rate", "export it again from the other system")
+    places = np.where((residual < 0)[:, :, None], np.nan, places[:, : len(labels)])
+    is_angle = np.array([label in listed for label in labels], dtype=bool)
+    own = np.array([not label.startswith("*") and bool(label) for label in labels], dtype=bool) & ~is_angle
+    scale = metres_per_unit(path, (_texts(group, "UNITS") or (None,))[0], unit) if own.any() else 1.0
+    names = tuple(_plain(label) for label, keep in zip(labels, own, strict=True) if keep)
+    repeated_label(path, names)
+    return checked(
+        Captured(
+            path,
+            (first + np.arange(len(places))) / rate_hz,
+            names,
+            scale * places[:, own],
+            tuple(_plain(label) for label, keep in zip(labels, is_angle, strict=True) if keep),
+            places[:, is_angle, 0],
+        )
+    )
+
+
+def _labels(group: Any) -> tuple[str, ...]:
+    """LABELS goes on in LABELS2 and so on where there are more than 255 points."""
+    names = [name for name in group if name.startswith("LABELS")]
+    return tuple(label for name in sorted(names, key=lambda one: (len(one), one)) for label in _texts(group, name))
+
+
+def _texts(group: Any, name: str) -> tuple[str, ...]:
+    return tuple(str(text).strip() for text in group[name]["value"]) if name in group else ()
+
+
+def _plain(label: str) -> str:
+    return label.rsplit(":", 1)[-1]
+
+
+AXES: Final = ("x", "y", "z")
+
+CSV_REMEDY: Final = (
+    "give columns time_s, and for each point NAME_x_mm, NAME_y_mm, NAME_z_mm (or _m), for each angle NAME_deg"
+)
+
+
+def read_lines(path: Path) -> list[str]:
+    """The lines of a text file; raises InputError where it cannot be read as text."""
+    return read_text(path, LARGEST_TABLE).splitlines()
+
+
+def read_trc(path: Path, unit: str | None = None) -> Captured:
+    """Markers of a TRC; empty cells, NaN, and three zeros stand for a missing marker."""
+    remedy = "export it again as TRC"
+    lines = read_lines(path)
+    if len(lines) < 6 or not lines[0].lower().startswith("pathfiletype"):
+        raise InputError(path, "is not a TRC file", remedy)
+    header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
+    names = tuple(cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip())
+    repeated_label(path, names)
+    rows = [line.split("\t") for line in lines[5:] if line.strip()]
+    table = _numbers(path, [_padded(row[1:], 1 + 3 * len(names)) for row in rows], remedy)
+    point = table[:, 1:].reshape(len(table), len(names), 3) if len(names) else np.empty((len(table), 0, 3))
+    point = np.where((point == 0.0).all(axis=2)[:, :, None], np.nan, point)
+    scale = metres_per_unit(path, header.get("Units"), unit)
+    return checked(Captured(path, table[:, 0], names, scale * point, (), np.empty((len(table), 0))))
+
+
+def read_mot(path: Path) -> Captured:
+    """Coordinates of a MOT or STO as angles, in degrees; translations (``_tx`` and so on) are left out."""
+    lines = read_lines(path)
+    end = next((row for row, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
+    if end is None or len(lines) < end + 3:
+        raise InputError(path, "is not a MOT file with values", "export it again from OpenSim")
+    head = [line.replace(" ", "").lower() for line in lines[:end]]
+    names = tuple(lines[end + 1].split())
+    table = _numbers(path, [line.split() for line in lines[end + 2 :] if line.strip()], "export it again from OpenSim")
+    if table.shape[1] != len(names) or names[0].lower() != "time":
+        raise InputError(path, "its columns do not fit their names", "export it again from OpenSim")
+    factor = 1.0 if "indegrees=yes" in head else float(np.degrees(1.0))
+    angle = [column for column, name in enumerate(names) if column and not name.endswith(("_tx", "_ty", "_tz"))]
+    degrees = factor * table[:, angle]
+    chosen = tuple(names[column] for column in angle)
+    return checked(Captured(path, table[:, 0], (), np.empty((len(table), 0, 3)), chosen, degrees))
+
+
+def read_csv(path: Path, unit: str | None = None) -> Captured:
+    """Columns as ``CSV_REMEDY`` says; lengths whose columns have no unit need ``unit``; empty cells are missing."""
+    rows = [row for _, row in read_rows(path)]
+    if len(rows) < 2:
+        raise InputError(path, "has no rows", CSV_REMEDY)
+    head = rows[0]
+    repeated_label(path, tuple(head))
+    clock = next((name for name in ("time_s", "time", "Time") if name in head), None)
+    if clock is None:
+        raise InputError(path, "has no column time_s", CSV_REMEDY)
+    table = _numbers(path, [_padded(row, len(head)) for row in rows[1:]], CSV_REMEDY)
+    points, angles = dict[str, list[np.ndarray]](), dict[str, np.ndarray]()
+    for column, name in enumerate(head):
+        stem, _, ending = name.rpartition("_")
+        if ending == "deg" and stem:
+            angles[stem] = table[:, column]
+            continue
+        own_unit = ending if ending in METRES else None
+        label, _, axis = (stem if own_unit else name).rpartition("_")
+        if label and axis.lower() in AXES:
+            scale = metres_per_unit(path, own_unit, unit)
+            points.setdefault(label, [np.full(len(table), np.nan)] * 3)[AXES.index(axis.lower())] = (
+                scale * table[:, column]
+            )
+    position = np.stack([np.stack(each, axis=1) for each in points.values()], axis=1) if points else None
+    return checked(
+        Captured(
+            path,
+            table[:, head.index(clock)],
+            tuple(points),
+            np.empty((len(table), 0, 3)) if position is None else position,
+            tuple(angles),
+            np.stack(list(angles.values()), axis=1) if angles else np.empty((len(table), 0)),
+        )
+    )
+
+
+def _padded(cells: list[str], length: int) -> list[str]:
+    """Some programs leave out empty cells at the end of a line."""
+    return [*cells, *[""] * (length - len(cells))][:length]
+
+
+def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
+    """(rows, columns) float64, NaN for an empty cell."""
+    try:
+        return np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows], dtype=np.float64)
+    except ValueError as error:
+        raise InputError(path, f"holds something that is not a number ({str(error)[:60]})", remedy) from None
+
+
+def read_captured(path: Path, unit: str | None = None) -> Captured:
+    """Points and angles of a .c3d, .trc, .csv, .mot or .sto; unit: of lengths, where the file does not state it.
+
+    Raises InputError for another ending, and where the file cannot be used.
+    """
+    match path.suffix.lower():
+        case ".c3d":
+            return read_c3d(path, unit)
+        case ".trc":
+            return read_trc(path, unit)
+        case ".csv":
+            return read_csv(path, unit)
+        case ".mot" | ".sto":
+            return read_mot(path)
+    raise InputError(path, f"ends in '{path.suffix}'", "give a reference as .c3d, .trc, .csv, .mot or .sto")

@@ -1,4 +1,4 @@
-"""How the clock of another system runs against ours, found from the movement that both recorded."""
+"""Find how the clock of another system runs against ours, from the movement that both recorded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints labelled in depth images against tracked joints, in the plane of the image."""
+"""Compare joints labelled in depth images with tracked joints, in the plane of the image."""
 
 from __future__ import annotations
 

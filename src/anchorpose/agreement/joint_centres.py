@@ -1,4 +1,4 @@
-"""Joint centres of another system: as it gives them, midway between markers, or the hip by regression or by function.
+"""Find the joint centres of another system by its labels: given, midway between markers, or a hip by an estimate.
 
 Hip by regression: Harrington et al. 2007 (doi:10.1016/j.jbiomech.2006.02.003), their equations of one variable each,
 which Sangeux et al. 2014 (doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults. Hip
@@ -8,18 +8,132 @@ by function: the point of the pelvis about which the thigh's markers move on sph
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from anchorpose.agreement.captured import Captured
-from anchorpose.agreement.labels import SIDES, Marking
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
+from anchorpose.recording.document import read_rows
 from anchorpose.rotations import unit
+
+SIDES: Final = {"L": "Left", "R": "Right"}
+
+_CENTRES: Final = {
+    "Hip": ("{s}HJC", "{s}FEP"), "Knee": ("{s}KJC", "{s}FEO"), "Ankle": ("{s}AJC", "{s}TIO"),
+    "Shoulder": ("{s}SJC", "{s}CLO"), "Elbow": ("{s}EJC", "{s}HUO"), "Wrist": ("{s}WJC", "{s}RAO"),
+}  # fmt: skip
+"""Joint centres as Plug-in Gait, the Conventional Gait Model 2 and Visual3D name them."""
+
+_PAIRS: Final = {
+    "Knee": (("{s}KNE", "{s}LFE", "{s}FLE", "{s}LKNE", "{s}LFC", "{s}KNEELAT"),
+             ("{s}KNM", "{s}MFE", "{s}FME", "{s}MKNE", "{s}MFC", "{s}KNEEMED")),
+    "Ankle": (("{s}ANK", "{s}LM", "{s}FAL", "{s}LANK", "{s}LMAL", "{s}ANKLELAT"),
+              ("{s}MED", "{s}MM", "{s}TAM", "{s}MANK", "{s}MMAL", "{s}ANM", "{s}ANKLEMED")),
+    "Elbow": (("{s}ELB", "{s}HLE", "{s}LELB", "{s}ELBOWLAT"), ("{s}ELM", "{s}HME", "{s}MELB", "{s}ELBOWMED")),
+    "Wrist": (("{s}WRA", "{s}RSP", "{s}WRISTRAD"), ("{s}WRB", "{s}USP", "{s}WRISTULN")),
+}  # fmt: skip
+"""Lateral and medial markers of joints whose centre is taken midway between the two."""
+
+_PELVIS: Final = {
+    "ASIS": ("{s}ASI", "{s}ASIS", "{s}IAS"), "PSIS": ("{s}PSI", "{s}PSIS", "{s}IPS"),
+}  # fmt: skip
+
+_THIGH: Final = re.compile(r"^([LR])(THI|THAP|THAD|TH|THIGH)\d*$")
+
+_SPELT: Final = re.compile(r"^(L|R|LEFT|RIGHT)(HIP|KNEE|ANKLE|SHOULDER|ELBOW|WRIST)(JC|JOINT)?(CENTER|CENTRE)?$")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Marking:
+    """Labels of the file by what they stand for.
+
+    centres: joint to the label of its centre. midpoints: joint to the labels whose mean is its centre. pelvis: ASIS
+    left and right, PSIS left and right; None where one is missing. thighs: for left and right the markers on the thigh.
+    """
+
+    centres: dict[str, str]
+    midpoints: dict[str, tuple[str, ...]]
+    pelvis: tuple[str, str, str, str] | None
+    thighs: dict[str, tuple[str, ...]]
+
+    @property
+    def empty(self) -> bool:
+        """No joint follows from these labels."""
+        return not self.centres and not self.midpoints and self.pelvis is None
+
+
+def known_marking(labels: tuple[str, ...]) -> Marking:
+    """What labels in common use stand for; upper or lower case, dots, dashes and underscores do not matter."""
+    own = {re.sub(r"[^A-Z0-9]", "", label.upper()): label for label in reversed(labels)}
+    centres = {name: own[name.upper()] for name in JOINT_NAMES if name.upper() in own}
+    midpoints = dict[str, tuple[str, ...]]()
+    for plain, label in own.items():
+        spelt = _SPELT.match(plain)
+        if spelt is not None:
+            centres.setdefault(f"{spelt[2].capitalize()}{SIDES[spelt[1][0]]}", label)
+    for side, name in SIDES.items():
+        for joint, patterns in _CENTRES.items():
+            centre = _first(own, patterns, side)
+            if centre is not None:
+                centres.setdefault(f"{joint}{name}", centre)
+        for joint, (lateral, medial) in _PAIRS.items():
+            pair = (_first(own, lateral, side), _first(own, medial, side))
+            if f"{joint}{name}" not in centres and pair[0] is not None and pair[1] is not None:
+                midpoints[f"{joint}{name}"] = (pair[0], pair[1])
+    pelvis = [_first(own, _PELVIS[bone], side) for bone in ("ASIS", "PSIS") for side in SIDES]
+    whole = all(label is not None for label in pelvis)
+    return Marking(
+        centres=centres,
+        midpoints=midpoints,
+        pelvis=tuple(pelvis) if whole else None,  # type: ignore[arg-type]  # four texts where all are known
+        thighs={name: _thigh(own, midpoints, side, name) for side, name in SIDES.items()},
+    )
+
+
+def given_marking(path: Path, labels: tuple[str, ...]) -> Marking:
+    """The user's table: rows ``joint,label``; several rows of a joint mean the middle of these labels.
+
+    ASISLeft, ASISRight, PSISLeft and PSISRight may stand in place of a joint, and ThighLeft, ThighRight. Raises
+    InputError for an unknown joint or label.
+    """
+    remedy = "give rows joint,label with our joint's name and a label of the reference"
+    rows = [row for _, row in read_rows(path)]
+    if not rows or [cell.lower() for cell in rows[0]] != ["joint", "label"]:
+        raise InputError(path, "does not begin with the line joint,label", remedy)
+    found = dict[str, list[str]]()
+    bones = [f"{bone}{side}" for bone in ("ASIS", "PSIS", "Thigh") for side in SIDES.values()]
+    for row in rows[1:]:
+        joint, label = [*row, "", ""][:2]
+        if joint not in JOINT_NAMES and joint not in bones:
+            raise InputError(path, f"names the unknown joint '{joint}'", f"use {', '.join((*JOINT_NAMES, *bones))}")
+        if label not in labels:
+            raise InputError(path, f"names '{label}', which the reference does not have", remedy)
+        found.setdefault(joint, []).append(label)
+    pelvis = tuple(found[bone][0] for bone in bones[:4] if bone in found)
+    return Marking(
+        centres={name: each[0] for name, each in found.items() if name in JOINT_NAMES and len(each) == 1},
+        midpoints={name: tuple(each) for name, each in found.items() if name in JOINT_NAMES and len(each) > 1},
+        pelvis=pelvis if len(pelvis) == 4 else None,
+        thighs={side: tuple(found.get(f"Thigh{side}", ())) for side in SIDES.values()},
+    )
+
+
+def _first(own: dict[str, str], patterns: tuple[str, ...], side: str) -> str | None:
+    return next((own[pattern.format(s=side)] for pattern in patterns if pattern.format(s=side) in own), None)
+
+
+def _thigh(own: dict[str, str], midpoints: dict[str, tuple[str, ...]], side: str, name: str) -> tuple[str, ...]:
+    """Markers that move with the thigh: those on it, and both of the knee."""
+    cluster = [label for plain, label in own.items() if (match := _THIGH.match(plain)) and match[1] == side]
+    return (*sorted(cluster), *midpoints.get(f"Knee{name}", ()))
+
 
 MM: Final = 0.001
 

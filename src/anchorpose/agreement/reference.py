@@ -1,4 +1,4 @@
-"""Another system's recording as joints and angles of ours, on its own clock and in its own frame."""
+"""Read another system's recording as joints and angles of ours, on its own clock and in its own frame."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.agreement.captured import Captured
+from anchorpose.agreement.captured import Captured, read_captured
 from anchorpose.agreement.joint_centres import (
+    SIDES,
     CentreTrack,
     HipCentre,
+    given_marking,
     joint_centres,
+    known_marking,
     other_side,
     with_sides_exchanged,
 )
-from anchorpose.agreement.labels import SIDES, given_marking, known_marking
-from anchorpose.agreement.reading import read_captured
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES

@@ -1,4 +1,4 @@
-"""How well measures repeat: intraclass correlations, standard error of measurement, minimal detectable change.
+"""Compute how well measures repeat: intraclass correlations, standard error of measurement, minimal detectable change.
 
 Two-way analysis of variance by statsmodels; ICC(2,1) and ICC(3,1) of Shrout and Fleiss 1979
 (doi:10.1037/0033-2909.86.2.420) with the intervals of McGraw and Wong 1996 (doi:10.1037/1082-989X.1.1.30); standard
@@ -7,15 +7,23 @@ error of measurement and minimal detectable change of Weir 2005 (doi:10.1519/151
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 from scipy import stats
 
-from anchorpose.errors import MissingPackage
+from anchorpose.errors import InputError, MissingPackage
+from anchorpose.recording.document import cell_text, read_rows, require_distinct
+from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
+from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
+from anchorpose.results.verify import require_own
+from anchorpose.settings import LARGEST
 
 LEAST_SUBJECTS: Final = 3
 TAIL: Final = 0.975
@@ -155,3 +163,136 @@ def _why_not(whole: np.ndarray) -> str | None:
 def find(rows: Sequence[Reliability], measure: str, side: str | None) -> Reliability | None:
     """The row of a measure; None where there is none."""
     return next((row for row in rows if (row.measure, row.side) == (measure, side)), None)
+
+
+REPEATED: Final = ("session", "rater", "device")
+REMEDY: Final = (
+    "give the columns subject, session (or rater, or device) and results, or in place of results measure, value, and "
+    "if wanted side and unit"
+)
+
+OTHER_UNIT: Final = 100.0
+"""Ratio of values from which on they are in another unit: metres and centimetres. No person changes by as much."""
+
+Key = tuple[str, str | None, str]  # measure, side, unit
+
+
+def session_reliability(path: Path) -> tuple[Reliability, ...]:
+    """Every measure in a table of sessions, in the order in which measures first occur.
+
+    Raises InputError where the table or a results folder cannot be used, or measures are defined differently.
+    """
+    rows = _read(path)
+    repeated = next(name for name in REPEATED if name in rows[0])
+    subjects = list(dict.fromkeys(row["subject"] for row in rows))
+    repeats = list(dict.fromkeys(row[repeated] for row in rows))
+    values = _of_folders(path, rows, repeated) if "results" in rows[0] else _of_numbers(path, rows, repeated)
+    found = []
+    for key in dict.fromkeys(key for each in values.values() for key in each):
+        grid = np.array([[values.get((s, r), {}).get(key, np.nan) for r in repeats] for s in subjects])
+        row = reliability_of(key[0], key[1], key[2], grid)
+        doubt = _other_unit(grid, subjects, repeats) if row.why is None else None
+        found.append(row if doubt is None else without_values(row, f"{doubt} of the others: is it in another unit?"))
+    return tuple(found)
+
+
+def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
+    """The session, or the subject's session, whose values (subjects, repeats) are of another order of magnitude.
+
+    Single values may be near zero for good reasons, so that only a whole session counts as too small.
+    """
+    size = np.abs(grid[np.isfinite(grid).all(axis=1)])
+    names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]
+    column = [_times(size[:, k], np.delete(size, k, axis=1)) for k in range(len(repeats))]
+    most, least = int(np.argmax(column)), int(np.argmin(column))
+    if column[most] >= OTHER_UNIT:
+        return f"session '{repeats[most]}' has values {column[most]:.3g} times those"
+    if column[least] <= 1.0 / OTHER_UNIT:
+        return f"session '{repeats[least]}' has values {column[least]:.3g} times those"
+    for row, repeat in np.argwhere(size >= OTHER_UNIT * np.median(size)):
+        own = _times(size[row, repeat], np.delete(size[row], repeat))
+        if own >= OTHER_UNIT:
+            return f"session '{repeats[repeat]}' of subject '{names[row]}' has {own:.3g} times the value"
+    return None
+
+
+def _times(some: np.ndarray, others: np.ndarray) -> float:
+    """Ratio of two medians; 1 where either is 0, which has no order of magnitude."""
+    own, rest = float(np.median(some)), float(np.median(others))
+    return own / rest if own > 0.0 and rest > 0.0 else 1.0
+
+
+def reliability_text(rows: Sequence[Reliability]) -> str:
+    """As CSV; empty cells where there is no value."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        cells = [getattr(row, name) for name in COLUMNS]
+        writer.writerow(
+            ["" if cell is None else repr(cell) if isinstance(cell, float) else cell_text(str(cell)) for cell in cells]
+        )
+    return text.getvalue()
+
+
+def _read(path: Path) -> list[dict[str, str]]:
+    lines = read_rows(path)
+    head = [cell.lower() for cell in lines[0][1]] if lines else []
+    whole = {"results"} <= set(head) or {"measure", "value"} <= set(head)
+    if "subject" not in head or not any(name in head for name in REPEATED) or not whole:
+        raise InputError(path, "does not have the columns of a table of sessions", REMEDY)
+    require_distinct(path, head)
+    for number, line in lines[1:]:
+        if len(line) != len(head):
+            raise InputError(path, f"line {number} has {len(line)} cells, not {len(head)}", REMEDY)
+    if len(lines) < 2:
+        raise InputError(path, "holds no sessions", REMEDY)
+    return [dict(zip(head, line, strict=True)) for _, line in lines[1:]]
+
+
+def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[tuple[str, str], dict[Key, float]]:
+    found = dict[tuple[str, str], dict[Key, float]]()
+    first = None
+    for row in rows:
+        file = path.parent / row["results"] / MEASURES_FILE
+        require_own(file.parent, (JOINTS_FILE, MEASURES_FILE))
+        definition = read_definition(file) if file.is_file() else None
+        first = first or definition
+        measures = read_measures(file)
+        if definition != first:
+            raise InputError(file, "has measures of another version or definition", "run 'anchorpose measure' on all")
+        key = _own_key(path, found, row, repeated)
+        found[key] = {
+            (m.measure, m.side, m.unit): float("nan") if m.value is None else m.value
+            for m in measures
+            if m.part is None and m.person is None
+        }
+    return found
+
+
+def _own_key(
+    path: Path, found: dict[tuple[str, str], dict[Key, float]], row: dict[str, str], repeated: str
+) -> tuple[str, str]:
+    key = (row["subject"], row[repeated])
+    if key in found:
+        raise InputError(path, f"has subject '{key[0]}' with {repeated} '{key[1]}' twice", "name each session once")
+    return key
+
+
+def _of_numbers(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[tuple[str, str], dict[Key, float]]:
+    found = dict[tuple[str, str], dict[Key, float]]()
+    for row in rows:
+        key = (row["measure"], row.get("side") or None, row.get("unit", ""))
+        try:
+            value = float(row["value"]) if row["value"] else float("nan")
+            if row["value"] and not abs(value) <= LARGEST:
+                raise ValueError("it would overflow")
+        except ValueError:
+            raise InputError(
+                path, f"has the value '{row['value']}', which is not a number of at most {LARGEST:g}", REMEDY
+            ) from None
+        values = found.setdefault((row["subject"], row[repeated]), {})
+        if key in values:
+            raise InputError(path, f"has {key[0]} of {row['subject']} twice in {row[repeated]}", "give each value once")
+        values[key] = value
+    return found

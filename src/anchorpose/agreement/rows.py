@@ -1,4 +1,4 @@
-"""Agreement of matched recordings, a row per joint, axis, angle and state."""
+"""Compute the agreement of matched recordings, a row per joint, axis, angle and state."""
 
 from __future__ import annotations
 
@@ -8,9 +8,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from anchorpose.agreement.limits import Limits, limits_of_agreement
 from anchorpose.agreement.matching import Match
-from anchorpose.agreement.waveforms import calibration_error, coverage_95, range_of, waveform_correlation
+from anchorpose.agreement.statistics import (
+    Limits,
+    calibration_error,
+    coverage_95,
+    limits_of_agreement,
+    range_of,
+    waveform_correlation,
+)
 from anchorpose.joints import JOINT_NAMES, LOST, JointState
 
 MM: Final = 1000.0

@@ -1,4 +1,4 @@
-"""What a comparison leaves behind: tables as CSV, sentences for a methods section, and the page."""
+"""Write what a comparison leaves behind: tables as CSV, sentences for a methods section, and the page."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import numpy as np
 
 from anchorpose import __version__
 from anchorpose.agreement.evaluating import Comparison
+from anchorpose.agreement.evaluation_page import page_text
 from anchorpose.agreement.matching import Match
-from anchorpose.agreement.page import page_text
 from anchorpose.agreement.rows import COLUMNS, LEAST_SUBJECTS
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES

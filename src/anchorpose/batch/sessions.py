@@ -1,4 +1,4 @@
-"""The sessions of a batch: recordings named one by one, by folder, by pattern, or in a table with one row each."""
+"""Find the sessions of a batch: recordings named one by one, by folder, by pattern, or in a table with one row each."""
 
 from __future__ import annotations
 

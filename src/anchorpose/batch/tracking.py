@@ -1,15 +1,78 @@
-"""One session of a batch, in a process of its own: tracked, gone on with, or left as it is where it is done."""
+"""Track the sessions of a batch, each in a process of its own, then write the tables and the page over all of them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
+from anchorpose.batch.cluster import Job, Place, run_jobs
+from anchorpose.batch.names import open_folder
 from anchorpose.batch.sessions import Session
+from anchorpose.batch.summary import (
+    LOGS_FOLDER,
+    RESULTS_FOLDER,
+    SessionRow,
+    note_outcome,
+    row_of,
+    write_page,
+    write_tables,
+)
+from anchorpose.errors import AnchorposeError
 from anchorpose.remote import local_copy
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.unfinished import begun_identity, wait_until_free
+
+Progress = Callable[[int, int], None]
+
+
+def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Progress) -> tuple[SessionRow, ...]:
+    """Tracks all sessions that are not done and writes the tables and index.html; returns a row per session.
+
+    One that fails keeps no other from its end. progress is called with sessions finished and in total. Raises
+    InputError where ``out`` is not the folder of a batch, AnchorposeError where the scheduler cannot be used.
+    """
+    sessions, outcomes = open_folder(out, sessions), dict[str, str | None]()
+    progress(0, len(sessions))
+    for done, outcome in enumerate(run_jobs([_job(session, out) for session in sessions], place), 1):
+        outcomes[outcome.name] = outcome.why
+        with suppress(OSError):  # the tables have it all the same
+            note_outcome(out, outcome)
+        progress(done, len(sessions))
+    return _summarise(sessions, out, outcomes)
+
+
+def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
+    """Tracks the session with this number, counted from 0, on a worker of its own; for arrays of jobs."""
+    if not 0 <= index < len(sessions):
+        raise AnchorposeError(f"--index is {index}; there are {len(sessions)} sessions, numbered from 0.")
+    session = open_folder(out, sessions)[index]
+    for outcome in run_jobs([_job(session, out)], Place(workers=1)):
+        note_outcome(out, outcome)
+    return row_of(out, session)[0]
+
+
+def summarise(sessions: Sequence[Session], out: Path) -> tuple[SessionRow, ...]:
+    """Writes the tables and index.html from what the folder holds; returns a row per session."""
+    return _summarise(open_folder(out, sessions), out, {})
+
+
+def _summarise(sessions: Sequence[Session], out: Path, outcomes: Mapping[str, str | None]) -> tuple[SessionRow, ...]:
+    found = [row_of(out, session, outcomes) for session in sessions]
+    rows, measures = tuple(row for row, _ in found), {row.session: own for row, own in found}
+    write_tables(out, rows, ((row, measure) for row in rows for measure in measures[row.session]))
+    write_page(out, rows, measures)
+    return rows
+
+
+def _job(session: Session, out: Path) -> Job:
+    out = out.resolve()
+    call = partial(track_session, session.absolute(), out / RESULTS_FOLDER / session.name)
+    return Job(session.name, call, out / LOGS_FOLDER / f"{session.name}.log")
+
 
 ENDING_S: Final = 30.0  # for the child of a killed worker to end
 

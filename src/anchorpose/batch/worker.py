@@ -1,15 +1,22 @@
-"""What a worker of the scheduler does with a job: it starts a child process and waits for it.
+"""Run a job of the scheduler in a child process of its own, and wait for it.
 
 Nothing of the work happens in the worker: a crash, a leak or a killed child leaves it as it was, and a worker that is
 killed takes its child with it. It returns a sentence, so that no result is lost with it.
+
+The work, a pickled call, comes on the standard input of the child: whoever may hand dask a job may run anything on its
+workers, with or without this. Nothing is unpickled from a disk, and results are the files that the work writes. The
+input stays open as long as the process that asked for the work lives. When that one is killed, the input ends, and the
+work is stopped as by a signal, so that what it stored is kept and can be resumed elsewhere.
 """
 
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -22,7 +29,9 @@ KERNELS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
 """One core per child: as many run at once as there are workers."""
 
-STOP_S: Final = 15.0  # for a child to end by itself; longer than ``child.STOP_S``
+STOP_S: Final = 15.0  # for a child to end by itself; longer than ``ABANDONED_STOP_S``
+ABANDONED_STOP_S: Final = 10.0  # to remove half-written files, and for a kernel to return
+ABANDONED: Final = 143  # as of SIGTERM
 TAIL_BYTES: Final = 4096
 
 
@@ -65,7 +74,7 @@ def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
     if group in _stopped:
         yield None
         return
-    command = [sys.executable, "-m", "anchorpose.batch.child"]
+    command = [sys.executable, "-m", "anchorpose.batch.worker"]
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=output, stderr=output, env={**os.environ, **ONE_THREAD},
         start_new_session=True,
@@ -104,3 +113,28 @@ def _last_line(output: Path) -> str:
         stream.seek(max(output.stat().st_size - TAIL_BYTES, 0))
         lines = stream.read().decode("utf-8", errors="replace").splitlines()
     return next((line.strip() for line in reversed(lines) if line.strip()), "")
+
+
+def do_work() -> int:
+    """Does the work that the standard input has, in the child, and returns the exit code."""
+    from anchorpose.cli import exit_code_of
+
+    call = pickle.load(sys.stdin.buffer)
+    threading.Thread(target=_stop_when_abandoned, daemon=True).start()
+
+    def work() -> None:
+        call()  # what it returns is no exit code
+
+    return exit_code_of(work)
+
+
+def _stop_when_abandoned() -> None:
+    while os.read(sys.stdin.fileno(), 1):  # not by the stream: its lock would be held when the process ends
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(ABANDONED_STOP_S)
+    os._exit(ABANDONED)
+
+
+if __name__ == "__main__":
+    sys.exit(do_work())

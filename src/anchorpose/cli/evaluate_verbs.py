@@ -133,7 +133,7 @@ def print_comparison(comparison: Comparison) -> None:
     """How the recordings lie, and the main figures as a table."""
     from rich.table import Table
 
-    from anchorpose.agreement.page import DIFFERENCE_HEAD, DISTANCE_HEAD, angle_rows, distance_rows
+    from anchorpose.agreement.evaluation_page import DIFFERENCE_HEAD, DISTANCE_HEAD, angle_rows, distance_rows
     from anchorpose.agreement.writing import alignment_sentences
 
     for match in comparison.matches:
@@ -226,7 +226,7 @@ def reliability(sessions: Path, /, *, out: Annotated[Path | None, Parameter(name
     """
     from rich.table import Table
 
-    from anchorpose.agreement.sessions import reliability_text, session_reliability
+    from anchorpose.agreement.reliability import reliability_text, session_reliability
     from anchorpose.results.folder import write_text_whole
 
     rows = session_reliability(sessions)

@@ -154,7 +154,7 @@ def export(
         Who does this, for the log of the results that 'anchorpose verify' reads: your initials or pseudonym.
     """
     from anchorpose.cli.console import log_event
-    from anchorpose.exports.run import EXPORTS_FOLDER, RECORD_FILE, export_results, parse_formats
+    from anchorpose.exports.exporting import EXPORTS_FOLDER, RECORD_FILE, export_results, parse_formats
 
     settings = (options or ExportOptions()).settings()
     exported = export_results(results, parse_formats(to), settings, output, overwrite)

@@ -15,7 +15,7 @@ from anchorpose.cli.limits import MOST_FRAMES, MOST_PROCESSES, TALLEST_M, positi
 from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
-    from anchorpose.batch.table import SessionRow
+    from anchorpose.batch.summary import SessionRow
     from anchorpose.tracker.config import TrackConfig
 
 
@@ -202,8 +202,8 @@ def batch(
         Track all recordings backward in time as well, as 'anchorpose track --smooth'.
     """
     from anchorpose.batch.cluster import Place
-    from anchorpose.batch.run import run_batch, run_one, summarise
     from anchorpose.batch.sessions import find_sessions
+    from anchorpose.batch.tracking import run_batch, run_one, summarise
     from anchorpose.cli.config_file import read_toml
     from anchorpose.cli.console import progress_bar
     from anchorpose.remote import is_address

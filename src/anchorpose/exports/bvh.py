@@ -1,19 +1,173 @@
-"""BVH: the skeleton as a hierarchy of rotating bones, for Blender and other animation programs."""
+"""Write BVH: the skeleton as a hierarchy of rotating bones, for Blender and other animation programs."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from anchorpose.errors import AnchorposeError
-from anchorpose.exports.bvh_skeleton import Node, skeleton_of_joints, skeleton_of_poses
-from anchorpose.exports.formats import ExportConfig, Product, Source, rounded_text, write_rows
-from anchorpose.exports.opensim_coordinates import joint, rotations_deg
-from anchorpose.exports.regular_time import RegularSamples, regular_samples, stretch_name, stretches_of
-from anchorpose.results.frame_time import blocks
-from anchorpose.results.tables import POSES_FILE
+from anchorpose.body.kinematics import shape_body
+from anchorpose.body.pose import MOVING_BONES
+from anchorpose.body.segments import load_body_asset
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.exports.formats import ExportConfig, Product, Samples, Source, rounded_text, write_rows
+from anchorpose.exports.opensim_coordinates import joint, pelvis_axes, rotations_deg, torso_axes
+from anchorpose.exports.regular_time import Interpolation, RegularSamples, regular_samples, stretch_name, stretches_of
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.tables import POSES_FILE, read_poses
+from anchorpose.rotations import unit
+
+ROOT: Final = "SpineBase"
+
+# Node: the node above it, the joint that it stands at, the joint that it points to. Where several bones leave a joint,
+# each has a node of its own there, so that every bone keeps its direction.
+_TREE: Final = {
+    "LowerSpine": ("SpineBase", "SpineBase", "SpineMid"),
+    "SpineMid": ("LowerSpine", "SpineMid", "SpineShoulder"),
+    "SpineShoulder": ("SpineMid", "SpineShoulder", "Neck"),
+    "Neck": ("SpineShoulder", "Neck", "Head"),
+    **{
+        node.format(side): (above.format(side), at.format(side), to.format(side))
+        for side in ("Left", "Right")
+        for node, above, at, to in (
+            ("Clavicle{}", "SpineMid", "SpineShoulder", "Shoulder{}"),
+            ("Shoulder{}", "Clavicle{}", "Shoulder{}", "Elbow{}"),
+            ("Elbow{}", "Shoulder{}", "Elbow{}", "Wrist{}"),
+            ("Wrist{}", "Elbow{}", "Wrist{}", "Hand{}"),
+            ("Pelvis{}", "SpineBase", "SpineBase", "Hip{}"),
+            ("Hip{}", "Pelvis{}", "Hip{}", "Knee{}"),
+            ("Knee{}", "Hip{}", "Knee{}", "Ankle{}"),
+            ("Ankle{}", "Knee{}", "Ankle{}", "Foot{}"),
+        )
+    },
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Node:
+    """A node of the hierarchy over all frames.
+
+    parent: its index in the list of nodes, -1 for the root. offset_m (3,) from the parent's node in the parent's axes;
+    end_m (3,): what the node points to, in its own axes. axes (n, 3, 3): its rotation in the world in each frame, NaN
+    where it is unknown; the identity is the rest pose of the body asset.
+    """
+
+    name: str
+    parent: int
+    offset_m: np.ndarray
+    end_m: np.ndarray
+    axes: np.ndarray
+
+
+def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
+    """Nodes from joint centres (n, 21, 3). Offsets have median bone lengths.
+
+    A bone rotates on its parent by the shortest way, so no rotation about its long axis is invented; hips and shoulders
+    rotate pelvis and chest.
+    """
+    rest = shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None]
+    nodes, index = list[Node](), dict[str, int]()
+    nodes.append(Node(ROOT, -1, np.zeros(3), np.zeros(3), pelvis_axes(position_m)))
+    index[ROOT] = 0
+    for name, (above, at, to) in _TREE.items():
+        parent, points = nodes[index[above]], _along(rest, at, to)[0]
+        start = torso_axes(position_m) if name == "SpineMid" else parent.axes
+        axes = (
+            _swing(start @ points, _along(position_m, at, to)) @ start
+        )  # the shortest way from the parent's direction
+        nodes.append(Node(name, index[above], parent.end_m, points * _length(position_m, at, to), axes))
+        index[name] = len(index)
+    return nodes
+
+
+def _along(position_m: np.ndarray, start: str, end: str) -> np.ndarray:
+    return unit(joint(position_m, end) - joint(position_m, start))
+
+
+def _length(position_m: np.ndarray, start: str, end: str) -> float:
+    along = np.linalg.norm(position_m[:, JOINT_INDEX[end]] - position_m[:, JOINT_INDEX[start]], axis=1)
+    known = along[np.isfinite(along)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) the shortest rotation of unit vectors ``start`` to ``end``; NaN where there is none."""
+    cross = np.cross(start, end)
+    angle = np.arctan2(np.linalg.norm(cross, axis=1), np.sum(start * end, axis=1))
+    axis = np.where((angle == 0.0)[:, None], 0.0, unit(cross))
+    known = np.isfinite(axis).all(axis=1)
+    turn = np.full((len(start), 3, 3), np.nan)
+    turn[known] = Rotation.from_rotvec(axis[known] * angle[known, None]).as_matrix()
+    return turn
+
+
+# The joints that the last bones of the limbs point to.
+_ENDS: Final = {
+    "Head": "Head", "LeftHand": "HandLeft", "RightHand": "HandRight", "LeftFoot": "FootLeft", "RightFoot": "FootRight",
+}  # fmt: skip
+
+
+def skeleton_of_poses(
+    path: Path, recorded: Samples, frame: np.ndarray, interpolation: Interpolation
+) -> tuple[list[Node], np.ndarray]:
+    """Nodes named as the body's bones, which are those of the CMU collection, and the root's path (g, 3), metres.
+
+    Offsets come from recorded frames; where the grid lies between these, a rotation is the normalised mean of its
+    neighbours. Raises InputError where poses.parquet has other frames than the joints, ``frame`` (n,).
+    """
+    poses = read_poses(path)
+    if not np.array_equal(poses.frame, frame):
+        raise InputError(path, "has other frames than joints.parquet", "track the recording again")
+    nodes = list[Node]()
+    for row, name in enumerate(MOVING_BONES):
+        parent, head_m = _parent(name), poses.head_m[:, row].astype(np.float64)
+        offset, end = np.zeros(3), np.zeros(3)
+        if parent >= 0:
+            offset = _middle(poses.quaternion[:, parent], head_m - poses.head_m[:, parent].astype(np.float64))
+        if name in _ENDS:
+            end = _middle(poses.quaternion[:, row], joint(recorded.position_m, _ENDS[name]) - head_m)
+        axes = _matrices(_mixed(poses.quaternion[:, row], interpolation))
+        nodes.append(Node(name, parent, offset, end, axes))
+    return nodes, interpolation.values(poses.head_m[:, 0].astype(np.float64))
+
+
+def _parent(name: str) -> int:
+    """Index in ``MOVING_BONES`` of the next moving bone above; -1 for the root."""
+    asset = load_body_asset()
+    above = int(asset.bone_parents[asset.bone(name)])
+    while above >= 0 and asset.bone_names[above] not in MOVING_BONES:
+        above = int(asset.bone_parents[above])
+    return -1 if above < 0 else MOVING_BONES.index(asset.bone_names[above])
+
+
+def _mixed(quaternion: np.ndarray, interpolation: Interpolation) -> np.ndarray:
+    """(g, 4) of quaternions (n, 4); NaN where lost or in a gap."""
+    left, right = (quaternion[interpolation.before + step].astype(np.float64) for step in (0, 1))
+    same_side = np.where(np.sum(left * right, axis=-1, keepdims=True) < 0, -1.0, 1.0)
+    share = interpolation.share[:, None]
+    mixed = np.where(
+        share == 0.0, left, np.where(share == 1.0, right, (1.0 - share) * left + share * same_side * right)
+    )
+    return unit(np.where(interpolation.bridged[:, None], mixed, np.nan))
+
+
+def _matrices(quaternion: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) of quaternions (n, 4) with the real part first; NaN stays NaN."""
+    axes = np.full((len(quaternion), 3, 3), np.nan)
+    known = np.isfinite(quaternion).all(axis=-1)
+    axes[known] = Rotation.from_quat(quaternion[known], scalar_first=True).as_matrix()
+    return axes
+
+
+def _middle(quaternion: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
+    """(3,) median over the frames (n) of a world vector in the axes of a bone; NaN where there is no frame."""
+    inside = np.einsum("nji,nj->ni", _matrices(quaternion.astype(np.float64)), vector_m)
+    known = inside[np.isfinite(inside).all(axis=1)]
+    return np.median(known, axis=0) if len(known) else np.full(3, np.nan)
+
 
 STEM: Final = "motion"
 CM_PER_M: Final = 100.0
@@ -26,12 +180,8 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
     regular = regular_samples(source.samples)
     from_poses = (source.folder / POSES_FILE).exists()
     nodes, root_m = _skeleton(source, regular, from_poses)
-    known = np.empty((len(root_m), len(nodes)), dtype=bool)
-    for rows in blocks(len(root_m)):
-        placed = np.isfinite(root_m[rows]).all(axis=1)
-        for place, node in enumerate(nodes):
-            known[rows, place] = np.isfinite(node.axes(rows)).all(axis=(1, 2)) & placed
-    stretches = stretches_of(known)
+    known = np.stack([np.isfinite(node.axes).all(axis=(1, 2)) for node in nodes], axis=1)
+    stretches = stretches_of(known & np.isfinite(root_m).all(axis=1)[:, None])
     if not stretches.runs or not stretches.kept[0]:
         raise AnchorposeError("No two frames in a row have the joints that a BVH needs; export with --to csv instead.")
     kept = [place for place, keep in enumerate(stretches.kept) if keep]
@@ -48,13 +198,13 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
         "of frames in which all the others are known is a file of its own",
         counts=(
             ("files", len(stretches.runs)), ("frames", frames),
-            ("frames_left_out", len(regular.time_s) - frames), ("rate_hz", regular.rate_hz),
+            ("frames_left_out", len(regular.samples.time_s) - frames), ("rate_hz", regular.rate_hz),
         ),
         notes=(
             "Turns are those of the learnt body (poses.parquet)." if from_poses else
             "Turns are made from joint centres; a turn about a bone's own long axis is not in them.",
             *(f"{stretch_name(STEM, '.bvh', number, len(stretches.runs))} begins at "
-              f"{float(regular.time_s[first])!r} s." for number, (first, _) in enumerate(stretches.runs)),
+              f"{float(regular.samples.time_s[first])!r} s." for number, (first, _) in enumerate(stretches.runs)),
             f"Left out for want of joints: {', '.join(left_out) or 'nothing'}.",
         ),
     )  # fmt: skip
@@ -70,24 +220,16 @@ def write_bvh_file(
     for number, place in enumerate(order, 1):
         values[:, 3 * number : 3 * number + 3] = _turns_deg(nodes, place, rows)
     head = ["HIERARCHY", *lines, "MOTION", f"Frames: {len(values)}", f"Frame Time: {1.0 / rate_hz:.9f}"]
-    body = (
-        [rounded_text(value, DIGITS, "") for value in row]
-        for some in blocks(len(values))
-        for row in values[some].tolist()
-    )
+    body = ([rounded_text(value, DIGITS, "") for value in row.tolist()] for row in values)
     write_rows(path, " ", ([line] for line in head), body)
 
 
 def _turns_deg(nodes: list[Node], place: int, rows: slice) -> np.ndarray:
     """(r, 3) about Z, X and Y, in the axes of the parent, without jumps by 360 degrees."""
-    turns = np.empty((rows.stop - rows.start, 3))
-    for some in blocks(len(turns)):
-        chosen, node = slice(rows.start + some.start, rows.start + some.stop), nodes[place]
-        axes = node.axes(chosen)
-        if node.parent >= 0:
-            axes = np.einsum("nji,njk->nik", nodes[node.parent].axes(chosen), axes)
-        turns[some] = np.stack(rotations_deg(axes), axis=1)
-    return np.unwrap(turns, period=360.0, axis=0)
+    node, axes = nodes[place], nodes[place].axes[rows]
+    if node.parent >= 0:
+        axes = np.einsum("nji,njk->nik", nodes[node.parent].axes[rows], axes)
+    return np.unwrap(np.stack(rotations_deg(axes), axis=1), period=360.0, axis=0)
 
 
 def _skeleton(source: Source, regular: RegularSamples, from_poses: bool) -> tuple[list[Node], np.ndarray]:

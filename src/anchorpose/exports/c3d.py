@@ -1,23 +1,35 @@
-"""C3D by ezc3d: joints as points, angles as points of the type ANGLES, sigma and states as analog channels."""
+"""Write C3D by ezc3d: joints as points, angles as points of the type ANGLES, sigma and states as analog channels."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from anchorpose.errors import MissingPackage
-from anchorpose.exports.c3d_events import MOST_EVENTS, Event, add_events, read_events
-from anchorpose.exports.c3d_frames import LARGEST_FRAMES, frame_numbers, replace_frames
 from anchorpose.exports.formats import STATES, ExportConfig, Product, Samples, Source
-from anchorpose.exports.regular_time import RegularSamples, regular_samples, stretch_name
+from anchorpose.exports.regular_time import regular_samples, stretch_name
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.frame_time import blocks
+from anchorpose.results.records import (
+    CONTACTS_FILE,
+    EPISODES_FILE,
+    SIT_TO_STAND,
+    STAND_TO_SIT,
+    STEP_LEFT,
+    STEP_RIGHT,
+    UPRIGHT_EPISODE,
+    read_contacts,
+    read_episodes,
+)
 
 STEM: Final = "joints"
 MM_PER_M: Final = 1000.0
+LARGEST_FRAMES: Final = 65535
+"""The format counts frames in 16 bits; a longer recording goes into several files."""
+
 LARGEST_RESIDUAL: Final = 255.0  # a byte in the file
 NOT_GIVEN: Final = -1.0  # of sigma where there is no value: an analog channel cannot say that it is missing
 
@@ -25,11 +37,12 @@ NOT_GIVEN: Final = -1.0  # of sigma where there is no value: an analog channel c
 def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
     """joints.c3d, or joints_001.c3d and so on where the recording is too long for one; MissingPackage without ezc3d."""
     regular = regular_samples(source.samples)
-    starts = range(0, len(regular.time_s), LARGEST_FRAMES)
+    samples = regular.samples
+    starts = range(0, len(samples.time_s), LARGEST_FRAMES)
     events, held = read_events(source.folder), 0
     for number, start in enumerate(starts):
-        part = regular.part(slice(start, start + LARGEST_FRAMES))
-        held += _write_file(folder / stretch_name(STEM, ".c3d", number, len(starts)), part, events)
+        part, path = samples.rows(slice(start, start + LARGEST_FRAMES)), stretch_name(STEM, ".c3d", number, len(starts))
+        held += _write_file(folder / path, part, regular.rate_hz, events)
     return Product(
         axes="X forward, Y up, Z to the patient's right; POINT:X_SCREEN +X, POINT:Y_SCREEN +Y",
         units="POINT:UNITS mm; angles in degrees; sigma in mm and degrees",
@@ -37,11 +50,11 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
         missing="residual -1, as C3D has it; analog sigma -1 and state code 6 (lost)",
         counts=(
             ("files", len(starts)),
-            ("frames", len(regular.time_s)),
+            ("frames", len(samples.time_s)),
             ("rate_hz", regular.rate_hz),
             ("recorded_frames", int(regular.interpolation.recorded.sum())),
             ("events", held),
-            ("missing_points", sum(int(np.isnan(some.position_m[..., 0]).sum()) for some in _blocks(regular))),
+            ("missing_points", int(np.isnan(samples.position_m[..., 0]).sum())),
         ),
         notes=(
             "Angles are points listed in POINT:ANGLES: the angle is X; Y and Z mean nothing and are 0.",
@@ -53,28 +66,23 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
             "Events are in the group EVENT: Foot Off and Foot Strike (Left, Right), and in the context General the "
             "beginnings and ends of standing up, sitting down, being upright and contacts; "
             f"{len(events) - held} of {len(events)} did not fit into a file, which holds {MOST_EVENTS}.",
-            f"The first frame is at {float(regular.time_s[0])!r} s; each file says when it begins in "
+            f"The first frame is at {float(samples.time_s[0])!r} s; each file says when it begins in "
             "ANCHORPOSE:START_TIME.",
         ),
         tools=("ezc3d",),
     )
 
 
-def _write_file(path: Path, regular: RegularSamples, events: tuple[Event, ...]) -> int:
-    """Header and parameters by ezc3d, with an empty frame that the frames then replace; returns how many of the events
-    the file holds."""
+def _write_file(path: Path, samples: Samples, rate_hz: float, events: tuple[Event, ...]) -> int:
+    """Writes one C3D; returns how many of the events it holds."""
     file = _new_file()
-    _describe_points(file, regular)
-    _describe_channels(file, regular)
-    _about(file, regular)
-    held = add_events(file, events, regular.time_s)
+    _describe_points(file, samples.angles, rate_hz)
+    _describe_channels(file, samples.angles, rate_hz)
+    _add_frames(file, samples)
+    _about(file, samples)
+    held = add_events(file, events, samples.time_s)
     file.write(str(path))
-    replace_frames(path, map(_frames, _blocks(regular)))
     return held
-
-
-def _blocks(regular: RegularSamples) -> Iterator[Samples]:
-    return (regular.part(rows).samples for rows in blocks(len(regular.time_s)))
 
 
 def _new_file() -> Any:
@@ -85,32 +93,29 @@ def _new_file() -> Any:
     return ezc3d.c3d()
 
 
-def _describe_points(file: Any, regular: RegularSamples) -> None:
-    angles, group = regular.recorded.angles, file["parameters"]["POINT"]
-    labels = [*JOINT_NAMES, *angles]
-    group["RATE"]["value"] = [regular.rate_hz]
-    group["LABELS"]["value"] = labels
+def _describe_points(file: Any, angles: tuple[str, ...], rate_hz: float) -> None:
+    group = file["parameters"]["POINT"]
+    group["RATE"]["value"] = [rate_hz]
+    group["LABELS"]["value"] = [*JOINT_NAMES, *angles]
     group["DESCRIPTIONS"]["value"] = [
         *(f"joint centre {name}" for name in JOINT_NAMES),
         *(f"{name}: degrees in X" for name in angles),
     ]
     group["UNITS"]["value"] = ["mm"]
-    file["data"]["points"] = np.zeros((4, len(labels), 1))
 
 
-def _describe_channels(file: Any, regular: RegularSamples) -> None:
-    units = [*((name, "mm") for name in JOINT_NAMES), *((name, "deg") for name in regular.recorded.angles)]
+def _describe_channels(file: Any, angles: tuple[str, ...], rate_hz: float) -> None:
+    units = [*((name, "mm") for name in JOINT_NAMES), *((name, "deg") for name in angles)]
     labels = [f"{name}.{what}" for name, _ in units for what in ("sigma", "state")]
     group = file["parameters"]["ANALOG"]
-    group["RATE"]["value"] = [regular.rate_hz]
+    group["RATE"]["value"] = [rate_hz]
     group["LABELS"]["value"] = labels
     group["UNITS"]["value"] = [each for _, unit in units for each in (unit, "")]
     group["DESCRIPTIONS"]["value"] = [label.replace(".", ": ") for label in labels]
-    file["data"]["analogs"] = np.zeros((1, len(labels), 1))
 
 
-def _frames(samples: Samples) -> np.ndarray:
-    """The frames of some samples, points and channels in the order of their labels."""
+def _add_frames(file: Any, samples: Samples) -> None:
+    """Gives the file its frames, points and channels in the order of their labels."""
     angles = np.zeros((*samples.degrees.shape, 3))
     angles[..., 0] = samples.degrees
     places = np.concatenate([samples.position_m * MM_PER_M, angles], axis=1)
@@ -119,15 +124,82 @@ def _frames(samples: Samples) -> np.ndarray:
     residual = np.where(missing, -1.0, np.clip(np.ceil(np.nan_to_num(sigma)), 1.0, LARGEST_RESIDUAL))
     state_code = np.concatenate([samples.joint_state_code, samples.angle_state_code], axis=1)
     channels = np.stack([np.where(np.isnan(sigma), NOT_GIVEN, sigma), state_code], axis=2)
-    return frame_numbers(places, residual, channels.reshape(len(channels), -1))
+    points = np.ones((4, *residual.T.shape))
+    points[:3] = places.transpose(2, 1, 0)
+    file["data"]["points"] = points
+    file["data"]["meta_points"]["residuals"] = residual.T[None]
+    file["data"]["analogs"] = channels.reshape(len(channels), -1).T[None]
 
 
-def _about(file: Any, regular: RegularSamples) -> None:
+def _about(file: Any, samples: Samples) -> None:
     file.add_parameter("POINT", "X_SCREEN", ["+X"])
     file.add_parameter("POINT", "Y_SCREEN", ["+Y"])
-    if regular.recorded.angles:
-        file.add_parameter("POINT", "ANGLES", list(regular.recorded.angles))
+    if samples.angles:
+        file.add_parameter("POINT", "ANGLES", list(samples.angles))
         file.add_parameter("POINT", "ANGLE_UNITS", ["deg"])
         file.add_parameter("POINT", "TYPE_GROUPS", ["ANGLES"])
-    file.add_parameter("ANCHORPOSE", "START_TIME", [float(regular.time_s[0])])
+    file.add_parameter("ANCHORPOSE", "START_TIME", [float(samples.time_s[0])])
     file.add_parameter("ANCHORPOSE", "STATES", list(STATES))
+
+
+MOST_EVENTS: Final = 255
+"""A dimension of a parameter is one byte."""
+
+GENERAL: Final = "General"
+
+_NAMES: Final = {
+    STEP_LEFT: ("Left", "Foot Off", "Foot Strike"), STEP_RIGHT: ("Right", "Foot Off", "Foot Strike"),
+    SIT_TO_STAND: (GENERAL, "Stand Up Start", "Stand Up End"),
+    STAND_TO_SIT: (GENERAL, "Sit Down Start", "Sit Down End"),
+    UPRIGHT_EPISODE: (GENERAL, "Upright Start", "Upright End"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Event:
+    """A moment on the clock of the results; description: the joints' state, or who touched."""
+
+    time_s: float
+    context: str
+    label: str
+    description: str
+
+
+def read_events(folder: Path) -> tuple[Event, ...]:
+    """Beginnings and ends of a results folder's episodes and contacts, in the order of time; none without tables."""
+    return tuple(sorted([*_of_episodes(folder / EPISODES_FILE), *_of_contacts(folder / CONTACTS_FILE)]))
+
+
+def _of_episodes(path: Path) -> Iterator[Event]:
+    for episode in read_episodes(path) if path.is_file() else ():
+        context, begins, ends = _NAMES[episode.kind]
+        yield Event(episode.start_s, context, begins, str(episode.state))
+        yield Event(episode.end_s, context, ends, str(episode.state))
+
+
+def _of_contacts(path: Path) -> Iterator[Event]:
+    for contact in read_contacts(path) if path.is_file() else ():
+        words = f"{contact.part} by {contact.person}, {contact.state}"
+        yield Event(contact.start_s, GENERAL, "Contact Start", words)
+        yield Event(contact.end_s, GENERAL, "Contact End", words)
+
+
+def add_events(file: Any, events: tuple[Event, ...], time_s: np.ndarray) -> int:
+    """Adds the group to an ezc3d file with frames at time_s (n,); returns how many events it holds.
+
+    Events outside of the file's time are left out; of more than ``MOST_EVENTS``, those of contacts and posture first.
+    """
+    inside = [event for event in events if time_s[0] <= event.time_s <= time_s[-1]]
+    kept = sorted(sorted(inside, key=lambda event: event.context == GENERAL)[:MOST_EVENTS])
+    if not kept:
+        return 0
+    seconds = np.array([event.time_s for event in kept]) - time_s[0]
+    file.add_parameter("EVENT", "USED", [len(kept)])
+    file.add_parameter("EVENT", "CONTEXTS", [event.context for event in kept])
+    file.add_parameter("EVENT", "LABELS", [event.label for event in kept])
+    file.add_parameter("EVENT", "DESCRIPTIONS", [event.description for event in kept])
+    file.add_parameter("EVENT", "SUBJECTS", ["" for _ in kept])
+    file.add_parameter("EVENT", "TIMES", np.stack([np.floor(seconds / 60.0), seconds % 60.0]))
+    file.add_parameter("EVENT", "ICON_IDS", [0 for _ in kept])
+    file.add_parameter("EVENT", "GENERIC_FLAGS", [0 for _ in kept])
+    return len(kept)

@@ -1,4 +1,4 @@
-"""CSV: every table of the results as it is, wide tables of joints and angles, and a dictionary of all columns."""
+"""Write CSV: every table of the results as it is, wide tables of joints and angles, and a dictionary of all columns."""
 
 from __future__ import annotations
 

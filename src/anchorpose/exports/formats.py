@@ -1,4 +1,4 @@
-"""What the writer of a format is given (a results folder and what the user chooses), and what it returns."""
+"""State what a format's writer is given (a results folder and what the user chooses), and what it returns."""
 
 from __future__ import annotations
 

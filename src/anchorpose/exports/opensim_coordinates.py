@@ -15,13 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.body.pose import MOVING_BONES, hinge_axes
 from anchorpose.body.segments import load_body_asset
-from anchorpose.errors import InputError
-from anchorpose.exports.formats import CoordinateModel
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.exports.formats import CoordinateModel, ExportConfig, Product, Source, rounded_text, write_rows
+from anchorpose.exports.regular_time import near_in_time, stretch_name, stretches_of
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.frame_table import open_frames
-from anchorpose.results.frame_time import blocks
 from anchorpose.results.kinematics.joint_angles import SOLE_SLOPE_DEG, knee_flexion
-from anchorpose.results.tables import POSES, PoseTable
+from anchorpose.results.tables import POSES_FILE, PoseTable, read_poses
 from anchorpose.rotations import unit
 
 SIDES: Final = (("Right", "r", 1), ("Left", "l", -1))
@@ -103,25 +102,19 @@ class HingeAxes:
     knee: np.ndarray
     elbow: np.ndarray
 
-    def rows(self, rows: slice) -> HingeAxes:
-        """Those of some frames."""
-        return HingeAxes(self.knee[rows], self.elbow[rows])
-
 
 def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
     """From poses.parquet; None where there is none. Raises InputError where its frames are not ``frame`` (n,)."""
     if not path.exists():
         return None
-    poses = open_frames(POSES, path)
+    poses = read_poses(path)
     if not np.array_equal(poses.frame, frame):
         raise InputError(path, "has other frames than joints.parquet", "track the recording again")
     knee, elbow = np.empty((len(frame), len(SIDES), 3)), np.empty((len(frame), len(SIDES), 3))
-    for rows in blocks(len(frame)):
-        some = poses.rows(rows.start, rows.stop)
-        for index, (side, _, _) in enumerate(SIDES):
-            # our knee bends about an axis to the left, OpenSim's about one to the right
-            knee[rows, index] = -_axis(some, f"{side}UpLeg", f"{side}Leg")
-            elbow[rows, index] = _axis(some, f"{side}Arm", f"{side}ForeArm")
+    for index, (side, _, _) in enumerate(SIDES):
+        # our knee bends about an axis to the left, OpenSim's about one to the right
+        knee[:, index] = -_axis(poses, f"{side}UpLeg", f"{side}Leg")
+        elbow[:, index] = _axis(poses, f"{side}Arm", f"{side}ForeArm")
     return HingeAxes(knee, elbow)
 
 
@@ -220,3 +213,58 @@ def _axial_rotation_deg(above: np.ndarray, along: np.ndarray, hinge: np.ndarray,
     x = unit(np.cross(y, hinge))
     limb = np.stack([x, y, np.cross(x, y)], axis=-1)
     return side * rotations_deg(np.einsum("nji,njk->nik", above, limb))[2]
+
+
+STEM: Final = "motion"
+DIGITS: Final = 6  # after the point: micrometres, and millionths of a degree
+
+
+def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
+    """motion.mot, or one file for each stretch without a gap; raises AnchorposeError where there is no such stretch."""
+    hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)
+    coordinates = opensim_coordinates(source.samples.position_m, config.model, hinges)
+    stretches = stretches_of(np.isfinite(coordinates.values), near_in_time(source.samples.time_s))
+    if not stretches.runs:
+        raise AnchorposeError("No two frames in a row have the joints that a MOT needs; export with --to csv instead.")
+    kept = tuple(name for name, keep in zip(coordinates.names, stretches.kept, strict=True) if keep)
+    for number, (first, last) in enumerate(stretches.runs):
+        name = stretch_name(STEM, ".mot", number, len(stretches.runs))
+        values = _unwrapped(kept, coordinates.values[first:last, stretches.kept])
+        write_mot_file(folder / name, source.samples.time_s[first:last], kept, values)
+    frames = sum(last - first for first, last in stretches.runs)
+    left_out = [name for name in coordinates.names if name not in kept]
+    return Product(
+        axes=f"OpenSim's coordinates of the model {config.model}; X forward, Y up, Z to the patient's right",
+        units="degrees; pelvis_tx, pelvis_ty, pelvis_tz metres; seconds",
+        time="as recorded",
+        missing="a MOT cannot hold a gap: coordinates known in less than half of the frames are left out, and each "
+        "stretch of frames without a pause in which all the others are known is a file of its own",
+        counts=(("files", len(stretches.runs)), ("frames", frames), ("frames_left_out", len(source.frame) - frames)),
+        notes=(
+            f"Left out for want of joints: {', '.join(left_out) or 'nothing'}.",
+            "hip_rotation and arm_rot are those of the learnt body (poses.parquet); they are the least certain."
+            if hinges is not None
+            else "hip_rotation and arm_rot cannot be had from joint centres, there is no poses.parquet: left out.",
+        ),
+    )
+
+
+def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
+    """Values (n, c) in which no angle jumps by 360 degrees, as it would where a patient turns past -X.
+
+    Interpolation and filters would go the long way round. Lengths stay as they are.
+    """
+    unwrapped = values.copy()
+    for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one by one: all together take four times the memory
+        unwrapped[:, column] = np.unwrap(values[:, column], period=360.0)
+    return unwrapped
+
+
+def write_mot_file(path: Path, time_s: np.ndarray, names: tuple[str, ...], values: np.ndarray) -> None:
+    """Writes the file; values (n, c) without NaN."""
+    head = [path.stem, "version=1", f"nRows={len(time_s)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "endheader"]
+    body = (
+        [repr(float(time)), *(rounded_text(value, DIGITS, "") for value in row.tolist())]
+        for time, row in zip(time_s, values, strict=True)
+    )
+    write_rows(path, "\t", ([line] for line in head), [["time", *names]], body)

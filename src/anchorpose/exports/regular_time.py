@@ -1,4 +1,4 @@
-"""A fixed frame rate for formats without time stamps, and stretches without a gap for formats without missing values.
+"""Bring samples to a fixed frame rate, and find stretches without a gap, for formats that need them.
 
 Measured samples stay as they are wherever their times allow it.
 """
@@ -14,7 +14,6 @@ import numpy as np
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.formats import Samples
 from anchorpose.joints import LOST
-from anchorpose.results.frame_time import blocks
 
 NEAR_SHARE: Final = 0.01
 """Share of the time between frames: a sample so near to its place on the grid is used there as it is. At 30 frames per
@@ -57,20 +56,13 @@ class Interpolation:
 
         turn: a full turn, where values are angles: these go the short way round.
         """
-        fit, found = (slice(None), *[None] * (values.ndim - 1)), np.empty((len(self.before), *values.shape[1:]))
-        for rows in blocks(len(found)):
-            share, before = self.share[rows][fit], self.before[rows]
-            left, right = values[before], values[before + 1]
-            change = right - left
-            if np.isfinite(turn):
-                change = (change + turn / 2.0) % turn - turn / 2.0
-            mixed = np.where(share == 0.0, left, np.where(share == 1.0, right, left + share * change))
-            found[rows] = np.where(self.bridged[rows][fit], mixed, np.nan)
-        return found
-
-    def rows(self, rows: slice) -> Interpolation:
-        """That of some grid times."""
-        return Interpolation(self.before[rows], self.share[rows], self.bridged[rows])
+        fit = (slice(None), *[None] * (values.ndim - 1))
+        share, left, right = self.share[fit], values[self.before], values[self.before + 1]
+        change = right - left
+        if np.isfinite(turn):
+            change = (change + turn / 2.0) % turn - turn / 2.0
+        mixed = np.where(share == 0.0, left, np.where(share == 1.0, right, left + share * change))
+        return np.where(self.bridged[fit], mixed, np.nan)
 
     def worse_state(self, state_code: np.ndarray) -> np.ndarray:
         """(g, ...) the worse state of the two ends; lost in a gap."""
@@ -81,26 +73,12 @@ class Interpolation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegularSamples:
-    """Samples at ``rate_hz``, at the times time_s (g,).
+    """Samples at ``rate_hz``; interpolation: how to bring other values of the recorded clock to their times."""
 
-    recorded: (n) from which they are made where they are needed, since all of an hour would not fit beside these;
-    interpolation: how to bring them, or other values of the same clock, to those times.
-    """
-
-    recorded: Samples
-    time_s: np.ndarray
+    samples: Samples
     rate_hz: float
     base: TimeBase
     interpolation: Interpolation
-
-    @property
-    def samples(self) -> Samples:
-        """All of them; each call makes them again."""
-        return _at(self.recorded, self.time_s, self.interpolation)
-
-    def part(self, rows: slice) -> RegularSamples:
-        """That of some frames."""
-        return replace(self, time_s=self.time_s[rows], interpolation=self.interpolation.rows(rows))
 
 
 def regular_samples(samples: Samples) -> RegularSamples:
@@ -117,10 +95,10 @@ def regular_samples(samples: Samples) -> RegularSamples:
         raise AnchorposeError("The recording pauses for most of its time; track its parts, or export with --to csv.")
     if not on_grid:
         grid_s, interpolation = _resampling(time_s, rate_hz)
-        return RegularSamples(samples, grid_s, rate_hz, TimeBase.RESAMPLED, interpolation)
+        return RegularSamples(_at(samples, grid_s, interpolation), rate_hz, TimeBase.RESAMPLED, interpolation)
     grid_s, interpolation = _placing(time_s, rate_hz, slot)
     base = TimeBase.AS_RECORDED if interpolation.recorded.all() else TimeBase.GAPS_FILLED_UP
-    return RegularSamples(samples, grid_s, rate_hz, base, interpolation)
+    return RegularSamples(_at(samples, grid_s, interpolation), rate_hz, base, interpolation)
 
 
 def nominal_rate_hz(time_s: np.ndarray) -> float:

@@ -15,8 +15,7 @@ from zlib import crc32
 
 import numpy as np
 
-from anchorpose.batch.cluster import Place
-from anchorpose.batch.engine import Job, run_jobs
+from anchorpose.batch.cluster import Job, Place, run_jobs
 from anchorpose.camera import transform_points
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.depth_image import read_depth_image

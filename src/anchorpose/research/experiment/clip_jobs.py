@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from anchorpose.batch.cluster import Place
-from anchorpose.batch.engine import Job, run_jobs
+from anchorpose.batch.cluster import Job, Place, run_jobs
 from anchorpose.research.experiment.clips import Clip
 from anchorpose.research.experiment.costs import Costs
 from anchorpose.research.experiment.plan import PlanSpec, Task

@@ -1,7 +1,8 @@
-"""The files beside a TRC: the model of the patient, and set-ups of OpenSim's Scale and Inverse Kinematics tools."""
+"""Write TRC: marker paths as OpenSim reads them, one marker per joint, with a model and set-up files."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -9,11 +10,70 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from anchorpose.exports.formats import CoordinateModel, Samples
-from anchorpose.exports.osim_model import OSIM_VERSION, as_text, model_xml
-from anchorpose.exports.osim_segments import measure_body
-from anchorpose.exports.regular_time import runs_where, stretch_name, stretches_of
+from anchorpose.exports.formats import (
+    CoordinateModel,
+    ExportConfig,
+    Product,
+    Samples,
+    Source,
+    number_text,
+    rounded_text,
+    write_rows,
+)
+from anchorpose.exports.opensim_model import OSIM_VERSION, as_text, measure_body, model_xml
+from anchorpose.exports.regular_time import RegularSamples, regular_samples, runs_where, stretch_name, stretches_of
 from anchorpose.joints import JOINT_NAMES
+
+TRC_FILE: Final = "joints.trc"
+
+MISSING: Final = "NaN"
+"""As OpenSim writes it. Its reader refuses an empty cell at the end of a line, and takes zeros for a marker at the
+origin."""
+
+MICROMETRES: Final = 6  # digits after the point, in metres
+
+
+def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
+    """joints.trc, and beside it the files with which OpenSim works on it."""
+    regular = regular_samples(source.samples)
+    samples = regular.samples
+    write_rows(folder / TRC_FILE, "\t", trc_head(regular), trc_body(samples))
+    notes = write_osim_files(folder, TRC_FILE, samples, config.model)
+    return Product(
+        axes="OpenSim's and ours: X forward, Y up, Z to the patient's right",
+        units="metres, seconds",
+        time=str(regular.base),
+        missing=f"{MISSING} in all three cells of a marker; OpenSim's inverse kinematics leaves such a marker out",
+        counts=(
+            ("frames", len(samples.time_s)),
+            ("rate_hz", regular.rate_hz),
+            ("recorded_frames", int(regular.interpolation.recorded.sum())),
+            ("missing_markers", int(np.isnan(samples.position_m[..., 0]).sum())),
+        ),
+        notes=notes,
+    )
+
+
+def trc_head(regular: RegularSamples) -> list[list[str]]:
+    """The lines before the frames."""
+    rate, count = number_text(regular.rate_hz), len(regular.samples.time_s)
+    markers = range(1, len(JOINT_NAMES) + 1)
+    return [
+        ["PathFileType", "4", "(X/Y/Z)", TRC_FILE],
+        ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
+         "OrigNumFrames"],
+        [rate, rate, str(count), str(len(JOINT_NAMES)), "m", rate, "1", str(count)],
+        ["Frame#", "Time", *(cell for name in JOINT_NAMES for cell in (name, "", ""))],
+        ["", "", *(f"{axis}{marker}" for marker in markers for axis in "XYZ")],
+        [""],
+    ]  # fmt: skip
+
+
+def trc_body(samples: Samples) -> Iterator[list[str]]:
+    """One line per frame, times as recorded where they are regular."""
+    for number, (time_s, place) in enumerate(zip(samples.time_s.tolist(), samples.position_m, strict=True), 1):
+        yield [str(number), repr(time_s), *(rounded_text(x, MICROMETRES, MISSING) for x in place.ravel().tolist())]
+
 
 SCALED_MODEL: Final = "scaled.osim"
 

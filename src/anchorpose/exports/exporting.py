@@ -1,4 +1,4 @@
-"""Exporting a results folder: every format into a folder of its own, all of them or none."""
+"""Export a results folder: every format into a folder of its own, all of them or none."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from anchorpose.exports.bvh import write_bvh
 from anchorpose.exports.c3d import write_c3d
 from anchorpose.exports.csv_tables import write_csv
 from anchorpose.exports.formats import ExportConfig, Format, Product, Source, read_source
-from anchorpose.exports.mot import write_mot
-from anchorpose.exports.trc import write_trc
+from anchorpose.exports.opensim_coordinates import write_mot
+from anchorpose.exports.opensim_trc import write_trc
 from anchorpose.recording.document import read_json
 from anchorpose.results.folder import whole_or_nothing
 from anchorpose.results.run_record import hash_files
