@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from anchorpose.agreement.joint_centres import (
-    HipCentre,
     functional_centre,
     harrington_hip,
     other_side,
@@ -18,6 +17,7 @@ from anchorpose.agreement.joint_centres import (
 from anchorpose.agreement.labels import known_marking
 from anchorpose.agreement.reading import read_captured
 from anchorpose.agreement.reference import read_reference
+from anchorpose.agreement.reference_settings import HipCentre
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
 

@@ -12,13 +12,13 @@ import numpy as np
 from anchorpose.agreement.captured import Captured
 from anchorpose.agreement.joint_centres import (
     CentreTrack,
-    HipCentre,
     joint_centres,
     other_side,
     with_sides_exchanged,
 )
 from anchorpose.agreement.labels import SIDES, given_marking, known_marking
 from anchorpose.agreement.reading import read_captured
+from anchorpose.agreement.reference_settings import HipCentre
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES

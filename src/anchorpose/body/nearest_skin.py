@@ -97,7 +97,7 @@ def nearest_facing(
         facing = _facing(skin, eyes[camera])
         if not len(facing):
             continue
-        grid, spot = _grid(skin, facing), np.int64(0)
+        grid, spot = _grid(skin, facing), 0
         for node in range(len(nodes.places_m)):
             if seen_from[node] != camera:
                 continue
@@ -215,7 +215,7 @@ def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: 
     if 0 <= i < shape[0] and 0 <= j < shape[1] and 0 <= k < shape[2]:
         own = (i * shape[1] + j) * shape[2] + k
         for spot in range(start[own], start[own + 1]):
-            distance = _distance2(skin, np.int64(spot), nodes, node, normal_weight)
+            distance = _distance2(skin, spot, nodes, node, normal_weight)
             if distance < best:
                 best, found = distance, spot
     left, right = _cells_within(x, np.sqrt(best), shape[0])
@@ -230,7 +230,7 @@ def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: 
                 continue
             row = (i * shape[1] + j) * shape[2]
             for spot in range(start[row + first], start[row + last + 1]):  # cells along z follow one another
-                distance = _distance2(skin, np.int64(spot), nodes, node, normal_weight)
+                distance = _distance2(skin, spot, nodes, node, normal_weight)
                 if distance < best:
                     best, found = distance, spot
     return found

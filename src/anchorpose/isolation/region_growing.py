@@ -85,10 +85,10 @@ def _grow(surface: _Surface, owner: np.ndarray, crease_cost: float) -> None:
     capacity = 4 * (len(owner) - owned) + owned + 1
     after, pixels = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
     queue = _Queue(np.full(ring, -1, np.int32), after, pixels, np.empty(capacity, np.uint8))
-    used = np.int64(0)  # its type and those below: ``_push`` is compiled once
+    used = 0
     for pixel in range(len(owner) - 1, -1, -1):
         if owner[pixel] != NOBODY and _beside_open(surface, owner, pixel):
-            used = _push(queue, used, np.int64(0), pixel, np.uint8(NOBODY))
+            used = _push(queue, used, 0, pixel, NOBODY)
     level, left = 0, used
     while left > 0:
         bucket = level % ring

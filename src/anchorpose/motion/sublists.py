@@ -75,7 +75,7 @@ def _rank(
     """The best sub-lists by rising cost. Without ``query``, which has a summary's shape, there are no bounds."""
     best, cost = np.full(count, -1, dtype=np.int64), np.full(count, np.inf)
     place, stride, followed, segment = sublists.place, sublists.stride, sublists.followed, sublists.segment
-    found = np.int64(0)
+    found = 0
     scale, weight = np.float32(len(history)) * _ROUNDED, np.float32(displacement_weight)
     bound = np.zeros(len(segment) - 1, dtype=np.float32)
     seeds = np.zeros(0, dtype=np.int64)
