@@ -14,7 +14,7 @@ from anchorpose.cli.limits import MOST_FRAMES, TALLEST_M, positive, whole
 from anchorpose.errors import AnchorposeError
 
 if TYPE_CHECKING:
-    from anchorpose.pipeline import TrackConfig
+    from anchorpose.tracker.config import TrackConfig
 
 
 @Parameter(name="*")
