@@ -17,7 +17,8 @@ from tasks import tasks
 
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.bodies import BUILDS, OtherBody
-from anchorpose.simulate.config import Equipment, SimulationConfig
+from anchorpose.simulate.choices import Equipment
+from anchorpose.simulate.config import SimulationConfig
 
 Config = SimulationConfig
 

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.agreement.captured import read_captured
 from anchorpose.agreement.joint_centres import (
-    HipCentre,
     functional_centre,
     harrington_hip,
     known_marking,
@@ -18,6 +17,7 @@ from anchorpose.agreement.joint_centres import (
     pelvis_frame,
 )
 from anchorpose.agreement.reference import read_reference
+from anchorpose.agreement.reference_settings import HipCentre
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
 

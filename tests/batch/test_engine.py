@@ -36,9 +36,9 @@ def _children_find_the_stubs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    monkeypatch.delitem(sys.modules, engine.__name__)
+    monkeypatch.delitem(sys.modules, cluster.__name__)
     with pytest.raises(MissingPackage, match=r"pip install 'anchorpose\[batch\]'"):
-        importlib.import_module(engine.__name__)
+        importlib.import_module(cluster.__name__)
 
 
 def lines(path: Path) -> list[str]:

@@ -19,7 +19,6 @@ from anchorpose.simulate.bodies import (
     SHOE_M,
     SOLE_M,
     WASTED,
-    Build,
     OtherBody,
     Scales,
     draw_scales,
@@ -29,6 +28,7 @@ from anchorpose.simulate.bodies import (
     with_brace,
     with_shoes,
 )
+from anchorpose.simulate.choices import Build
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.patient import resting_channels

@@ -9,9 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from anchorpose.agreement.joint_centres import HipCentre
 from anchorpose.agreement.matching import Match, match_results
 from anchorpose.agreement.reference import exchanged, read_reference
+from anchorpose.agreement.reference_settings import ReferenceSettings
 from anchorpose.agreement.rows import (
     ALL,
     AS_MEASURED,
@@ -29,17 +29,6 @@ from anchorpose.recording.document import read_json, require_rigid
 from anchorpose.settings import Unfit
 
 TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four numbers}, in metres'
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReferenceSettings:
-    """How to read the other system's files. unit: of lengths; names: a table joint,label; transform: a JSON file."""
-
-    unit: str | None = None
-    names: Path | None = None
-    hip: HipCentre = HipCentre.HARRINGTON
-    transform: Path | None = None
-    exchange_sides: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,13 +11,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from anchorpose.agreement.captured import Captured
+from anchorpose.agreement.reference_settings import HipCentre
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.recording.document import read_rows
@@ -145,13 +145,6 @@ plane or hardly at all, and the centre is not determined along one direction."""
 FARTHEST_M: Final = 0.04
 """From the hip of the regression, which is good to 15 mm: a fit farther away followed skin that slid over the bone. In
 a recording of walking (ezc3d's example of Qualisys) both hips were 67 mm away."""
-
-
-class HipCentre(StrEnum):
-    """Where hip centres come from if the other system gives none."""
-
-    HARRINGTON = "harrington"
-    FUNCTIONAL = "functional"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,13 +13,13 @@ from anchorpose.agreement.captured import Captured, read_captured
 from anchorpose.agreement.joint_centres import (
     SIDES,
     CentreTrack,
-    HipCentre,
     given_marking,
     joint_centres,
     known_marking,
     other_side,
     with_sides_exchanged,
 )
+from anchorpose.agreement.reference_settings import HipCentre
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES

@@ -12,6 +12,7 @@ import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,6 +21,9 @@ from anchorpose.errors import AnchorposeError, MissingPackage
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+if find_spec("distributed") is None:
+    raise MissingPackage("Work on many recordings at once", "distributed", "batch")
 
 SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")

@@ -24,12 +24,12 @@ from anchorpose.joints import JointState
 from anchorpose.recording.document import cell_text, read_json
 from anchorpose.report.measure_section import title_of, value_form
 from anchorpose.report.page import REPORT_FILE
-from anchorpose.report.words import COVERAGE
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.parquet import RecordTable, refuse_unreadable
 from anchorpose.results.records import MEASURES_FILE, Measure, read_measures
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE
+from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.web_page import render_page
 
 DONE, FAILED, OPEN = "done", "failed", "open"
@@ -278,5 +278,5 @@ def _value(measure: Measure | None) -> Markup:
     if measure is None or measure.value is None:
         return UNKNOWN.format("did not occur" if measure is None else measure.why)
     form = value_form(measure)
-    error = Markup("") if measure.sigma is None else Markup(" ± {}").format(form.write(COVERAGE * measure.sigma))
+    error = Markup("") if measure.sigma is None else Markup(" ± {}").format(form.write(NORMAL_95 * measure.sigma))
     return Markup("{}{}").format(form.write(measure.value), error)

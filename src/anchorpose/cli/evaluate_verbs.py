@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from anchorpose.agreement.reference_settings import ReferenceSettings
 from anchorpose.cli.console import say, show
 from anchorpose.cli.limits import DAY_S, between
 from anchorpose.errors import InputError
@@ -36,21 +37,6 @@ class ReferenceOptions:
     subject: list[str] | None = None
     """With --reference: who was recorded, once for each results folder; by default each folder is another person."""
 
-    unit: Literal["mm", "cm", "m"] | None = None
-    """The unit of the reference's lengths, where its file does not state it."""
-
-    names: Path | None = None
-    """A CSV with the columns joint,label: which labels of the reference are which joint."""
-
-    hip: Literal["harrington", "functional"] = "harrington"
-    """Hip centres from pelvis markers: by the regression of Harrington et al. 2007, or from the thigh's movement."""
-
-    transform: Path | None = None
-    """A JSON file with reference_to_world, if the position of the reference's axes is known."""
-
-    exchange_sides: bool = False
-    """The reference has left and right the wrong way round."""
-
     labels: Path | None = None
     """A CSV with the columns camera,frame,joint,u,v: joints labelled in depth images; needs --recording."""
 
@@ -66,6 +52,7 @@ def evaluate(
     json: Path | None = None,
     skip: Annotated[float, Parameter(name="--skip-s"), between(0.0, DAY_S)] = 0.0,
     options: ReferenceOptions | None = None,
+    reading: Annotated[ReferenceSettings | None, Parameter(name="*")] = None,
 ) -> None:
     """Compare results with the true joints, with another motion capture system, or with labels in images.
 
@@ -96,24 +83,16 @@ def evaluate(
     elif chosen.labels is not None:
         _with_labels(results, chosen.labels, chosen.recording)
     else:
-        _with_reference((results, *others), chosen)
+        _with_reference((results, *others), chosen, reading or ReferenceSettings())
 
 
-def _with_reference(results: tuple[Path, ...], options: ReferenceOptions) -> None:
-    from anchorpose.agreement.evaluating import ReferenceSettings, compare_with_reference
-    from anchorpose.agreement.joint_centres import HipCentre
+def _with_reference(results: tuple[Path, ...], options: ReferenceOptions, reading: ReferenceSettings) -> None:
+    from anchorpose.agreement.evaluating import compare_with_reference
     from anchorpose.agreement.writing import check_place, write_comparison
 
     if options.output is not None:
         check_place(options.output, options.overwrite)
-    settings = ReferenceSettings(
-        unit=options.unit,
-        names=options.names,
-        hip=HipCentre(options.hip),
-        transform=options.transform,
-        exchange_sides=options.exchange_sides,
-    )
-    comparison = compare_with_reference(results, options.reference or [], options.subject or [], settings)
+    comparison = compare_with_reference(results, options.reference or [], options.subject or [], reading)
     if options.output is not None:
         write_comparison(options.output, comparison, options.overwrite)
     print_comparison(comparison)

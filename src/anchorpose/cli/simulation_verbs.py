@@ -11,6 +11,7 @@ from cyclopts import Parameter
 from anchorpose.cli.console import say
 from anchorpose.cli.limits import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, positive, whole
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.simulate.choices import BraceName, Build, Equipment, LensName, Scene, Sensor, Speed
 
 if TYPE_CHECKING:
     from anchorpose.simulate.bodies import OtherBody
@@ -43,21 +44,11 @@ class SimulateOptions:
     cameras: Annotated[int | None, whole(1, 100)] = None
     """How many cameras, 1 to 4, instead of the preset's."""
 
-    sensor: Annotated[
-        tuple[
-            Literal[
-                "kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered",
-                "azure-kinect-wfov", "femto-bolt", "d435", "xtion", "iphone-lidar",
-            ],
-            ...,
-        ]
-        | None,
-        Parameter(consume_multiple=True),
-    ] = None  # fmt: skip
+    sensor: Annotated[tuple[Sensor, ...] | None, Parameter(consume_multiple=True)] = None
     """Which depth camera is imitated, instead of the preset's: one for all, or one per camera. realsense is a D455;
     kinect-v1 is coarse, at half resolution; realsense-filtered smooths over space and time as librealsense does."""
 
-    lens: Literal["pinhole", "brown-conrady", "rational", "kannala-brandt"] | None = None
+    lens: LensName | None = None
     """Which lens the cameras have, instead of the sensor's: a pinhole, or one of OpenCV's models with coefficients as
     real cameras have them."""
 
@@ -75,28 +66,25 @@ class SimulateOptions:
     """Which of them, such as sit-to-stand, deep-squat or shoulder-abduction, or the name of a clip; drawn at random
     where not given."""
 
-    equipment: Literal["none", "standing-frame", "parallel-bars", "walker", "wheelchair", "sling"] | None = None
+    equipment: Equipment | None = None
     """What the patient stands in, instead of the preset's. Parallel bars of the preset 'rehabilitation' come with a
     chest pad and straps."""
 
     passer_by: bool = False
     """A person walks between a camera and the patient."""
 
-    speed: Literal["slow", "normal", "fast", "mixed"] | None = None
+    speed: Speed | None = None
     """How fast the patient moves, instead of the preset's."""
 
     height: Annotated[float | None, positive(TALLEST_M)] = None
     """The patient's height in metres; drawn at random where not given."""
 
-    build: Literal["ordinary", "varied", "wasted-legs", "heavy", "child"] | None = None
+    build: Build | None = None
     """The patient's body. ordinary: like those that the tracker knows. varied: every segment longer or shorter, thicker
     or thinner by itself, in shoes or barefoot. wasted-legs: the same with thin legs and strong arms. heavy: the same
     with a belly. child: of 1.0 to 1.5 m."""
 
-    brace: Annotated[
-        tuple[Literal["left shank", "right shank", "left thigh", "right thigh", "trunk"], ...] | None,
-        Parameter(consume_multiple=True),
-    ] = None
+    brace: Annotated[tuple[BraceName, ...] | None, Parameter(consume_multiple=True)] = None
     """Segments of the patient that a stiff orthosis covers."""
 
     missing: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None
@@ -105,7 +93,7 @@ class SimulateOptions:
     body: Path | None = None
     """A body of another source instead of a drawn one: an .npz as docs/simulate.md describes it."""
 
-    scene: Literal["enters-late", "leaves", "hidden", "sits"] | None = None
+    scene: Scene | None = None
     """Something that makes a tracker lose the patient. enters-late: the therapists are there first, the patient walks
     in later. leaves: the patient walks out and comes back. hidden: a curtain hides the patient from all cameras for two
     seconds. sits: the patient sits down or stands up. There is no standing frame where the patient walks or sits.
@@ -216,6 +204,11 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
     quick
         One second of recording only, to check an installation.
     """
+    if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
+        raise InputError(out, "exists already", "choose another name or remove it first")
+    seconds = QUICK_SECONDS if quick else DEMO_SECONDS
+    # before the imports, which take seconds
+    say(f"1. Simulating {seconds:g} s of a patient in a standing frame, one camera, one therapist.")
     from anchorpose.cli.console import print_outcome, progress_bar
     from anchorpose.cli.evaluate_verbs import print_evaluation
     from anchorpose.pipeline import track_recording
@@ -227,14 +220,10 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
     from anchorpose.tracker.config import TrackConfig
     from anchorpose.tracker.warm_up import start_warm_up
 
-    if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
-        raise InputError(out, "exists already", "choose another name or remove it first")
-    seconds = QUICK_SECONDS if quick else DEMO_SECONDS
     scene = SimulationConfig(seed=DEMO_SEED, seconds=seconds, fps=DEMO_FPS, cameras=1, therapists=1, speed="slow")
     start_warm_up()  # on another core, while this process simulates
     with whole_or_nothing(out) as folder:
         simulated, results = folder / "simulated", folder / "results"
-        say(f"1. Simulating {scene.frames} frames of a patient in a standing frame, one camera, one therapist.")
         with progress_bar("Simulating") as progress:
             simulate_recording(simulated, scene, progress)
         say("2. Tracking 21 joints; the first run takes longer, because it compiles.")

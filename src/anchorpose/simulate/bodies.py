@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Literal, get_args
+from typing import Final, get_args
 
 import numpy as np
 
 from anchorpose.body.kinematics import BodyMesh, below, stump_of
 from anchorpose.recording.recording import MissingPart
 from anchorpose.settings import settings
+from anchorpose.simulate.choices import BraceName, Build
 
-Build = Literal["ordinary", "varied", "wasted-legs", "heavy", "child"]
-"""ordinary: of the body asset. varied: every segment by itself. wasted-legs: the same, with thin legs under a strong
-upper body, as after years of paralysis. heavy: the same with a belly, and more on all limbs. child: of 1.0 to
-1.5 m, every segment by itself."""
 BUILDS: Final[tuple[Build, ...]] = get_args(Build)
-BraceName = Literal["left shank", "right shank", "left thigh", "right thigh", "trunk"]
 
 LENGTH_SPREAD: Final = {"UpLeg": 0.05, "Leg": 0.04, "Arm": 0.04, "ForeArm": 0.045, "Hand": 0.04, "Foot": 0.05}
 GIRTH_SPREAD: Final = {"UpLeg": 0.06, "Leg": 0.06, "Arm": 0.07, "ForeArm": 0.06, "Hand": 0.04, "Foot": 0.04}

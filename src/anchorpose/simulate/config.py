@@ -11,17 +11,10 @@ from pydantic import Field
 
 from anchorpose.settings import Count, NotNegative, Share, settings
 from anchorpose.simulate.bodies import OtherBody
+from anchorpose.simulate.choices import Equipment, LensName, Scene, Sensor, Speed
 from anchorpose.simulate.movement_file import MOVEMENTS, STEPPING, SUBJECTS, movement_of
 from anchorpose.simulate.rooms.plan import Posture, RoomConfig, draw_room_config, draw_sensor
 
-Sensor = Literal[
-    "kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered",
-    "azure-kinect-wfov", "femto-bolt", "d435", "xtion", "iphone-lidar",
-]  # fmt: skip
-LensName = Literal["pinhole", "brown-conrady", "rational", "kannala-brandt"]
-Speed = Literal["slow", "normal", "fast", "mixed"]
-Scene = Literal["enters-late", "leaves", "hidden", "sits"]
-Equipment = Literal["none", "standing-frame", "parallel-bars", "walker", "wheelchair", "sling"]
 TaskName = Literal[
     "both knees from the front", "left knee and hip", "right knee and hip", "hips from behind", "trunk from behind",
     "left knee from the front", "right knee from the front",

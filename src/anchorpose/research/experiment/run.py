@@ -39,8 +39,8 @@ from anchorpose.research.experiment.results import (
 )
 from anchorpose.research.experiment.work import PER_NODE
 from anchorpose.results.folder import write_text_whole
+from anchorpose.simulate.choices import Speed
 from anchorpose.simulate.clinic import draw_clinic
-from anchorpose.simulate.config import Speed
 
 KINDS: Final[tuple[tuple[str, tuple[str, ...], Speed], ...]] = (
     ("upper body, slow", ("reach", "arm-raise", "head"), "slow"),
