@@ -16,13 +16,13 @@ from anchorpose.agreement.rows import (
     ALL,
     AS_MEASURED,
     INFERRED,
-    LEAST_SAMPLES,
     MM,
     OFFSET_REMOVED,
     Agreement,
     agreement_rows,
     in_state,
 )
+from anchorpose.agreement.statistics import LEAST_SAMPLES
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.recording.document import read_json, require_rigid

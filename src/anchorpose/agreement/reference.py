@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -71,14 +71,8 @@ def read_reference(
 
 def exchanged(reference: Reference) -> Reference:
     """The same recording with left and right exchanged."""
-    return Reference(
-        reference.path,
-        reference.time_s,
-        with_sides_exchanged(reference.centres),
-        tuple(other_side(name) for name in reference.angles),
-        reference.degrees,
-        reference.notes,
-    )
+    angles = tuple(other_side(name) for name in reference.angles)
+    return replace(reference, centres=with_sides_exchanged(reference.centres), angles=angles)
 
 
 def _angles(captured: Captured) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:

@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
+from anchorpose.agreement.statistics import LEAST_UNITS, Estimate
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.recording.document import cell_text, read_rows, require_distinct
 from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
@@ -25,7 +26,6 @@ from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 from anchorpose.settings import LARGEST
 
-LEAST_SUBJECTS: Final = 3
 TAIL: Final = 0.975
 
 
@@ -62,15 +62,6 @@ class MeanSquares:
     rest: float
 
 
-@dataclass(frozen=True, slots=True)
-class Correlation:
-    """An intraclass correlation with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-
 def mean_squares(values: np.ndarray) -> MeanSquares:
     """values (subjects, repeats), all finite. Raises MissingPackage without statsmodels."""
     try:
@@ -89,7 +80,7 @@ def mean_squares(values: np.ndarray) -> MeanSquares:
     return MeanSquares(subject, repeated, rest)
 
 
-def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Correlation:
+def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Estimate:
     """ICC(2,1): repeats are a sample of all, and their differences count as error."""
     n, k = subjects, repeats
     value = (ms.subjects - ms.rest) / (ms.subjects + (k - 1) * ms.rest + k * (ms.repeats - ms.rest) / n)
@@ -102,16 +93,16 @@ def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Correlat
     other = k * ms.repeats + (k * n - k - n) * ms.rest
     low = n * (ms.subjects - above * ms.rest) / (above * other + n * ms.subjects)
     high = n * (below * ms.subjects - ms.rest) / (other + n * below * ms.subjects)
-    return Correlation(float(value), float(low), float(high))
+    return Estimate(float(value), float(low), float(high))
 
 
-def consistency(ms: MeanSquares, subjects: int, repeats: int) -> Correlation:
+def consistency(ms: MeanSquares, subjects: int, repeats: int) -> Estimate:
     """ICC(3,1): a constant difference between repeats does not count as error."""
     n, k = subjects, repeats
     ratio, freedom = ms.subjects / ms.rest, (n - 1) * (k - 1)
     low, high = ratio / stats.f.ppf(TAIL, n - 1, freedom), ratio * stats.f.ppf(TAIL, freedom, n - 1)
     value, below, above = ((each - 1.0) / (each + k - 1.0) for each in (ratio, low, high))
-    return Correlation(float(value), float(below), float(above))
+    return Estimate(float(value), float(below), float(above))
 
 
 def reliability_of(measure: str, side: str | None, unit: str, values: np.ndarray) -> Reliability:
@@ -155,14 +146,9 @@ def minimal_detectable_change(sem: float) -> float:
 def _why_not(whole: np.ndarray) -> str | None:
     if whole.shape[1] < 2:
         return "only one session was given"
-    if len(whole) < LEAST_SUBJECTS:
-        return f"{len(whole)} subjects have a value in every session; at least {LEAST_SUBJECTS} are needed"
+    if len(whole) < LEAST_UNITS:
+        return f"{len(whole)} subjects have a value in every session; at least {LEAST_UNITS} are needed"
     return "the value never differs" if np.ptp(whole) == 0.0 else None
-
-
-def find(rows: Sequence[Reliability], measure: str, side: str | None) -> Reliability | None:
-    """The row of a measure; None where there is none."""
-    return next((row for row in rows if (row.measure, row.side) == (measure, side)), None)
 
 
 REPEATED: Final = ("session", "rater", "device")

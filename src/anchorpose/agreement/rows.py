@@ -10,11 +10,12 @@ import numpy as np
 
 from anchorpose.agreement.matching import Match
 from anchorpose.agreement.statistics import (
+    LEAST_SAMPLES,
+    LEAST_UNITS,
     Limits,
     calibration_error,
     coverage_95,
     limits_of_agreement,
-    range_of,
     waveform_correlation,
 )
 from anchorpose.joints import JOINT_NAMES, LOST, JointState
@@ -23,11 +24,6 @@ MM: Final = 1000.0
 AXES: Final = ("x", "y", "z")
 AS_MEASURED, OFFSET_REMOVED = "as_measured", "offset_removed"
 ALL, INFERRED = "all", "inferred"
-
-LEAST_SAMPLES: Final = 10
-
-LEAST_SUBJECTS: Final = 3
-"""From so many subjects on, they are the units of repetition; else stretches of time are."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,7 +183,7 @@ def _shape(parts: Sequence[tuple[Compared, str, np.ndarray]], offset: str) -> di
         found = waveform_correlation(each.ours[chosen], theirs)
         if found is not None:
             cmc.append(found)
-        ranges.append((range_of(each.ours[chosen]), range_of(theirs)))
+        ranges.append((float(np.ptp(each.ours[chosen])), float(np.ptp(theirs))))
     ours, theirs_range = np.mean(ranges, axis=0)
     return {
         "cmc": float(np.mean(cmc)) if len(cmc) == len(parts) else None,
@@ -212,7 +208,7 @@ def _units(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
 
 
 def _repeated(subjects: Sequence[str], units: Sequence[np.ndarray]) -> tuple[str, np.ndarray]:
-    if len(set(subjects)) >= LEAST_SUBJECTS:
+    if len(set(subjects)) >= LEAST_UNITS:
         names = sorted(set(subjects))
         return "subject", np.concatenate(
             [np.full(len(unit), names.index(subject)) for subject, unit in zip(subjects, units, strict=True)]

@@ -17,7 +17,7 @@ from scipy import stats
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_UNITS: Final = 3
-"""With fewer, an interval would be wider than anything it is compared with."""
+"""Fewer give an interval wider than anything that it is compared with; so many subjects or more are the units."""
 
 CONFIDENCE: Final = 0.95
 
@@ -130,7 +130,7 @@ def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple
 
 
 LEAST_SAMPLES: Final = 10
-"""A waveform of fewer samples has no shape to speak of."""
+"""Fewer have no agreement to speak of, and a waveform no shape."""
 
 LEVELS: Final = np.linspace(0.05, 0.95, 19)
 """The nominal shares at which coverage is compared with what was found."""
@@ -149,11 +149,6 @@ def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | N
     between = ((both - both.mean(axis=0)) ** 2).sum() / len(values)
     overall = ((both - both.mean()) ** 2).sum() / (both.size - 1)
     return float(np.sqrt(1.0 - between / overall)) if 0.0 < overall >= between else None
-
-
-def range_of(values: np.ndarray) -> float:
-    """From the lowest to the highest value (n,)."""
-    return float(values.max() - values.min())
 
 
 def coverage_95(error: np.ndarray, sigma: np.ndarray) -> float:

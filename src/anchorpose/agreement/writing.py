@@ -15,7 +15,8 @@ from anchorpose import __version__
 from anchorpose.agreement.evaluating import Comparison
 from anchorpose.agreement.evaluation_page import page_text
 from anchorpose.agreement.matching import Match
-from anchorpose.agreement.rows import COLUMNS, LEAST_SUBJECTS
+from anchorpose.agreement.rows import COLUMNS
+from anchorpose.agreement.statistics import LEAST_UNITS
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.document import cell_text
@@ -149,9 +150,7 @@ def alignment_sentences(match: Match) -> list[str]:
 def methods_sentences(comparison: Comparison) -> list[str]:
     """For a methods section: what was done, in the order in which it was done."""
     people = len(set(comparison.subjects))
-    unit = (
-        "subjects" if people >= LEAST_SUBJECTS else "stretches of time longer than twice the errors' correlation time"
-    )
+    unit = "subjects" if people >= LEAST_UNITS else "stretches of time longer than twice the errors' correlation time"
     frames = sum(len(match.joints.frame) for match in comparison.matches)
     origins = sorted({how for match in comparison.matches for how in match.reference.centres.origin if how})
     return [
