@@ -24,9 +24,15 @@ from anchorpose.results.truth import read_truth
 from anchorpose.results.uncertainty import NORMAL_95
 
 CLINICAL: Final = (
-    "_range", "five_times_sit_to_stand", "functional_reach", "single_leg_stance", "step_count", "swing_time_mean",
-    "step_time_mean", "step_length_mean",
-)  # fmt: skip
+    "_range",
+    "five_times_sit_to_stand",
+    "functional_reach",
+    "single_leg_stance",
+    "step_count",
+    "swing_time_mean",
+    "step_time_mean",
+    "step_length_mean",
+)
 """Ends of the names of the measures that get rows of their own."""
 
 SHARES: Final = ("in_band", "one_refuses")

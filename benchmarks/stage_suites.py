@@ -69,13 +69,33 @@ def equipment(use: Use, quick: bool) -> Iterator[Case]:
 
 
 GIVEN_SENSORS: Final[tuple[presets.Sensor, ...]] = (
-    "kinect-v2", "femto-bolt", "realsense", "kinect-v2", "azure-kinect", "xtion",
-    "kinect-v2", "d435", "kinect-v2", "realsense-filtered", "kinect-v2", "iphone-lidar",
-)  # fmt: skip
+    "kinect-v2",
+    "femto-bolt",
+    "realsense",
+    "kinect-v2",
+    "azure-kinect",
+    "xtion",
+    "kinect-v2",
+    "d435",
+    "kinect-v2",
+    "realsense-filtered",
+    "kinect-v2",
+    "iphone-lidar",
+)
 GIVEN_EQUIPMENT: Final[tuple[presets.Equipment, ...]] = (
-    "standing-frame", "parallel-bars", "standing-frame", "none", "none", "parallel-bars",
-    "walker", "standing-frame", "wheelchair", "none", "none", "standing-frame",
-)  # fmt: skip
+    "standing-frame",
+    "parallel-bars",
+    "standing-frame",
+    "none",
+    "none",
+    "parallel-bars",
+    "walker",
+    "standing-frame",
+    "wheelchair",
+    "none",
+    "none",
+    "standing-frame",
+)
 MIXED: Final[tuple[presets.Sensor, ...]] = ("femto-bolt", "realsense", "kinect-v2")
 MIXED_CLINICS: Final = (1, 6)
 

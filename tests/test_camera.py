@@ -73,8 +73,14 @@ def test_pixels_reach_half_a_pixel_beyond_their_centre_and_no_farther():
     def at(column: float, row: float) -> np.ndarray:
         return np.array([[(column - 256.0) / 365.0, (row - 212.0) / 365.0, 1.0]])
 
-    for column, row, inside in ((-0.4, 3.0, True), (-0.6, 3.0, False), (511.4, 423.4, True), (511.6, 10.0, False),
-                                (10.0, 423.6, False), (10.0, -0.6, False)):  # fmt: skip
+    for column, row, inside in (
+        (-0.4, 3.0, True),
+        (-0.6, 3.0, False),
+        (511.4, 423.4, True),
+        (511.6, 10.0, False),
+        (10.0, 423.6, False),
+        (10.0, -0.6, False),
+    ):
         assert FRONT.pixel_of(at(column, row))[2][0] == inside, (column, row)
     found_column, found_row, _ = FRONT.pixel_of(at(100.4, 50.6))
     assert (found_column[0], found_row[0]) == (100, 51)

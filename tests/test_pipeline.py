@@ -30,9 +30,17 @@ from anchorpose.tracker.config import TrackConfig
 
 FRAMES, FPS, DAMAGED = 9, 8.0, 5
 TABLES = (
-    "joints.parquet", "angles.parquet", "contacts.parquet", "poses.parquet", "anchors.parquet", "people.parquet",
-    "posture.parquet", "episodes.parquet", "measures.parquet", "explained.parquet",
-)  # fmt: skip
+    "joints.parquet",
+    "angles.parquet",
+    "contacts.parquet",
+    "poses.parquet",
+    "anchors.parquet",
+    "people.parquet",
+    "posture.parquet",
+    "episodes.parquet",
+    "measures.parquet",
+    "explained.parquet",
+)
 AGAIN = (
     "import sys; from pathlib import Path; from anchorpose.pipeline import TrackConfig, track_recording; "
     "track_recording(Path(sys.argv[1]), Path(sys.argv[2]), TrackConfig(), lambda done, total: None)"
@@ -90,11 +98,21 @@ def test_every_frame_is_in_the_tables(run):
     np.testing.assert_array_equal(run.joints.frame, np.arange(FRAMES))
     np.testing.assert_allclose(run.joints.time_s, np.arange(FRAMES) / FPS, atol=1e-6)
     assert sorted(path.name for path in run.results.iterdir() if path.is_file()) == [
-        ".log.jsonl.lock", "anchors.parquet", "angles.parquet", "contacts.parquet", "episodes.parquet",
-        "explained.parquet", "joints.parquet", "log.jsonl", "measures.parquet", "people.parquet", "poses.parquet",
-        "posture.parquet", "report.html",
+        ".log.jsonl.lock",
+        "anchors.parquet",
+        "angles.parquet",
+        "contacts.parquet",
+        "episodes.parquet",
+        "explained.parquet",
+        "joints.parquet",
+        "log.jsonl",
+        "measures.parquet",
+        "people.parquet",
+        "poses.parquet",
+        "posture.parquet",
+        "report.html",
         "run.json",
-    ]  # fmt: skip
+    ]
 
 
 def test_a_damaged_picture_is_counted_and_the_rest_tracked(run):

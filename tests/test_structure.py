@@ -19,15 +19,38 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "anchorpose"
 
 FLOW = (
-    "recording", "calibration", "isolation", "surface", "geodesics", "motion", "body", "track_tree", "results",
+    "recording",
+    "calibration",
+    "isolation",
+    "surface",
+    "geodesics",
+    "motion",
+    "body",
+    "track_tree",
+    "results",
     "report",
-)  # fmt: skip
+)
 VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings", "threads")
 BESIDE_THE_FLOW = (
-    "simulate", "tracker", "pipeline", "inspecting", "writing",
-    "track_inputs", "cli", "live", "check", "research", "exports", "pages", "viewer",
-    "viewing", "sources", "batch", "agreement", "remote",
-)  # fmt: skip
+    "simulate",
+    "tracker",
+    "pipeline",
+    "inspecting",
+    "writing",
+    "track_inputs",
+    "cli",
+    "live",
+    "check",
+    "research",
+    "exports",
+    "pages",
+    "viewer",
+    "viewing",
+    "sources",
+    "batch",
+    "agreement",
+    "remote",
+)
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
 HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "embreex", "pydantic", "jinja2", "dask", "distributed"}
@@ -54,11 +77,27 @@ def imported_names(source: str) -> set[str]:
 
 
 OPENING = {
-    "os.open", "np.load", "np.loadtxt", "np.genfromtxt", "np.fromfile", "np.memmap",
-    "np.lib.format.open_memmap", "cv2.imread", "pq.read_table", "pq.read_schema", "pq.ParquetFile", "pa.memory_map",
-    "pa.OSFile", "pyarrow.csv.read_csv", "sqlite3.connect", "json.load", "tomllib.load", "shutil.copy",
-    "shutil.copyfile", "shutil.copy2",
-}  # fmt: skip
+    "os.open",
+    "np.load",
+    "np.loadtxt",
+    "np.genfromtxt",
+    "np.fromfile",
+    "np.memmap",
+    "np.lib.format.open_memmap",
+    "cv2.imread",
+    "pq.read_table",
+    "pq.read_schema",
+    "pq.ParquetFile",
+    "pa.memory_map",
+    "pa.OSFile",
+    "pyarrow.csv.read_csv",
+    "sqlite3.connect",
+    "json.load",
+    "tomllib.load",
+    "shutil.copy",
+    "shutil.copyfile",
+    "shutil.copy2",
+}
 """Functions that open a file for reading; beside them ``open`` and the methods of a path."""
 
 OPENS_ITSELF = {
@@ -88,8 +127,11 @@ def opens_a_file(call: ast.Call) -> bool:
     """Whether a call opens a file for reading; a mode that only writes is no reading."""
     name = ast.unparse(call.func)
     if name == "open" or name.endswith(".open"):
-        modes = [each.value for each in (*call.args, *(key.value for key in call.keywords if key.arg == "mode"))
-                 if isinstance(each, ast.Constant)]  # fmt: skip
+        modes = [
+            each.value
+            for each in (*call.args, *(key.value for key in call.keywords if key.arg == "mode"))
+            if isinstance(each, ast.Constant)
+        ]
         takes_path = name == "open" or not call.args or isinstance(call.args[0], ast.Constant)
         return name in OPENING or (takes_path and not any(set(str(mode)) & set("wax") for mode in modes))
     return name in OPENING or name.endswith((".read_text", ".read_bytes"))

@@ -31,9 +31,15 @@ def main() -> None:
     for number, motion in enumerate(MOTIONS):
         for person in range(PEOPLE):
             config = SimulationConfig(
-                seed=FIRST_SEED + 100 * number + person, seconds=SECONDS, fps=RATE_HZ, cameras=1, equipment="none",
-                therapists=0, motions=(motion,), speed="mixed",
-            )  # fmt: skip
+                seed=FIRST_SEED + 100 * number + person,
+                seconds=SECONDS,
+                fps=RATE_HZ,
+                cameras=1,
+                equipment="none",
+                therapists=0,
+                motions=(motion,),
+                speed="mixed",
+            )
             clinic = draw_clinic(config)
             clips.append(clinic.act(np.arange(config.frames) / RATE_HZ).joints_m())
             names.append(motion)

@@ -20,9 +20,16 @@ PACKAGE: Final = "src/anchorpose/"
 NOT_PRODUCT: Final = (f"{PACKAGE}research/", f"{PACKAGE}simulate/")
 LONG, WIDE = 40, 8  # lines of a function, parameters of a function: more is counted
 TITLES: Final = (
-    "modules", "product lines", "constants", "functions > 40 lines", "> 8 parameters", "fmt: skip", "circles",
-    "benchmarks lines", "tests lines",
-)  # fmt: skip
+    "modules",
+    "product lines",
+    "constants",
+    "functions > 40 lines",
+    "> 8 parameters",
+    "fmt: skip",
+    "circles",
+    "benchmarks lines",
+    "tests lines",
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,11 +47,18 @@ class Panel(NamedTuple):
 
 def standing() -> np.ndarray:
     """(21, 3): upright, limbs straight down, facing X."""
-    place = {"SpineBase": (0, 0.95, 0), "SpineMid": (0, 1.15, 0), "SpineShoulder": (0, 1.42, 0), "Neck": (0, 1.5, 0),
-             "Head": (0, 1.62, 0)}  # fmt: skip
+    place = {
+        "SpineBase": (0, 0.95, 0),
+        "SpineMid": (0, 1.15, 0),
+        "SpineShoulder": (0, 1.42, 0),
+        "Neck": (0, 1.5, 0),
+        "Head": (0, 1.62, 0),
+    }
     for side, z in (("Left", -1.0), ("Right", 1.0)):
-        place |= {f"{name}{side}": (0, y, 0.18 * z) for name, y in
-                  (("Shoulder", 1.4), ("Elbow", 1.1), ("Wrist", 0.85), ("Hand", 0.77))}  # fmt: skip
+        place |= {
+            f"{name}{side}": (0, y, 0.18 * z)
+            for name, y in (("Shoulder", 1.4), ("Elbow", 1.1), ("Wrist", 0.85), ("Hand", 0.77))
+        }
         place |= {f"{name}{side}": (0, y, 0.1 * z) for name, y in (("Hip", 0.92), ("Knee", 0.5), ("Ankle", 0.08))}
         place[f"Foot{side}"] = (0.145, 0.08 - 0.145 * np.tan(np.radians(19.3)), 0.1 * z)
     return np.array([place[name] for name in JOINT_NAMES], dtype=np.float64)
@@ -113,12 +120,30 @@ BENT_LEG, BENT_ARM = turned("KneeRight", SHANK, -60, Z), turned("ElbowRight", FO
 
 FIGURES = {
     "pelvis": (
-        Panel("pelvis_tilt", "from the right", turned("hips", PELVIS, -20, Z), at("hips"), along(Y),
-              line("hips", "SpineMid")),
-        Panel("pelvis_obliquity", "from the front", turned("hips", ("Hip*", "SpineBase", *TRUNK), -15, X), at("hips"),
-              along(Z), line("HipLeft", "HipRight")),
-        Panel("pelvis_rotation", "from above", turned("hips", ("Hip*",), 30, Y), at("hips"), along(Z),
-              line("HipLeft", "HipRight")),
+        Panel(
+            "pelvis_tilt",
+            "from the right",
+            turned("hips", PELVIS, -20, Z),
+            at("hips"),
+            along(Y),
+            line("hips", "SpineMid"),
+        ),
+        Panel(
+            "pelvis_obliquity",
+            "from the front",
+            turned("hips", ("Hip*", "SpineBase", *TRUNK), -15, X),
+            at("hips"),
+            along(Z),
+            line("HipLeft", "HipRight"),
+        ),
+        Panel(
+            "pelvis_rotation",
+            "from above",
+            turned("hips", ("Hip*",), 30, Y),
+            at("hips"),
+            along(Z),
+            line("HipLeft", "HipRight"),
+        ),
     ),
     "trunk": (
         Panel("trunk_flexion", "from the right", LEAN, at("SpineBase"), along(Y), line("SpineBase", "SpineShoulder")),
@@ -126,51 +151,138 @@ FIGURES = {
         Panel("trunk_rotation", "from above", TURN, at("shoulders"), along(Z), line("ShoulderLeft", "ShoulderRight")),
     ),
     "trunk_pelvis": (
-        Panel("trunk_pelvis_flexion", "from the right", turned("SpineMid", CHEST, -35, Z), at("SpineMid"),
-              line("hips", "SpineMid"), line("SpineMid", "SpineShoulder")),
-        Panel("trunk_pelvis_side_bend", "from the front", turned("SpineMid", CHEST, 25, X), at("SpineMid"),
-              line("hips", "SpineMid"), line("SpineMid", "SpineShoulder")),
-        Panel("trunk_pelvis_rotation", "from above", TURN, at("shoulders"), line("HipLeft", "HipRight"),
-              line("ShoulderLeft", "ShoulderRight")),
+        Panel(
+            "trunk_pelvis_flexion",
+            "from the right",
+            turned("SpineMid", CHEST, -35, Z),
+            at("SpineMid"),
+            line("hips", "SpineMid"),
+            line("SpineMid", "SpineShoulder"),
+        ),
+        Panel(
+            "trunk_pelvis_side_bend",
+            "from the front",
+            turned("SpineMid", CHEST, 25, X),
+            at("SpineMid"),
+            line("hips", "SpineMid"),
+            line("SpineMid", "SpineShoulder"),
+        ),
+        Panel(
+            "trunk_pelvis_rotation",
+            "from above",
+            TURN,
+            at("shoulders"),
+            line("HipLeft", "HipRight"),
+            line("ShoulderLeft", "ShoulderRight"),
+        ),
     ),
     "neck": (
-        Panel("neck_flexion", "from the right", turned("Neck", ("Head",), -35, Z), at("Neck"),
-              line("SpineMid", "SpineShoulder"), line("Neck", "Head")),
-        Panel("neck_side_bend", "from the front", turned("Neck", ("Head",), 30, X), at("Neck"),
-              line("SpineMid", "SpineShoulder"), line("Neck", "Head")),
+        Panel(
+            "neck_flexion",
+            "from the right",
+            turned("Neck", ("Head",), -35, Z),
+            at("Neck"),
+            line("SpineMid", "SpineShoulder"),
+            line("Neck", "Head"),
+        ),
+        Panel(
+            "neck_side_bend",
+            "from the front",
+            turned("Neck", ("Head",), 30, X),
+            at("Neck"),
+            line("SpineMid", "SpineShoulder"),
+            line("Neck", "Head"),
+        ),
     ),
     "hip": (
-        Panel("hip_flexion_right", "from the right", turned("HipRight", LEG, 50, Z), at("HipRight"),
-              line("SpineShoulder", "SpineBase"), line("HipRight", "KneeRight")),
-        Panel("hip_pelvis_flexion_right", "from the right", then(LEAN, turned("HipRight", LEG, 20, Z)), at("HipRight"),
-              line("SpineMid", "hips"), line("HipRight", "KneeRight")),
-        Panel("hip_adduction_right", "from the front", turned("HipRight", LEG, 20, X), at("HipRight"),
-              line("SpineMid", "hips"), line("HipRight", "KneeRight")),
-        Panel("hip_rotation_right", "from above",
-              then(turned("KneeRight", SHANK, -90, Z), turned("HipRight", LEG, 25, Y)), at("KneeRight"), along(-X),
-              line("KneeRight", "AnkleRight")),
+        Panel(
+            "hip_flexion_right",
+            "from the right",
+            turned("HipRight", LEG, 50, Z),
+            at("HipRight"),
+            line("SpineShoulder", "SpineBase"),
+            line("HipRight", "KneeRight"),
+        ),
+        Panel(
+            "hip_pelvis_flexion_right",
+            "from the right",
+            then(LEAN, turned("HipRight", LEG, 20, Z)),
+            at("HipRight"),
+            line("SpineMid", "hips"),
+            line("HipRight", "KneeRight"),
+        ),
+        Panel(
+            "hip_adduction_right",
+            "from the front",
+            turned("HipRight", LEG, 20, X),
+            at("HipRight"),
+            line("SpineMid", "hips"),
+            line("HipRight", "KneeRight"),
+        ),
+        Panel(
+            "hip_rotation_right",
+            "from above",
+            then(turned("KneeRight", SHANK, -90, Z), turned("HipRight", LEG, 25, Y)),
+            at("KneeRight"),
+            along(-X),
+            line("KneeRight", "AnkleRight"),
+        ),
     ),
     "knee_and_ankle": (
-        Panel("knee_flexion_right", "from the right", BENT_LEG, at("KneeRight"), line("HipRight", "KneeRight"),
-              line("KneeRight", "AnkleRight")),
-        Panel("ankle_dorsiflexion_right", "from the right", turned("AnkleRight", ("FootRight",), 25, Z),
-              at("AnkleRight"), along(X * np.cos(np.radians(19.3)) - Y * np.sin(np.radians(19.3))),
-              line("AnkleRight", "FootRight")),
+        Panel(
+            "knee_flexion_right",
+            "from the right",
+            BENT_LEG,
+            at("KneeRight"),
+            line("HipRight", "KneeRight"),
+            line("KneeRight", "AnkleRight"),
+        ),
+        Panel(
+            "ankle_dorsiflexion_right",
+            "from the right",
+            turned("AnkleRight", ("FootRight",), 25, Z),
+            at("AnkleRight"),
+            along(X * np.cos(np.radians(19.3)) - Y * np.sin(np.radians(19.3))),
+            line("AnkleRight", "FootRight"),
+        ),
     ),
     "shoulder": (
-        Panel("shoulder_elevation_right", "from the front", OUT, at("ShoulderRight"),
-              line("SpineShoulder", "SpineBase"), line("ShoulderRight", "ElbowRight")),
-        Panel("shoulder_plane_right", "from above", then(OUT, turned("ShoulderRight", ARM, 40, Y)), at("ShoulderRight"),
-              along(Z), line("ShoulderRight", "ElbowRight")),
-        Panel("shoulder_rotation_right", "from above",
-              then(turned("ElbowRight", FOREARM, 90, Z), turned("ShoulderRight", ARM, 35, Y)), at("ElbowRight"),
-              along(X), line("ElbowRight", "WristRight")),
+        Panel(
+            "shoulder_elevation_right",
+            "from the front",
+            OUT,
+            at("ShoulderRight"),
+            line("SpineShoulder", "SpineBase"),
+            line("ShoulderRight", "ElbowRight"),
+        ),
+        Panel(
+            "shoulder_plane_right",
+            "from above",
+            then(OUT, turned("ShoulderRight", ARM, 40, Y)),
+            at("ShoulderRight"),
+            along(Z),
+            line("ShoulderRight", "ElbowRight"),
+        ),
+        Panel(
+            "shoulder_rotation_right",
+            "from above",
+            then(turned("ElbowRight", FOREARM, 90, Z), turned("ShoulderRight", ARM, 35, Y)),
+            at("ElbowRight"),
+            along(X),
+            line("ElbowRight", "WristRight"),
+        ),
     ),
     "elbow": (
-        Panel("elbow_flexion_right", "from the right", BENT_ARM, at("ElbowRight"), line("ShoulderRight", "ElbowRight"),
-              line("ElbowRight", "WristRight")),
+        Panel(
+            "elbow_flexion_right",
+            "from the right",
+            BENT_ARM,
+            at("ElbowRight"),
+            line("ShoulderRight", "ElbowRight"),
+            line("ElbowRight", "WristRight"),
+        ),
     ),
-}  # fmt: skip
+}
 
 
 def draw(axes: Axes, panel: Panel) -> None:

@@ -64,9 +64,15 @@ def _small(config: SimulationConfig, **changes: Any) -> SimulationConfig:
 
 
 IN_BARS: Final[dict[str, Any]] = {
-    "cameras": 2, "equipment": "parallel-bars", "chest_pad": True, "stool": False, "motions": ("squat",),
-    "therapists_stay": True, "therapist_tasks": BEHIND_AND_BEFORE, "passers_by": 1,
-}  # fmt: skip
+    "cameras": 2,
+    "equipment": "parallel-bars",
+    "chest_pad": True,
+    "stool": False,
+    "motions": ("squat",),
+    "therapists_stay": True,
+    "therapist_tasks": BEHIND_AND_BEFORE,
+    "passers_by": 1,
+}
 SIMULATED: Final = {
     "single": _small(single(7, 0.8, FPS)),
     "hole": _small(holes(8, 0.12, 0.6, FPS)),

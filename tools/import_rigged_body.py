@@ -16,17 +16,38 @@ from anchorpose.body.asset import stored_asset
 
 NAMES = {
     "mhr": {
-        "Hips": "root", "Neck": "c_neck", "Head": "c_head", "Shoulder": "{l}_clavicle", "Arm": "{l}_uparm",
-        "ForeArm": "{l}_lowarm", "Hand": "{l}_wrist", "FingerBase": "{l}_middle1", "HandFinger1": "{l}_middle2",
-        "Thumb": "{l}_thumb0", "UpLeg": "{l}_upleg", "Leg": "{l}_lowleg", "Foot": "{l}_foot", "ToeBase": "{l}_ball",
+        "Hips": "root",
+        "Neck": "c_neck",
+        "Head": "c_head",
+        "Shoulder": "{l}_clavicle",
+        "Arm": "{l}_uparm",
+        "ForeArm": "{l}_lowarm",
+        "Hand": "{l}_wrist",
+        "FingerBase": "{l}_middle1",
+        "HandFinger1": "{l}_middle2",
+        "Thumb": "{l}_thumb0",
+        "UpLeg": "{l}_upleg",
+        "Leg": "{l}_lowleg",
+        "Foot": "{l}_foot",
+        "ToeBase": "{l}_ball",
     },
     "rocketbox": {
-        "Hips": "Bip01 Pelvis", "Neck": "Bip01 Neck", "Head": "Bip01 Head", "Shoulder": "Bip01 {L} Clavicle",
-        "Arm": "Bip01 {L} UpperArm", "ForeArm": "Bip01 {L} Forearm", "Hand": "Bip01 {L} Hand",
-        "FingerBase": "Bip01 {L} Finger2", "HandFinger1": "Bip01 {L} Finger21", "Thumb": "Bip01 {L} Finger0",
-        "UpLeg": "Bip01 {L} Thigh", "Leg": "Bip01 {L} Calf", "Foot": "Bip01 {L} Foot", "ToeBase": "Bip01 {L} Toe0",
+        "Hips": "Bip01 Pelvis",
+        "Neck": "Bip01 Neck",
+        "Head": "Bip01 Head",
+        "Shoulder": "Bip01 {L} Clavicle",
+        "Arm": "Bip01 {L} UpperArm",
+        "ForeArm": "Bip01 {L} Forearm",
+        "Hand": "Bip01 {L} Hand",
+        "FingerBase": "Bip01 {L} Finger2",
+        "HandFinger1": "Bip01 {L} Finger21",
+        "Thumb": "Bip01 {L} Finger0",
+        "UpLeg": "Bip01 {L} Thigh",
+        "Leg": "Bip01 {L} Calf",
+        "Foot": "Bip01 {L} Foot",
+        "ToeBase": "Bip01 {L} Toe0",
     },
-}  # fmt: skip
+}
 SPINE = ("Hips", "LowerBack", "Spine", "Spine1", "Neck")
 
 

@@ -31,11 +31,22 @@ NEAR_MM: Final = 12.0
 SAME_SKIN_M: Final = 0.015  # behind the body's own depth: the inside of the mouth lies deeper
 CANDIDATES: Final = 4  # vertices whose faces may hold the nearest place
 BARE: Final = {
-    "head": ("Head",), "upper arms": ("LeftArm", "RightArm"), "forearms": ("LeftForeArm", "RightForeArm"),
-    "hands": ("LeftHand", "LeftFingerBase", "LeftHandFinger1", "LThumb",
-              "RightHand", "RightFingerBase", "RightHandFinger1", "RThumb"),
-    "shanks": ("LeftLeg", "RightLeg"), "feet": ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"),
-}  # fmt: skip
+    "head": ("Head",),
+    "upper arms": ("LeftArm", "RightArm"),
+    "forearms": ("LeftForeArm", "RightForeArm"),
+    "hands": (
+        "LeftHand",
+        "LeftFingerBase",
+        "LeftHandFinger1",
+        "LThumb",
+        "RightHand",
+        "RightFingerBase",
+        "RightHandFinger1",
+        "RThumb",
+    ),
+    "shanks": ("LeftLeg", "RightLeg"),
+    "feet": ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"),
+}
 """The bones whose skin is measured: the skirt hangs from the trunk over hips and thighs."""
 
 

@@ -6,12 +6,28 @@ from enum import StrEnum
 from typing import Final
 
 JOINT_NAMES: Final = (
-    "SpineBase", "SpineMid", "SpineShoulder", "Neck", "Head",
-    "ShoulderLeft", "ElbowLeft", "WristLeft", "HandLeft",
-    "ShoulderRight", "ElbowRight", "WristRight", "HandRight",
-    "HipLeft", "KneeLeft", "AnkleLeft", "FootLeft",
-    "HipRight", "KneeRight", "AnkleRight", "FootRight",
-)  # fmt: skip
+    "SpineBase",
+    "SpineMid",
+    "SpineShoulder",
+    "Neck",
+    "Head",
+    "ShoulderLeft",
+    "ElbowLeft",
+    "WristLeft",
+    "HandLeft",
+    "ShoulderRight",
+    "ElbowRight",
+    "WristRight",
+    "HandRight",
+    "HipLeft",
+    "KneeLeft",
+    "AnkleLeft",
+    "FootLeft",
+    "HipRight",
+    "KneeRight",
+    "AnkleRight",
+    "FootRight",
+)
 """Kinect v2's 25 joints without hand tips and thumbs (paper, Section III: N_J = 21); left is the patient's left."""
 
 JOINT_COUNT: Final = len(JOINT_NAMES)
@@ -24,14 +40,28 @@ ANCHOR_NAMES: Final = ("Head", "HandLeft", "HandRight", "FootLeft", "FootRight")
 LIMBS: Final = tuple(
     (JOINT_INDEX[start], JOINT_INDEX[end])
     for start, end in (
-        ("SpineBase", "SpineMid"), ("SpineMid", "SpineShoulder"), ("SpineShoulder", "Neck"), ("Neck", "Head"),
-        ("SpineShoulder", "ShoulderLeft"), ("ShoulderLeft", "ElbowLeft"), ("ElbowLeft", "WristLeft"),
-        ("WristLeft", "HandLeft"), ("SpineShoulder", "ShoulderRight"), ("ShoulderRight", "ElbowRight"),
-        ("ElbowRight", "WristRight"), ("WristRight", "HandRight"), ("SpineBase", "HipLeft"), ("HipLeft", "KneeLeft"),
-        ("KneeLeft", "AnkleLeft"), ("AnkleLeft", "FootLeft"), ("SpineBase", "HipRight"), ("HipRight", "KneeRight"),
-        ("KneeRight", "AnkleRight"), ("AnkleRight", "FootRight"),
+        ("SpineBase", "SpineMid"),
+        ("SpineMid", "SpineShoulder"),
+        ("SpineShoulder", "Neck"),
+        ("Neck", "Head"),
+        ("SpineShoulder", "ShoulderLeft"),
+        ("ShoulderLeft", "ElbowLeft"),
+        ("ElbowLeft", "WristLeft"),
+        ("WristLeft", "HandLeft"),
+        ("SpineShoulder", "ShoulderRight"),
+        ("ShoulderRight", "ElbowRight"),
+        ("ElbowRight", "WristRight"),
+        ("WristRight", "HandRight"),
+        ("SpineBase", "HipLeft"),
+        ("HipLeft", "KneeLeft"),
+        ("KneeLeft", "AnkleLeft"),
+        ("AnkleLeft", "FootLeft"),
+        ("SpineBase", "HipRight"),
+        ("HipRight", "KneeRight"),
+        ("KneeRight", "AnkleRight"),
+        ("AnkleRight", "FootRight"),
     )
-)  # fmt: skip
+)
 """Pairs of joint indices that a drawing connects by a line."""
 
 

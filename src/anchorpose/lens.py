@@ -23,11 +23,7 @@ class LensModel(StrEnum):
     KANNALA_BRANDT = "kannala-brandt"  # k1 k2 k3 k4 of OpenCV's fisheye; doi:10.1109/TPAMI.2006.153
 
 
-COEFFICIENTS: Final = {
-    LensModel.BROWN_CONRADY: (5,),
-    LensModel.RATIONAL: (8, 12, 14),
-    LensModel.KANNALA_BRANDT: (4,),
-}
+COEFFICIENTS: Final = {LensModel.BROWN_CONRADY: (5,), LensModel.RATIONAL: (8, 12, 14), LensModel.KANNALA_BRANDT: (4,)}
 """How many coefficients each model may have."""
 
 NAMES: Final = {

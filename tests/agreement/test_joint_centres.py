@@ -66,9 +66,11 @@ def test_a_c3d_written_by_ezc3d_is_read_with_its_gaps_units_and_angles(tmp_path:
     points[:3, 0, 2] = np.nan
     points[0, 2] = np.arange(5) * 10.0
     for name, value in {
-        "LABELS": ["Anna:LKJC", "*1", "Anna:LKneeAngles"], "UNITS": ["cm"], "RATE": [50.0],
+        "LABELS": ["Anna:LKJC", "*1", "Anna:LKneeAngles"],
+        "UNITS": ["cm"],
+        "RATE": [50.0],
         "DESCRIPTIONS": ["", "", ""],
-    }.items():  # fmt: skip
+    }.items():
         file["parameters"]["POINT"][name]["value"] = value
     file.add_parameter("POINT", "ANGLES", ["Anna:LKneeAngles"])
     file["data"]["points"] = points

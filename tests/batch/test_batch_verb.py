@@ -78,11 +78,7 @@ def test_what_cannot_be_tracked_is_a_row_with_its_sentence_and_exit_code_1(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("more", "sentence"),
-    [
-        (["--index", "7"], "--index is 7"),
-        (["--scheduler", "fast"], "--scheduler is 'fast'"),
-    ],
+    ("more", "sentence"), [(["--index", "7"], "--index is 7"), (["--scheduler", "fast"], "--scheduler is 'fast'")]
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_written(tmp_path: Path, capsys, more, sentence) -> None:
     write_recording(tmp_path / "a", frames=2)

@@ -6,10 +6,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from anchorpose.cli.track_verbs import TrackOptions
 
 from anchorpose.batch.names import LONGEST_NAME, open_folder
 from anchorpose.batch.sessions import Session, find_sessions
+from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.errors import InputError
 
 

@@ -29,8 +29,11 @@ QUICK = ("npy", "record3d")
 
 def content(folder: Path) -> dict[str, str]:
     found = sorted(folder.rglob("*"))
-    return {path.name: repr(path.read_bytes() if path.is_file() and not path.is_symlink() else path.lstat().st_mode)
-            for path in found if path.is_symlink() or path.lstat().st_size < 1 << 30}  # fmt: skip
+    return {
+        path.name: repr(path.read_bytes() if path.is_file() and not path.is_symlink() else path.lstat().st_mode)
+        for path in found
+        if path.is_symlink() or path.lstat().st_size < 1 << 30
+    }
 
 
 def test_the_same_number_spoils_in_the_same_way(tmp_path):

@@ -33,9 +33,22 @@ MOVEMENTS = REPOSITORY.parent / "shared" / "data" / "uiprmd_kinect" / "skeletons
 PAGES = ("README.md", "CONTRIBUTING.md", *sorted(f"docs/{path.name}" for path in REPOSITORY.glob("docs/*.md")))
 CONFIG = single(3, seconds=0.4, fps=10.0)
 COUNTS = {
-    "easy": 16, "hard": 48, "rooms": 40, "starts": 60, "contacts": 28, "sensors": 76, "kidnapped": 15, "tasks": 20,
-    "isolation": 6, "calibration": 26, "clocks": 8, "given-poses": 12, "equipment": 6, "laboratory": 30, "live": 3,
-}  # fmt: skip
+    "easy": 16,
+    "hard": 48,
+    "rooms": 40,
+    "starts": 60,
+    "contacts": 28,
+    "sensors": 76,
+    "kidnapped": 15,
+    "tasks": 20,
+    "isolation": 6,
+    "calibration": 26,
+    "clocks": 8,
+    "given-poses": 12,
+    "equipment": 6,
+    "laboratory": 30,
+    "live": 3,
+}
 
 
 @pytest.mark.parametrize("use", ["tuning", "held-out"])

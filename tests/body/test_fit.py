@@ -44,9 +44,9 @@ def equations_at(pose: Pose, constraints, free: FreeShape | None = None) -> Norm
 
 def slope(cost, pose: Pose) -> np.ndarray:
     moving = points().moving
-    return np.array([
-        (cost(pose.moved(d, moving)) - cost(pose.moved(-d, moving))) / (2.0 * STEP) for d in STEP * np.eye(POSE_SIZE)
-    ])  # fmt: skip
+    return np.array(
+        [(cost(pose.moved(d, moving)) - cost(pose.moved(-d, moving))) / (2.0 * STEP) for d in STEP * np.eye(POSE_SIZE)]
+    )
 
 
 @pytest.mark.usefixtures("girdle_at_rest")

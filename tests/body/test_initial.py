@@ -23,9 +23,12 @@ BODY = adult_body()
 UNSEEN = no_anchors()
 STANDING = standing((0.05, 0.93, -0.04), LeftArm=(-20.0, 0.0, 10.0), RightArm=(15.0, 0.0, 5.0), Hips=(0.0, 8.0, 0.0))
 SITTING = standing(
-    (-0.1, 0.5, 0.0), LeftUpLeg=(0.0, 0.0, 75.0), RightUpLeg=(0.0, 0.0, 75.0), LeftLeg=(0.0, 0.0, -75.0),
+    (-0.1, 0.5, 0.0),
+    LeftUpLeg=(0.0, 0.0, 75.0),
+    RightUpLeg=(0.0, 0.0, 75.0),
+    LeftLeg=(0.0, 0.0, -75.0),
     RightLeg=(0.0, 0.0, -75.0),
-)  # fmt: skip
+)
 REACHING = standing(LeftArm=(80.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 
 

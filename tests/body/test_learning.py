@@ -215,8 +215,9 @@ def test_a_configuration_that_cannot_work_is_refused(wrong):
 
 
 LEGS = [number for number, (start, _) in enumerate(LIMBS) if JOINT_NAMES[start].startswith(("Hip", "Knee"))]
-WITHOUT_LEGS = hide_bones("LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase",
-                          "RightUpLeg", "RightLeg", "RightFoot", "RightToeBase")  # fmt: skip
+WITHOUT_LEGS = hide_bones(
+    "LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase", "RightUpLeg", "RightLeg", "RightFoot", "RightToeBase"
+)
 
 
 def windows_of(coefficients: np.ndarray) -> tuple[ShapeBelief, ShapeBelief]:

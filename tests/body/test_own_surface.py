@@ -45,10 +45,12 @@ from anchorpose.joints import JOINT_INDEX
 BODY = adult_body()
 HEIGHT_M = float(np.ptp(BODY.mesh.vertices[:, 1]))
 REACHING = standing(LeftArm=(30.0, 0.0, 0.0), RightArm=(-15.0, 0.0, 25.0), RightForeArm=(0.0, -30.0, 20.0))
-STEPPING = standing(LeftArm=(-25.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0), LeftUpLeg=(0.0, 0.0, 55.0),
-                    LeftLeg=(0.0, 0.0, -60.0))  # fmt: skip
-STOOPING = standing(LowerBack=(0.0, 0.0, -25.0), Spine=(0.0, 0.0, -20.0), LeftArm=(-5.0, 0.0, 40.0),
-                    RightArm=(5.0, 0.0, 40.0))  # fmt: skip
+STEPPING = standing(
+    LeftArm=(-25.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0), LeftUpLeg=(0.0, 0.0, 55.0), LeftLeg=(0.0, 0.0, -60.0)
+)
+STOOPING = standing(
+    LowerBack=(0.0, 0.0, -25.0), Spine=(0.0, 0.0, -20.0), LeftArm=(-5.0, 0.0, 40.0), RightArm=(5.0, 0.0, 40.0)
+)
 POSTURES = {"reaching": REACHING, "stepping": STEPPING, "stooping": STOOPING}
 
 
@@ -70,8 +72,12 @@ def grid(count: int, step_m: float) -> tuple[np.ndarray, np.ndarray]:
     """A flat square of triangles."""
     row, column = np.divmod(np.arange(count * count), count)
     corner = np.flatnonzero((row < count - 1) & (column < count - 1))
-    faces = np.concatenate([np.stack([corner, corner + 1, corner + count + 1], axis=1),
-                            np.stack([corner, corner + count + 1, corner + count], axis=1)])  # fmt: skip
+    faces = np.concatenate(
+        [
+            np.stack([corner, corner + 1, corner + count + 1], axis=1),
+            np.stack([corner, corner + count + 1, corner + count], axis=1),
+        ]
+    )
     return np.stack([step_m * column, np.zeros(len(row)), step_m * row], axis=1), faces
 
 
@@ -242,8 +248,12 @@ def test_anchors_where_the_pose_has_its_tips_give_no_path():
 
 def test_a_hand_elsewhere_gives_the_path_of_an_arm():
     seen = seen_of(REACHING)
-    wrong = standing(LeftArm=(-70.0, 0.0, 0.0), LeftForeArm=(0.0, -60.0, 0.0), RightArm=(-15.0, 0.0, 25.0),
-                     RightForeArm=(0.0, -30.0, 20.0))  # fmt: skip
+    wrong = standing(
+        LeftArm=(-70.0, 0.0, 0.0),
+        LeftForeArm=(0.0, -60.0, 0.0),
+        RightArm=(-15.0, 0.0, 25.0),
+        RightForeArm=(0.0, -30.0, 20.0),
+    )
     anchors = replace(seen.anchors, free=())
     ((path, chains),) = anchor_paths(BODY, wrong, replace(seen, anchors=anchors))
     assert [chain.root for chain in chains] == ["ShoulderLeft", "ShoulderRight"]

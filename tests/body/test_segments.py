@@ -17,9 +17,14 @@ SEGMENTS = [(segment, side) for segment in LENGTH_SIGMA for side in SIDES]
 SPANS = {"trunk_length": ("LowerBack", "Neck"), "neck_length": ("Neck", "Head")}
 BREADTHS = {"shoulder_breadth": "Arm", "hip_breadth": "UpLeg"}
 BULGES = {
-    "belly_depth": (0, 1.0), "chest_depth": (0, 1.0), "back_depth": (0, -1.0), "seat_depth": (0, -1.0),
-    "waist_breadth": (2, 0.0), "chest_breadth": (2, 0.0), "seat_breadth": (2, 0.0),
-}  # fmt: skip
+    "belly_depth": (0, 1.0),
+    "chest_depth": (0, 1.0),
+    "back_depth": (0, -1.0),
+    "seat_depth": (0, -1.0),
+    "waist_breadth": (2, 0.0),
+    "chest_breadth": (2, 0.0),
+    "seat_breadth": (2, 0.0),
+}
 MIRROR = np.array([1.0, 1.0, -1.0])
 
 

@@ -106,8 +106,12 @@ def test_the_two_sides_are_more_alike_than_any_two_segments(kind, segments, leas
     both = [COVARIANCE[own(f"{segment}_{kind}_left"), own(f"{segment}_{kind}_right")] for segment in segments]
     others = [
         COVARIANCE[own(f"{one}_{kind}_{side}"), own(f"{other}_{kind}_{beside}")]
-        for one in segments for other in segments if one != other for side in SIDES for beside in SIDES
-    ]  # fmt: skip
+        for one in segments
+        for other in segments
+        if one != other
+        for side in SIDES
+        for beside in SIDES
+    ]
     assert least < min(both) <= max(both) < 1.0
     assert max(others) < min(both)
     assert min(others) > -1e-12
@@ -137,10 +141,15 @@ def test_a_parameter_of_its_own_is_pulled_as_by_students_t(name):
 def test_the_farther_a_segment_is_from_others_the_less_the_prior_weighs():
     place = own("thigh_length_left")
     aways = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
-    weights = np.array([
-        ADULT.equations(shape_at(ADULT.mean + away * (np.arange(SIZE) == place)))[0][place, place]
-        for away in aways
-    ]) / ADULT.prior[place, place]  # fmt: skip
+    weights = (
+        np.array(
+            [
+                ADULT.equations(shape_at(ADULT.mean + away * (np.arange(SIZE) == place)))[0][place, place]
+                for away in aways
+            ]
+        )
+        / ADULT.prior[place, place]
+    )
     assert (np.diff(weights) < 0.0).all()
     assert weights[0] == pytest.approx((TAILS + 1.0) / TAILS)
     assert weights[2] == pytest.approx(1.0)  # at one deviation as a normal distribution

@@ -24,9 +24,13 @@ BENT = standing(LeftLeg=(0.0, 0.0, -80.0), RightForeArm=(0.0, 60.0, 20.0), Spine
 POSES = [random_pose(1), random_pose(2, 0.8), BENT]
 ALL = FreeShape(asset().shape_count, OFFSETS)
 FREE = [
-    ALL, FreeShape(asset().common_count, len(CLOTHES)), FreeShape(5, 0), FreeShape(asset().common_count + 3, 1),
-    FreeShape(0, OFFSETS), FreeShape(0, 0),
-]  # fmt: skip
+    ALL,
+    FreeShape(asset().common_count, len(CLOTHES)),
+    FreeShape(5, 0),
+    FreeShape(asset().common_count + 3, 1),
+    FreeShape(0, OFFSETS),
+    FreeShape(0, 0),
+]
 
 
 def some_shape(seed: int) -> FittedShape:

@@ -88,9 +88,12 @@ def test_sigma_is_the_spread_of_the_joints_of_drawn_poses():
     rng = np.random.default_rng(4)
     variance = np.full(POSE_SIZE, (1.0 * DEGREE) ** 2)
     variance[-3:] = 0.005**2
-    drawn = np.array([
-        joints_of(BODY, POSE.moved(rng.normal(size=POSE_SIZE) * np.sqrt(variance), points().moving)) for _ in range(600)
-    ])  # fmt: skip
+    drawn = np.array(
+        [
+            joints_of(BODY, POSE.moved(rng.normal(size=POSE_SIZE) * np.sqrt(variance), points().moving))
+            for _ in range(600)
+        ]
+    )
     spread = np.sqrt(drawn.var(axis=0).mean(axis=1))
     # 600 draws know a standard deviation to 3 %; turns of a degree are linear to less than that
     np.testing.assert_allclose(sigma(np.diag(variance), floor_m=1e-9), np.hypot(systematic_m(), spread), rtol=0.1)

@@ -85,9 +85,14 @@ def image_of(values: np.ndarray, encoding: str, stamp_ns: int, *, frame: str = "
 
     def build(store: Any) -> Any:
         return store.types["sensor_msgs/msg/Image"](
-            header=header(store, stamp_ns, frame), height=rows, width=columns, encoding=encoding,
-            is_bigendian=int(big), step=padded.shape[1], data=padded.ravel(),
-        )  # fmt: skip
+            header=header(store, stamp_ns, frame),
+            height=rows,
+            width=columns,
+            encoding=encoding,
+            is_bigendian=int(big),
+            step=padded.shape[1],
+            data=padded.ravel(),
+        )
 
     return build
 
@@ -126,9 +131,15 @@ class Info:
             x_offset=column, y_offset=row, height=height, width=width, do_rectify=False
         )
         return store.types["sensor_msgs/msg/CameraInfo"](
-            header=header(store, 5, self.frame), height=self.height, width=self.width, distortion_model=self.model,
-            binning_x=self.binning[0], binning_y=self.binning[1], roi=region, **named,
-        )  # fmt: skip
+            header=header(store, 5, self.frame),
+            height=self.height,
+            width=self.width,
+            distortion_model=self.model,
+            binning_x=self.binning[0],
+            binning_y=self.binning[1],
+            roi=region,
+            **named,
+        )
 
 
 def transforms_of(rows: list[tuple[str, str, tuple[float, ...]]]) -> Any:
@@ -136,16 +147,19 @@ def transforms_of(rows: list[tuple[str, str, tuple[float, ...]]]) -> Any:
 
     def build(store: Any) -> Any:
         t = store.types
-        return t["tf2_msgs/msg/TFMessage"](transforms=[
-            t["geometry_msgs/msg/TransformStamped"](
-                header=header(store, 5, parent), child_frame_id=child,
-                transform=t["geometry_msgs/msg/Transform"](
-                    translation=t["geometry_msgs/msg/Vector3"](*values[:3]),
-                    rotation=t["geometry_msgs/msg/Quaternion"](*values[3:]),
-                ),
-            )
-            for parent, child, values in rows
-        ])  # fmt: skip
+        return t["tf2_msgs/msg/TFMessage"](
+            transforms=[
+                t["geometry_msgs/msg/TransformStamped"](
+                    header=header(store, 5, parent),
+                    child_frame_id=child,
+                    transform=t["geometry_msgs/msg/Transform"](
+                        translation=t["geometry_msgs/msg/Vector3"](*values[:3]),
+                        rotation=t["geometry_msgs/msg/Quaternion"](*values[3:]),
+                    ),
+                )
+                for parent, child, values in rows
+            ]
+        )
 
     return build
 

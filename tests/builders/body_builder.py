@@ -117,8 +117,14 @@ def camera_at(position_m: Sequence[float], look_at_m: Sequence[float], name: str
     T_world_camera[:3, :3] = np.stack([right, np.cross(away, right), away], axis=1)
     T_world_camera[:3, 3] = position_m
     lens = Intrinsics(fx=365.0 / shrink, fy=365.0 / shrink, cx=256.0 / shrink, cy=212.0 / shrink)
-    return Camera(name=name, width=512 // shrink, height=424 // shrink, depth_scale=0.001, intrinsics=lens,
-                  T_world_camera=T_world_camera)  # fmt: skip
+    return Camera(
+        name=name,
+        width=512 // shrink,
+        height=424 // shrink,
+        depth_scale=0.001,
+        intrinsics=lens,
+        T_world_camera=T_world_camera,
+    )
 
 
 FRONT = camera_at((2.4, 1.1, 0.0), (0.0, 0.9, 0.0))
@@ -127,8 +133,9 @@ LEFT = camera_at((0.9, 1.2, -2.2), (0.0, 0.9, 0.0), "left")
 
 def blank(camera: Camera) -> TrueImage:
     shape = (camera.height, camera.width)
-    return TrueImage(np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8),
-                   np.zeros(shape, np.uint8))  # fmt: skip
+    return TrueImage(
+        np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    )
 
 
 def photograph(skin_m: np.ndarray, camera: Camera) -> TrueImage:
@@ -187,8 +194,10 @@ def hide_bones(*names: str) -> Callable[[View, TrueImage], View]:
 
     def change(view: View, picture: TrueImage) -> View:
         gone = np.isin(picture.part, numbers)
-        return View(np.where(gone, np.float32(0.0), view.depth_m),
-                    np.where(gone, PixelLabel.NO_READING, view.labels).astype(np.uint8))  # fmt: skip
+        return View(
+            np.where(gone, np.float32(0.0), view.depth_m),
+            np.where(gone, PixelLabel.NO_READING, view.labels).astype(np.uint8),
+        )
 
     return change
 

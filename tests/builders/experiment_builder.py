@@ -15,8 +15,7 @@ from anchorpose.research.experiment.results import ExperimentResults, Matched, P
 
 
 def method(key: str, title: str, family: Family) -> Method:
-    return Method(key=key, title=title, family=family, source=f"Somebody, {title}",
-                  several=family is Family.PROPOSED)  # fmt: skip
+    return Method(key=key, title=title, family=family, source=f"Somebody, {title}", several=family is Family.PROPOSED)
 
 
 METHODS = (
@@ -45,9 +44,14 @@ ABLATED = (
 )
 
 OF_FAMILY = {
-    Family.PROPOSED: 50.0, Family.LOCAL: 90.0, Family.SPECTRAL: 95.0, Family.MESH: 92.0, Family.GLOBAL: 55.0,
-    Family.NONE: 80.0, Family.TRACKER: 25.0,
-}  # fmt: skip
+    Family.PROPOSED: 50.0,
+    Family.LOCAL: 90.0,
+    Family.SPECTRAL: 95.0,
+    Family.MESH: 92.0,
+    Family.GLOBAL: 55.0,
+    Family.NONE: 80.0,
+    Family.TRACKER: 25.0,
+}
 """Mean joint errors as the paper would have them, millimetres."""
 
 TrackingMean = Callable[[str, float, bool], float | np.ndarray]
@@ -78,10 +82,15 @@ def matches_as_the_paper_says(key: str, region: str) -> tuple[float, float]:
 
 
 def make_results(
-    tracking: TrackingMean = as_the_paper_says, matching: Matches = matches_as_the_paper_says, recordings: int = 6,
-    methods: Sequence[Method] = METHODS, holes_m: Sequence[float] = (0.0, 0.03, 0.15), seed: int = 3,
-    scenes: Mapping[Scene, Sequence[Method]] | None = None, spread: float = 0.1,
-) -> ExperimentResults:  # fmt: skip
+    tracking: TrackingMean = as_the_paper_says,
+    matching: Matches = matches_as_the_paper_says,
+    recordings: int = 6,
+    methods: Sequence[Method] = METHODS,
+    holes_m: Sequence[float] = (0.0, 0.03, 0.15),
+    seed: int = 3,
+    scenes: Mapping[Scene, Sequence[Method]] | None = None,
+    spread: float = 0.1,
+) -> ExperimentResults:
     """An outcome of the paper's scene in all forms, and of others with their methods in the first form."""
     rng = np.random.default_rng(seed)
     wanted = {Scene.PAPER: tuple(methods), **(scenes or {})}
@@ -102,15 +111,30 @@ def make_results(
         for gap_s in GAPS_S
     ]
     everyone = tuple(dict.fromkeys((*methods, *(one for ran in wanted.values() for one in ran))))
-    tried = tuple((one.key, (TriedSetting("radius 0.1", 123.4, True), TriedSetting("radius 0.2", 150.0, False)))
-                  for one in methods if one.family is Family.LOCAL)  # fmt: skip
+    tried = tuple(
+        (one.key, (TriedSetting("radius 0.1", 123.4, True), TriedSetting("radius 0.2", 150.0, False)))
+        for one in methods
+        if one.family is Family.LOCAL
+    )
     return ExperimentResults(
-        config=replace(ExperimentConfig(), recordings=recordings, holes_m=tuple(holes_m), resamples=300,
-                       scenes=tuple(wanted), seconds=3.0, scene_seconds=3.0, gaps_s=GAPS_S),
-        methods=everyone, tried=tried, tracked=tuple(tracked), matched=tuple(matched),
+        config=replace(
+            ExperimentConfig(),
+            recordings=recordings,
+            holes_m=tuple(holes_m),
+            resamples=300,
+            scenes=tuple(wanted),
+            seconds=3.0,
+            scene_seconds=3.0,
+            gaps_s=GAPS_S,
+        ),
+        methods=everyone,
+        tried=tried,
+        tracked=tuple(tracked),
+        matched=tuple(matched),
         times=PaperTimes(image="640 x 576", nodes=15000, edges=44000, mesh_s=0.03, feature_s=0.05, dijkstra_s=0.04),
-        failed=(), real=None,
-    )  # fmt: skip
+        failed=(),
+        real=None,
+    )
 
 
 GAPS_S = (0.1, 1.0)
@@ -121,9 +145,15 @@ def forms_of(scene: Scene, one: Method) -> tuple[Form, ...]:
 
 
 def _track(
-    rng: np.random.Generator, scene: Scene, number: int, hole_m: float, one: Method, tracking: TrackingMean,
-    spread: float, form: Form,
-) -> Tracked:  # fmt: skip
+    rng: np.random.Generator,
+    scene: Scene,
+    number: int,
+    hole_m: float,
+    one: Method,
+    tracking: TrackingMean,
+    spread: float,
+    form: Form,
+) -> Tracked:
     frame = np.arange(FRAMES) + 1
     occluded = (frame % 2 == 0) & (hole_m > 0)
     means = np.array([np.broadcast_to(tracking(one.key, hole_m, bool(hidden)), JOINT_COUNT) for hidden in occluded])
@@ -141,6 +171,23 @@ def _match(rng: np.random.Generator, number: int, hole_m: float, key: str, match
     direct = np.full_like(error, np.nan) if key.startswith(("anchors", "next")) else error
     tree = error * 0.9
     mirrored = (rng.random(len(region)) < share) & np.isfinite(error)
-    return Matched(Scene.PAPER, f"paper-{500 + number}", hole_m, key, 4, hole_m > 0, region, direct, tree, direct * 1.2,
-                   tree * 1.2, mirrored, 4000, 0.02 + 0.3 * (key in ("gmds", "rops")), 1.7, gap_s,
-                   rng.uniform(0.0, 60.0, len(region)), tree)  # fmt: skip
+    return Matched(
+        Scene.PAPER,
+        f"paper-{500 + number}",
+        hole_m,
+        key,
+        4,
+        hole_m > 0,
+        region,
+        direct,
+        tree,
+        direct * 1.2,
+        tree * 1.2,
+        mirrored,
+        4000,
+        0.02 + 0.3 * (key in ("gmds", "rops")),
+        1.7,
+        gap_s,
+        rng.uniform(0.0, 60.0, len(region)),
+        tree,
+    )

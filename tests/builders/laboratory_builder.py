@@ -122,9 +122,11 @@ def _markers(rng: np.random.Generator, true_m: np.ndarray) -> dict[str, np.ndarr
         put(f"{letter}ASI", f"Hip{side}", (ahead, up, sign * (0.5 * width - half)))
         put(f"{letter}PSI", f"Hip{side}", (ahead - depth, up, sign * (0.045 - half)))
         for joint, outer, inner, breadth in (
-            ("Knee", "KNE", "KNM", 0.05), ("Ankle", "ANK", "MED", 0.035), ("Elbow", "ELB", "ELM", 0.035),
+            ("Knee", "KNE", "KNM", 0.05),
+            ("Ankle", "ANK", "MED", 0.035),
+            ("Elbow", "ELB", "ELM", 0.035),
             ("Wrist", "WRA", "WRB", 0.028),
-        ):  # fmt: skip
+        ):
             put(f"{letter}{outer}", f"{joint}{side}", (0.0, 0.0, sign * breadth))
             put(f"{letter}{inner}", f"{joint}{side}", (0.0, 0.0, -sign * breadth))
     bend = {side: _knee_bend(true_m, side) for _, side in SIDES}

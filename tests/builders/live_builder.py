@@ -59,17 +59,7 @@ def live_frame_of(
     """A frame with these joints (21, 3), sigma 1 cm."""
     sigma_m = np.where(np.isnan(joints_m[:, 0]), np.nan, 0.01)
     codes = np.array([STATE_CODE[state] for state in states], np.int8)
-    return LiveFrame(
-        frame,
-        time_s,
-        time.monotonic() - LATENCY_S,
-        joints_m,
-        sigma_m,
-        codes,
-        why_lost,
-        touched,
-        dropped,
-    )
+    return LiveFrame(frame, time_s, time.monotonic() - LATENCY_S, joints_m, sigma_m, codes, why_lost, touched, dropped)
 
 
 class Again(Playback):

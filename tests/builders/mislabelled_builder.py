@@ -26,10 +26,20 @@ def pieces_of(view: View, camera: Camera) -> Pieces:
     world = transform_points(camera.require_pose(), camera.back_project(view.depth_m)[row, column])
     area = depth**2 / (camera.intrinsics.fx * camera.intrinsics.fy)
     return Pieces(
-        view.depth_m, view.labels, index, row.astype(np.int32), column.astype(np.int32), np.ones(len(row), np.int32), 1,
-        world.astype(np.float32), area.astype(np.float32), JumpLimit(0.01, 0.02), 0.0012,
-        neighbour_noise(0.0012), DepthDetail(2.0, camera.intrinsics.fx),
-    )  # fmt: skip
+        view.depth_m,
+        view.labels,
+        index,
+        row.astype(np.int32),
+        column.astype(np.int32),
+        np.ones(len(row), np.int32),
+        1,
+        world.astype(np.float32),
+        area.astype(np.float32),
+        JumpLimit(0.01, 0.02),
+        0.0012,
+        neighbour_noise(0.0012),
+        DepthDetail(2.0, camera.intrinsics.fx),
+    )
 
 
 def seen(pose: Pose, mislabelled: tuple[str, ...]) -> SimpleNamespace:

@@ -34,17 +34,31 @@ MEASURES = (
     Measure(measure="upright_share", value=0.8125, unit="1", sigma=0.03, frames=120, inferred_share=0.25),
     Measure(measure="upright_time", value=3.25, unit="s", sigma=0.12, frames=120, inferred_share=0.25),
     Measure(measure="sit_to_stand_count", value=1.0, unit="count", frames=120),
-    Measure(measure="knee_flexion_upright_mean", side="left", value=12.345, unit="deg", sigma=1.5, frames=90,
-            inferred_share=0.5),
-    Measure(measure="knee_flexion_upright_mean", side="right", value=None, unit="deg", frames=0,
-            why="the right knee is lost <always>"),
+    Measure(
+        measure="knee_flexion_upright_mean",
+        side="left",
+        value=12.345,
+        unit="deg",
+        sigma=1.5,
+        frames=90,
+        inferred_share=0.5,
+    ),
+    Measure(
+        measure="knee_flexion_upright_mean",
+        side="right",
+        value=None,
+        unit="deg",
+        frames=0,
+        why="the right knee is lost <always>",
+    ),
     Measure(measure="sway_time", value=2.5, unit="s", frames=80),
     Measure(measure="sway_path", value=432.1, unit="mm", sigma=50.0, frames=80, inferred_share=0.0),
     Measure(measure="assistance_share_upright", value=0.4, unit="1", sigma=0.02, frames=120, inferred_share=0.004),
     Measure(measure="assistance_time", side="left", part="knee_left", value=0.67, unit="s", sigma=0.03, frames=20),
-    Measure(measure="assistance_time", side="left", part="knee_left", person="person 1", value=0.67, unit="s",
-            frames=20),
-)  # fmt: skip
+    Measure(
+        measure="assistance_time", side="left", part="knee_left", person="person 1", value=0.67, unit="s", frames=20
+    ),
+)
 
 
 def squat(frame: int, count: int) -> np.ndarray:
@@ -75,9 +89,12 @@ def squats(count: int, seed: int = 5) -> list[JointFrame]:
 
 
 def write_session(
-    folder: Path, frames: list[JointFrame], measures: Iterable[Measure] = MEASURES,
-    contacts: Iterable[Contact] | None = None, **run: object,
-) -> Path:  # fmt: skip
+    folder: Path,
+    frames: list[JointFrame],
+    measures: Iterable[Measure] = MEASURES,
+    contacts: Iterable[Contact] | None = None,
+    **run: object,
+) -> Path:
     """A results folder with all tables; run: what else its run.json says."""
     write_results(folder, frames)
     document = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
@@ -112,10 +129,16 @@ def _episodes(frame: np.ndarray, time_s: np.ndarray) -> list[Episode]:
     count = len(frame)
     kinds = (("sit_to_stand", count // 5, count // 4), ("upright", count // 4, count - 1))
     return [
-        Episode(kind=kind, first_frame=int(frame[a]), last_frame=int(frame[b]), start_s=float(time_s[a]),
-                end_s=float(time_s[b]), state=JointState.OBSERVED)
+        Episode(
+            kind=kind,
+            first_frame=int(frame[a]),
+            last_frame=int(frame[b]),
+            start_s=float(time_s[a]),
+            end_s=float(time_s[b]),
+            state=JointState.OBSERVED,
+        )
         for kind, a, b in kinds
-    ]  # fmt: skip
+    ]
 
 
 def _contacts(frames: list[JointFrame]) -> list[Contact]:
@@ -123,9 +146,16 @@ def _contacts(frames: list[JointFrame]) -> list[Contact]:
 
     def held(part: str, person: str, first: int, last: int, seen: float) -> Contact:
         return Contact(
-            part=part, person=person, first_frame=frames[first].frame, last_frame=frames[last].frame,
-            start_s=frames[first].time_s, end_s=frames[last].time_s, seen_share=seen, area_cm2=40.0, gap_mm=4.0,
-        )  # fmt: skip
+            part=part,
+            person=person,
+            first_frame=frames[first].frame,
+            last_frame=frames[last].frame,
+            start_s=frames[first].time_s,
+            end_s=frames[last].time_s,
+            seen_share=seen,
+            area_cm2=40.0,
+            gap_mm=4.0,
+        )
 
     count = len(frames)
     return [

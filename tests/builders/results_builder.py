@@ -28,21 +28,30 @@ NOISE = DepthNoise((2.0, 3.0), (0.0064, 0.0144), (1.26, None), 49.0, holes=0.012
 def standing_joints() -> np.ndarray:
     """(21, 3) metres: upright, arms and legs straight down, facing X."""
     place = {
-        "SpineBase": (0, 0.95, 0), "SpineMid": (0, 1.15, 0), "SpineShoulder": (0, 1.42, 0), "Neck": (0, 1.5, 0),
+        "SpineBase": (0, 0.95, 0),
+        "SpineMid": (0, 1.15, 0),
+        "SpineShoulder": (0, 1.42, 0),
+        "Neck": (0, 1.5, 0),
         "Head": (0, 1.62, 0),
-    }  # fmt: skip
+    }
     for side, z in (("Left", -1), ("Right", 1)):
-        place |= {f"{name}{side}": (0, y, 0.18 * z) for name, y in
-                  (("Shoulder", 1.4), ("Elbow", 1.1), ("Wrist", 0.85), ("Hand", 0.77))}  # fmt: skip
+        place |= {
+            f"{name}{side}": (0, y, 0.18 * z)
+            for name, y in (("Shoulder", 1.4), ("Elbow", 1.1), ("Wrist", 0.85), ("Hand", 0.77))
+        }
         place |= {f"{name}{side}": (0, y, 0.09 * z) for name, y in (("Hip", 0.92), ("Knee", 0.5), ("Ankle", 0.08))}
         place[f"Foot{side}"] = (0.15, 0.03, 0.09 * z)
     return np.array([place[name] for name in JOINT_NAMES], dtype=np.float64)
 
 
 def make_frame(
-    frame: int, time_s: float, position_m: np.ndarray, lost: tuple[str, ...] = (), sigma_m: float = 0.02,
+    frame: int,
+    time_s: float,
+    position_m: np.ndarray,
+    lost: tuple[str, ...] = (),
+    sigma_m: float = 0.02,
     states: Mapping[str, JointState] | None = None,
-) -> JointFrame:  # fmt: skip
+) -> JointFrame:
     """A frame in which all joints are observed but the lost ones and those of other ``states``."""
     position, sigma = position_m.copy(), np.full(JOINT_COUNT, sigma_m)
     state = [(states or {}).get(name, JointState.OBSERVED) for name in JOINT_NAMES]
@@ -81,12 +90,7 @@ def explained_frames(
 ) -> list[ExplainedFrame]:
     """One frame per area; past: share that a camera sees past by frame and part, 0 for the others, NaN where lost."""
     return [
-        ExplainedFrame(
-            frame,
-            frame / fps,
-            area,
-            np.array([past.get((frame, name), 0.0 * area) for name in PART_NAMES]),
-        )
+        ExplainedFrame(frame, frame / fps, area, np.array([past.get((frame, name), 0.0 * area) for name in PART_NAMES]))
         for frame, area in enumerate(uncovered_cm2)
     ]
 

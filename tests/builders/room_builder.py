@@ -32,8 +32,9 @@ def camera_at(position_m, look_at_m, width: int = 256, height: int = 212) -> Cam
     T_world_camera[:3, :3] = np.stack([right, np.cross(away, right), away], axis=1)
     T_world_camera[:3, 3] = position_m
     lens = Intrinsics(fx=0.71 * width, fy=0.71 * width, cx=width / 2, cy=height / 2)
-    return Camera(name="front", width=width, height=height, depth_scale=0.001, intrinsics=lens,
-                  T_world_camera=T_world_camera)  # fmt: skip
+    return Camera(
+        name="front", width=width, height=height, depth_scale=0.001, intrinsics=lens, T_world_camera=T_world_camera
+    )
 
 
 FRONT = camera_at((2.5, 1.2, 0.0), (0.0, 0.9, 0.0))

@@ -69,6 +69,13 @@ def value(found: dict[tuple[str | None, ...], Measure], name: str, side: str | N
 def contact(part: str, person: str, first: int, last: int, seen: float = 1.0) -> Contact:
     """Touched from one frame to another, both included."""
     return Contact(
-        part=part, person=person, first_frame=first, last_frame=last, start_s=first / RATE, end_s=last / RATE,
-        seen_share=seen, area_cm2=30.0, gap_mm=5.0,
-    )  # fmt: skip
+        part=part,
+        person=person,
+        first_frame=first,
+        last_frame=last,
+        start_s=first / RATE,
+        end_s=last / RATE,
+        seen_share=seen,
+        area_cm2=30.0,
+        gap_mm=5.0,
+    )

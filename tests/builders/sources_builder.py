@@ -175,8 +175,6 @@ def r3d(path: Path, depth_m: np.ndarray) -> None:
 
 FORMATS: dict[str, Callable[[Path, np.ndarray], None]] = {
     write.__name__: write
-    for write in (
-        plain_folder, pgm_folder, tum, icl, open3d, redwood, scannet, stray, npy, mat, raw_file, raw_folder,
-    )
-}  # fmt: skip
+    for write in (plain_folder, pgm_folder, tum, icl, open3d, redwood, scannet, stray, npy, mat, raw_file, raw_folder)
+}
 """What writes uint16 images in each format."""

@@ -23,10 +23,36 @@ import numpy as np
 from recording_builder import HEIGHT, WIDTH, camera_entry
 
 EXTREME: tuple[Any, ...] = (
-    None, True, 0, -1, 1, 2**31, 2**63, 10**400, 1e-300, -1e-12, 1e308, -1e308, float("nan"), float("inf"), "",
-    "x" * 5000, "a\0b", "\ud800", "../front", "/etc/passwd", "C:\\x", "front/../../x", "a\nb", ".",
-    [], {}, [[]], [1e308] * 5, [[1e308] * 4] * 4,
-)  # fmt: skip
+    None,
+    True,
+    0,
+    -1,
+    1,
+    2**31,
+    2**63,
+    10**400,
+    1e-300,
+    -1e-12,
+    1e308,
+    -1e308,
+    float("nan"),
+    float("inf"),
+    "",
+    "x" * 5000,
+    "a\0b",
+    "\ud800",
+    "../front",
+    "/etc/passwd",
+    "C:\\x",
+    "front/../../x",
+    "a\nb",
+    ".",
+    [],
+    {},
+    [[]],
+    [1e308] * 5,
+    [[1e308] * 4] * 4,
+)
 NUMBERS = ("0", "-0", "1e308", "-1e308", "1e-12", "nan", "inf", "-inf", "1e999", "9" * 400, "0x10", "", " ", "١", "1_0")
 MOST_FRAMES = 1 << 12
 LARGEST_BYTES = 1 << 24
@@ -242,6 +268,13 @@ def lying_mesh(folder: Path, chance: random.Random) -> None:
 
 
 WAYS: tuple[Callable[[Path, random.Random], None], ...] = (
-    damaged_bytes, extreme_value, extreme_value, other_kind_of_file, odd_times, odd_image, bomb, many_cameras,
+    damaged_bytes,
+    extreme_value,
+    extreme_value,
+    other_kind_of_file,
+    odd_times,
+    odd_image,
+    bomb,
+    many_cameras,
     lying_mesh,
-)  # fmt: skip
+)

@@ -43,9 +43,13 @@ class TrackConfig:
 
 
 def track_recording(
-    recording: Path, results: Path, config: TrackConfig, progress: Callable[[int, int], None],
-    calibration: Path | None = None, corrections: Path | None = None,
-) -> None:  # fmt: skip
+    recording: Path,
+    results: Path,
+    config: TrackConfig,
+    progress: Callable[[int, int], None],
+    calibration: Path | None = None,
+    corrections: Path | None = None,
+) -> None:
     opened = open_recording(recording)
     blank, state = np.full((JOINT_COUNT, 3), np.nan), (JointState.LOST,) * JOINT_COUNT
     dropped, count = [], 0

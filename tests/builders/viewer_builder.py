@@ -96,11 +96,22 @@ def write_small_recording(folder: Path) -> Path:
         write_timestamps(folder / name, [(frame, frame * PERIOD_S) for frame in range(FRAMES)])
         intrinsics = {"fx": FOCAL, "fy": FOCAL, "cx": 48.0, "cy": 64.0, "distortion": [0.05, -0.02, 0.001, 0.0, 0.0]}
         cameras.append(
-            {"name": name, "width": WIDTH, "height": HEIGHT, "depth_scale": 0.001, "intrinsics": intrinsics,
-             "camera_to_world": pose.tolist()}
-        )  # fmt: skip
-    box = {"name": "bar", "shape": "box", "center": [0.3, 0.6, 0], "size": [0.05, 0.09, 0.7],
-           "rotation": np.eye(3).tolist()}  # fmt: skip
+            {
+                "name": name,
+                "width": WIDTH,
+                "height": HEIGHT,
+                "depth_scale": 0.001,
+                "intrinsics": intrinsics,
+                "camera_to_world": pose.tolist(),
+            }
+        )
+    box = {
+        "name": "bar",
+        "shape": "box",
+        "center": [0.3, 0.6, 0],
+        "size": [0.05, 0.09, 0.7],
+        "rotation": np.eye(3).tolist(),
+    }
     equipment = {"format": "equipment-model", "version": 1, "parts": [box]}
     (folder / "equipment.json").write_text(json.dumps(equipment))
     document = {"format": "rgbd-recording", "version": 1, "cameras": cameras, "equipment": "equipment.json"}
@@ -128,10 +139,19 @@ def write_small_results(
             place = np.full((5, 3), np.nan)
             place[0] = (0.0, 1.7, 0.0)
             anchors.append(AnchorFrame(frame, frame * PERIOD_S, place, np.where(np.isnan(place[:, 0]), np.nan, 0.02)))
-        contacts.append(Contact(
-            part="knee_left", person="person 1", first_frame=5,
-            last_frame=20, start_s=5 * PERIOD_S, end_s=20 * PERIOD_S, seen_share=1.0, area_cm2=30.0, gap_mm=10.0,
-        ))  # fmt: skip
+        contacts.append(
+            Contact(
+                part="knee_left",
+                person="person 1",
+                first_frame=5,
+                last_frame=20,
+                start_s=5 * PERIOD_S,
+                end_s=20 * PERIOD_S,
+                seen_share=1.0,
+                area_cm2=30.0,
+                gap_mm=10.0,
+            )
+        )
     write_angles(folder / ANGLES_FILE, joint_angles(read_joints(folder / JOINTS_FILE)))
     if people:
         with write_people(folder / PEOPLE_FILE) as pictures:

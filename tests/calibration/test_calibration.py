@@ -23,9 +23,13 @@ DATA = Path(__file__).parents[3] / "shared" / "data"
 
 def recording(*cameras, backgrounds=None, equipment=None) -> Recording:
     return Recording(
-        folder=Path("built"), cameras=cameras, streams=(), equipment=equipment, subject=UNKNOWN,
+        folder=Path("built"),
+        cameras=cameras,
+        streams=(),
+        equipment=equipment,
+        subject=UNKNOWN,
         backgrounds_m=backgrounds or (None,) * len(cameras),
-    )  # fmt: skip
+    )
 
 
 def frames(*pictures) -> list[FrameSet]:

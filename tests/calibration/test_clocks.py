@@ -69,10 +69,7 @@ def test_a_wrong_pose_of_centimetres_does_not_bias_the_lag(room):
 def test_signals_give_the_lag_without_any_pose(room):
     signals = [
         motion_signal(
-            [(t, room.read(k, n)) for n, t in enumerate(room.times_s[k])],
-            unposed(room.cameras[k]),
-            level,
-            0.0012,
+            [(t, room.read(k, n)) for n, t in enumerate(room.times_s[k])], unposed(room.cameras[k]), level, 0.0012
         )
         for k, level in enumerate(LEVELS)
     ]

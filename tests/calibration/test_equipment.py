@@ -130,9 +130,7 @@ def test_a_room_without_the_equipment_has_no_pose():
 @pytest.mark.parametrize("rise_m", [0.03, pytest.param(0.1, marks=SLOW), pytest.param(-0.06, marks=SLOW)])
 def test_a_part_that_is_elsewhere_than_the_file_says_is_named(rise_m):
     bar = replace(FRAME.parts[4], center_m=FRAME.parts[4].center_m + np.array([0.0, rise_m, 0.0]))
-    found = find_equipment(
-        view_of(*FRAME.parts[:4], bar), prepare_equipment(FRAME), EquipmentPoseConfig()
-    )  # fmt: skip
+    found = find_equipment(view_of(*FRAME.parts[:4], bar), prepare_equipment(FRAME), EquipmentPoseConfig())
     assert isinstance(found, NoEquipmentPose)
     assert found.part is not None  # the bar or, where the rest was lifted to meet it, another
     assert found.why in (NoPose.PART_MISSING, NoPose.PART_ELSEWHERE, NoPose.PART_UNREAD)

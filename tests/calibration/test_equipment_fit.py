@@ -11,11 +11,7 @@ import pytest
 from recording_builder import write_recording
 from room_builder import ROOM, camera_at, picture
 
-from anchorpose.calibration.proposal import (
-    EquipmentProposal,
-    NoEquipment,
-    propose_equipment,
-)
+from anchorpose.calibration.proposal import EquipmentProposal, NoEquipment, propose_equipment
 from anchorpose.calibration.proposal_joining import hollow_share
 from anchorpose.calibration.proposal_readings import Region, gather_readings
 from anchorpose.calibration.proposal_shape import first_fit
@@ -108,8 +104,10 @@ def test_pieces_behind_a_bar_are_one_post_and_pieces_with_a_view_between_them_ar
 
 
 def test_a_seat_is_a_plate_of_its_size():
-    legs = [replace(POST, center_m=np.array([x, 0.21, z]), size_m=np.array([0.03, 0.42, 0.03]))
-            for x, z in ((-0.25, -0.06), (-0.25, 0.26), (0.05, -0.06), (0.05, 0.26))]  # fmt: skip
+    legs = [
+        replace(POST, center_m=np.array([x, 0.21, z]), size_m=np.array([0.03, 0.42, 0.03]))
+        for x, z in ((-0.25, -0.06), (-0.25, 0.26), (0.05, -0.06), (0.05, 0.26))
+    ]
     seat = near(proposed((FRONT, LEFT, RIGHT), SEAT, *legs), SEAT)
     assert seat.part.name == "seat-1"
     np.testing.assert_allclose(np.sort(seat.part.size_m), [0.05, 0.36, 0.38], atol=0.03)
@@ -168,9 +166,11 @@ def room_recording(folder):
     lens = camera.intrinsics
     document = json.loads((folder / "recording.json").read_text())
     document["cameras"][0] |= {
-        "width": 512, "height": 424, "camera_to_world": camera.require_pose().tolist(),
+        "width": 512,
+        "height": 424,
+        "camera_to_world": camera.require_pose().tolist(),
         "intrinsics": {"fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy, "distortion": [0, 0, 0, 0, 0]},
-    }  # fmt: skip
+    }
     (folder / "recording.json").write_text(json.dumps(document))
     grey = np.round(picture(camera, *ROOM, POST, BAR, seed=0) * 1000).astype(np.uint16)
     for name in ("background", "depth/000000", "depth/000001"):

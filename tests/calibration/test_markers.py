@@ -33,9 +33,11 @@ def tag(number: int, center, size_m: float = 0.2, turn=(0.0, 0.0, 0.0)) -> Tag:
 
 
 SPREAD = (
-    tag(0, (0.3, 1.1, -0.4)), tag(1, (0.3, 0.4, -0.4), turn=(0, 25, 0)),
-    tag(2, (0.1, 1.1, 0.4), turn=(20, -25, 0)), tag(3, (-0.1, 0.5, 0.4)),
-)  # fmt: skip
+    tag(0, (0.3, 1.1, -0.4)),
+    tag(1, (0.3, 0.4, -0.4), turn=(0, 25, 0)),
+    tag(2, (0.1, 1.1, 0.4), turn=(20, -25, 0)),
+    tag(3, (-0.1, 0.5, 0.4)),
+)
 
 
 def drawn_on(image: np.ndarray, camera: Camera, texture: np.ndarray, corners_m: np.ndarray) -> None:
@@ -224,8 +226,12 @@ def test_a_picture_of_another_size_is_refused():
 
 def document(**changes) -> dict:
     pose = np.eye(4).tolist()
-    plain = {"format": "marker-layout", "version": 1, "dictionary": DICTIONARY,
-             "tags": [{"id": 4, "size_m": 0.16, "pose": pose}]}  # fmt: skip
+    plain = {
+        "format": "marker-layout",
+        "version": 1,
+        "dictionary": DICTIONARY,
+        "tags": [{"id": 4, "size_m": 0.16, "pose": pose}],
+    }
     return plain | changes
 
 

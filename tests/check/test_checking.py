@@ -223,8 +223,11 @@ def test_feet_are_out_of_view_where_the_floor_below_the_patient_is(distance_m, b
 
 def test_levels_by_limits_and_what_is_not_known():
     assert [level_of(value, 1.0, 2.0) for value in (1.0, 1.5, 2.5, np.nan)] == [
-        Level.GREEN, Level.YELLOW, Level.RED, Level.GREEN,
-    ]  # fmt: skip
+        Level.GREEN,
+        Level.YELLOW,
+        Level.RED,
+        Level.GREEN,
+    ]
 
 
 def test_the_worst_camera_decides_and_is_named():

@@ -12,9 +12,17 @@ from anchorpose.cli import app, main
 
 ABSURD = ("inf", "-inf", "nan", "1e308", "-1", "9" * 400, "0x", "")
 ZERO_IS_FINE = {
-    "--seed", "--therapists", "--skip-s", "--frame", "--start", "--stop", "--index", "--port", "--empty-room",
+    "--seed",
+    "--therapists",
+    "--skip-s",
+    "--frame",
+    "--start",
+    "--stop",
+    "--index",
+    "--port",
+    "--empty-room",
     "--longest-gap",
-}  # fmt: skip
+}
 NEED_OUTPUT = {"batch", "live", "record", "track"}
 
 

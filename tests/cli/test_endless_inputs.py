@@ -80,14 +80,23 @@ READS = {
 """Each path that a verb reads, as "VERB OPTION", and a command line that comes to read it."""
 
 WRITTEN = {
-    ("demo", "OUT"), ("simulate", "OUT"), ("motions build", "OUT"), ("experiment", "OUT"), ("benchmark make", "OUT"),
-    ("live", "--record"), ("evaluate", "--json"), ("benchmark score", "--json"),
-}  # fmt: skip
+    ("demo", "OUT"),
+    ("simulate", "OUT"),
+    ("motions build", "OUT"),
+    ("experiment", "OUT"),
+    ("benchmark make", "OUT"),
+    ("live", "--record"),
+    ("evaluate", "--json"),
+    ("benchmark score", "--json"),
+}
 """Paths of outputs, beside every --output."""
 
 NOT_READ = {
-    ("measure", "angles.parquet"), ("evaluate", "angles.parquet"), ("evaluate", "log.jsonl"), ("view", "log.jsonl"),
-}  # fmt: skip
+    ("measure", "angles.parquet"),
+    ("evaluate", "angles.parquet"),
+    ("evaluate", "log.jsonl"),
+    ("view", "log.jsonl"),
+}
 TABLES = ("joints.parquet", "run.json", "angles.parquet", "log.jsonl")
 OF_RESULTS = {
     "measure": ["measure", "{copy}"],

@@ -24,20 +24,33 @@ from anchorpose.rotations import rotation_matrices
 
 BY_JOINTS = {
     **{name: name for name in JOINT_NAMES if not name.startswith(("Hand", "Foot", "Head"))},
-    "Neck_end": "Head", "WristLeft_end": "HandLeft", "WristRight_end": "HandRight", "AnkleLeft_end": "FootLeft",
+    "Neck_end": "Head",
+    "WristLeft_end": "HandLeft",
+    "WristRight_end": "HandRight",
+    "AnkleLeft_end": "FootLeft",
     "AnkleRight_end": "FootRight",
-}  # fmt: skip
+}
 BY_BONES = {
-    "Hips": "SpineBase", "Spine": "SpineMid", "Neck": "SpineShoulder", "Neck1": "Neck", "Head_end": "Head",
+    "Hips": "SpineBase",
+    "Spine": "SpineMid",
+    "Neck": "SpineShoulder",
+    "Neck1": "Neck",
+    "Head_end": "Head",
     **{
         f"{side}{bone}": f"{name}{side}"
         for side in ("Left", "Right")
         for bone, name in (
-            ("Arm", "Shoulder"), ("ForeArm", "Elbow"), ("Hand", "Wrist"), ("Hand_end", "Hand"), ("UpLeg", "Hip"),
-            ("Leg", "Knee"), ("Foot", "Ankle"), ("Foot_end", "Foot"),
+            ("Arm", "Shoulder"),
+            ("ForeArm", "Elbow"),
+            ("Hand", "Wrist"),
+            ("Hand_end", "Hand"),
+            ("UpLeg", "Hip"),
+            ("Leg", "Knee"),
+            ("Foot", "Ankle"),
+            ("Foot_end", "Foot"),
         )
     },
-}  # fmt: skip
+}
 
 
 def exported(results: Path) -> list[Bvh]:
@@ -79,8 +92,11 @@ def posed_results(folder: Path, spin_deg: float = 0.0, lost: int | None = None) 
     with write_poses(folder / POSES_FILE) as table:
         for pose in poses:
             gone = pose.frame == lost
-            blank = BodyPose(pose.frame, pose.time_s, *(np.full_like(a, np.nan) for a in
-                             (pose.head_m, pose.quaternion, pose.axial_sigma_rad)))  # fmt: skip
+            blank = BodyPose(
+                pose.frame,
+                pose.time_s,
+                *(np.full_like(a, np.nan) for a in (pose.head_m, pose.quaternion, pose.axial_sigma_rad)),
+            )
             table.append(blank if gone else pose)
     return joints
 
@@ -138,8 +154,13 @@ def test_poses_between_jittering_stamps_are_turned_and_not_shortened(tmp_path):
     shank = np.linalg.norm(bvh.paths_cm["LeftFoot"] - bvh.paths_cm["LeftLeg"], axis=1)
     known = np.linalg.norm(joint(joints, "AnkleLeft") - joint(joints, "KneeLeft"), axis=1)
     assert np.ptp(shank) < 0.01
-    place = np.stack([np.interp(stamps[0] + bvh.frame_s * np.arange(len(shank)), stamps, axis) for axis in
-                      joint(joints, "KneeLeft").T], axis=1)  # fmt: skip
+    place = np.stack(
+        [
+            np.interp(stamps[0] + bvh.frame_s * np.arange(len(shank)), stamps, axis)
+            for axis in joint(joints, "KneeLeft").T
+        ],
+        axis=1,
+    )
     assert np.linalg.norm(bvh.paths_cm["LeftLeg"] / 100.0 - place, axis=1).max() < 0.01  # an arc against its chord
     assert shank[0] == pytest.approx(100.0 * known[0], abs=0.01)
 

@@ -40,9 +40,18 @@ def results(tmp_path):
     )
     with write_contacts(folder / CONTACTS_FILE) as table:
         table.append(
-            Contact(part="knee_left", person="person 1", first_frame=0, last_frame=1, start_s=8.0, end_s=9.0,
-                    seen_share=1.0, area_cm2=20.0, gap_mm=3.0)
-        )  # fmt: skip
+            Contact(
+                part="knee_left",
+                person="person 1",
+                first_frame=0,
+                last_frame=1,
+                start_s=8.0,
+                end_s=9.0,
+                seen_share=1.0,
+                area_cm2=20.0,
+                gap_mm=3.0,
+            )
+        )
     return folder
 
 
@@ -52,8 +61,13 @@ def test_events_have_the_labels_contexts_and_times_that_other_programs_read(resu
     group = {name: file["parameters"]["EVENT"][name]["value"] for name in ("LABELS", "CONTEXTS", "TIMES", "USED")}
     assert group["USED"][0] == 6
     assert list(group["LABELS"]) == [
-        "Foot Off", "Foot Strike", "Contact Start", "Contact End", "Stand Up Start", "Stand Up End",
-    ]  # fmt: skip
+        "Foot Off",
+        "Foot Strike",
+        "Contact Start",
+        "Contact End",
+        "Stand Up Start",
+        "Stand Up End",
+    ]
     assert list(group["CONTEXTS"]) == ["Left", "Left", *["General"] * 4]
     seconds = np.array([60.0, 1.0]) @ np.asarray(group["TIMES"])  # from the file's first frame
     assert seconds == pytest.approx([1.0, 1.6, 3.0, 4.0, 65.0, 67.5], abs=1e-4)

@@ -38,10 +38,17 @@ def results(tmp_path_factory) -> Path:
     with write_contacts(folder / CONTACTS_FILE) as contacts:
         contacts.append(
             Contact(
-                part="knee_left", person="person 1", first_frame=3, last_frame=9, start_s=START_S + 0.2,
-                end_s=START_S + 0.6, seen_share=0.8, area_cm2=40.0, gap_mm=2.5,
+                part="knee_left",
+                person="person 1",
+                first_frame=3,
+                last_frame=9,
+                start_s=START_S + 0.2,
+                end_s=START_S + 0.6,
+                seen_share=0.8,
+                area_cm2=40.0,
+                gap_mm=2.5,
             )
-        )  # fmt: skip
+        )
     return folder
 
 

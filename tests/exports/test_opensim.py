@@ -166,8 +166,11 @@ def lengths_off_m(osim: Any, trc_folder: Path, work: Path, joints: np.ndarray) -
     model = osim.Model(str(work / "scaled.osim"))
     state = model.initSystem()
     places = {m.getName(): m.getLocationInGround(state).to_numpy() for m in model.getMarkerSet()}
-    bones = [(f"{a}{side}", f"{b}{side}") for side in ("Left", "Right") for a, b in
-             (("Hip", "Knee"), ("Knee", "Ankle"), ("Ankle", "Foot"), ("Elbow", "Wrist"))]  # fmt: skip
+    bones = [
+        (f"{a}{side}", f"{b}{side}")
+        for side in ("Left", "Right")
+        for a, b in (("Hip", "Knee"), ("Knee", "Ankle"), ("Ankle", "Foot"), ("Elbow", "Wrist"))
+    ]
     ours = [np.linalg.norm(joint(joints, end) - joint(joints, start), axis=1).mean() for start, end in bones]
     return np.abs(np.array([np.linalg.norm(places[end] - places[start]) for start, end in bones]) - ours)
 

@@ -9,13 +9,7 @@ import pytest
 from room_builder import FRONT, ROOM, body, built_scene, in_front, picture
 
 from anchorpose.isolation.bystander_memory import MEMORY_S, empty_memory, update_memory
-from anchorpose.isolation.ownership import (
-    CELL_M,
-    SAMPLING_M,
-    OwnershipLikelihood,
-    decide_ownership,
-    sort_likelihood,
-)
+from anchorpose.isolation.ownership import CELL_M, SAMPLING_M, OwnershipLikelihood, decide_ownership, sort_likelihood
 from anchorpose.isolation.people import IsolationConfig, PatientChoice, find_people
 from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import find_pieces

@@ -155,8 +155,9 @@ def test_angles_and_targets_are_remembered(live, playing):
     live.reload()
     live.wait_for_selector("html[data-ready]")
     assert live.evaluate("anchorpose.choices") == [
-        {"angle": "knee_flexion_left", "from": 0, "to": 10}, {"angle": "trunk_flexion", "from": -10, "to": 20},
-    ]  # fmt: skip
+        {"angle": "knee_flexion_left", "from": 0, "to": 10},
+        {"angle": "trunk_flexion", "from": -10, "to": 20},
+    ]
     assert live.locator(".dial h2").all_inner_texts() == ["Left knee flexion", "Trunk flexion"]
 
 

@@ -26,9 +26,26 @@ from anchorpose.results.reference_clips import clips_of_results
 
 UIPRMD = Path(__file__).parents[3] / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
 BONES = (
-    "Waist", "Spine", "Chest", "Neck", "Head", "LUpperArm", "LForearm", "LHand", "RUpperArm", "RForearm", "RHand",
-    "LUpperLeg", "LLowerLeg", "LFoot", "LToes", "RUpperLeg", "RLowerLeg", "RFoot", "RToes",
-)  # fmt: skip
+    "Waist",
+    "Spine",
+    "Chest",
+    "Neck",
+    "Head",
+    "LUpperArm",
+    "LForearm",
+    "LHand",
+    "RUpperArm",
+    "RForearm",
+    "RHand",
+    "LUpperLeg",
+    "LLowerLeg",
+    "LFoot",
+    "LToes",
+    "RUpperLeg",
+    "RLowerLeg",
+    "RFoot",
+    "RToes",
+)
 OURS = [name for name in JOINT_NAMES if not name.startswith("Hand")]
 
 

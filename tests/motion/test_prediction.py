@@ -255,9 +255,7 @@ def test_input_that_cannot_be_used_is_refused():
         reference_motions([np.zeros((8, 6))], [30], 30, 6, MotionConfig(speeds=(1.0,)))
     with pytest.raises(ValueError, match="missing values"):
         reference_motions([np.full((30, 6), np.nan)], [30], 30, 6, MotionConfig())
-    for wrong in (
-        {"history": 1}, {"speeds": ()}, {"displacement_weight": -1.0}, {"neighbours": 0}, {"checked": 0},
-    ):  # fmt: skip
+    for wrong in ({"history": 1}, {"speeds": ()}, {"displacement_weight": -1.0}, {"neighbours": 0}, {"checked": 0}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             MotionConfig(**wrong)
 

@@ -27,9 +27,18 @@ from anchorpose.tracker.config import TrackConfig
 
 FPS, FRAMES, LOOKED_AT = 8.0, 4, 1
 STAGES = (
-    "depth", "background", "standing_out", "equipment", "people", "surface", "geodesics", "anchors", "hypotheses",
-    "tree", "registration",
-)  # fmt: skip
+    "depth",
+    "background",
+    "standing_out",
+    "equipment",
+    "people",
+    "surface",
+    "geodesics",
+    "anchors",
+    "hypotheses",
+    "tree",
+    "registration",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,13 +187,27 @@ def write_room(folder: Path, people: bool) -> Path:
     (folder / "front" / "depth").mkdir(parents=True)
     lens = FRONT.intrinsics
     document = {
-        "format": "rgbd-recording", "version": 1, "equipment": "equipment.json",
-        "cameras": [{
-            "name": "front", "width": FRONT.width, "height": FRONT.height, "depth_scale": 0.001, "fps": 10,
-            "intrinsics": {"fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy, "distortion": [0, 0, 0, 0, 0]},
-            "camera_to_world": FRONT.require_pose().tolist(),
-        }],
-    }  # fmt: skip
+        "format": "rgbd-recording",
+        "version": 1,
+        "equipment": "equipment.json",
+        "cameras": [
+            {
+                "name": "front",
+                "width": FRONT.width,
+                "height": FRONT.height,
+                "depth_scale": 0.001,
+                "fps": 10,
+                "intrinsics": {
+                    "fx": lens.fx,
+                    "fy": lens.fy,
+                    "cx": lens.cx,
+                    "cy": lens.cy,
+                    "distortion": [0, 0, 0, 0, 0],
+                },
+                "camera_to_world": FRONT.require_pose().tolist(),
+            }
+        ],
+    }
     (folder / "recording.json").write_text(json.dumps(document))
     bar = {"name": "bar", "shape": "box", "center": KNEE_BAR.center_m.tolist(), "size": KNEE_BAR.size_m.tolist()}
     (folder / "equipment.json").write_text(json.dumps({"format": "equipment-model", "version": 1, "parts": [bar]}))

@@ -28,9 +28,15 @@ def build(folder: Path, native: bool = False) -> Path:
 
 
 def ask(
-    program: Path, name: str, points_m: np.ndarray, normals: np.ndarray, triangles: np.ndarray, chosen: np.ndarray,
-    radius_m: float, runs: int = 1,
-) -> tuple[np.ndarray, list[float]]:  # fmt: skip
+    program: Path,
+    name: str,
+    points_m: np.ndarray,
+    normals: np.ndarray,
+    triangles: np.ndarray,
+    chosen: np.ndarray,
+    radius_m: float,
+    runs: int = 1,
+) -> tuple[np.ndarray, list[float]]:
     """PCL's rows (k, SIZES[name]) float32 of the chosen points, and the milliseconds of each run on one thread."""
     counts = np.array([len(points_m), len(triangles), len(chosen)], np.int32)
     parts = [counts, points_m.astype(np.float32), normals.astype(np.float32), triangles.astype(np.int32)]

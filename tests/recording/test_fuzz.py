@@ -104,10 +104,7 @@ DOCUMENTS = {
     "markers": (_marker_layout, read_marker_layout),
     "corrections": (_corrections, read_corrections),
     "calibration": (_calibration, read_calibration),
-    "settings": (
-        lambda pose: as_json(TrackConfig()),
-        lambda path: load_config(path, TrackConfig),
-    ),
+    "settings": (lambda pose: as_json(TrackConfig()), lambda path: load_config(path, TrackConfig)),
 }
 
 

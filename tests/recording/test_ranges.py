@@ -14,9 +14,7 @@ from anchorpose.results.corrections import JointCorrection, NamedPatient, Unusab
 from anchorpose.results.reviewed_recording import ReviewedRecording
 from anchorpose.settings import LARGEST, LEAST, Positive
 
-for _module in (
-    "recording.recording_file", "recording.equipment_file", "calibration.markers", "sources.image_folder",
-):  # fmt: skip
+for _module in ("recording.recording_file", "recording.equipment_file", "calibration.markers", "sources.image_folder"):
     import_module(f"anchorpose.{_module}")
 
 
@@ -49,7 +47,7 @@ FIELDS = sorted(
     for kind in {*documents(Entry), JointCorrection, NamedPatient, ReviewedRecording, UnusableInterval}
     for name, hint in get_type_hints(kind, include_extras=True).items()
     for found in map(limits, floats(hint))
-)  # fmt: skip
+)
 
 
 def test_a_setting_that_would_overflow_is_refused():

@@ -134,7 +134,11 @@ def test_a_pipe_never_stops_a_verb(tmp_path):
 
     done = subprocess.run(
         [sys.executable, "-c", script, str(folder), str(tmp_path / "out")],
-        check=False, capture_output=True, text=True, timeout=60, preexec_fn=little_memory,
-    )  # fmt: skip
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        preexec_fn=little_memory,
+    )
     assert done.returncode == 2
     assert "named pipe" in done.stderr

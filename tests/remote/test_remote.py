@@ -49,9 +49,12 @@ def serving(
 
     async def serve() -> None:
         found["server"] = await asyncssh.listen(
-            "127.0.0.1", 0, server_factory=Door, server_host_keys=[asyncssh.generate_private_key("ssh-ed25519")],
+            "127.0.0.1",
+            0,
+            server_factory=Door,
+            server_host_keys=[asyncssh.generate_private_key("ssh-ed25519")],
             sftp_factory=lambda channel: asyncssh.SFTPServer(channel, chroot=str(served)),
-        )  # fmt: skip
+        )
         ready.set()
 
     thread = threading.Thread(target=loop.run_forever, daemon=True)
@@ -63,9 +66,10 @@ def serving(
     monkeypatch.setattr(sshfs.SSHFileSystem, "cachable", False)
     original = sshfs.SSHFileSystem._get_kwargs_from_urls  # the server has a new key each time
     monkeypatch.setattr(
-        sshfs.SSHFileSystem, "_get_kwargs_from_urls",
+        sshfs.SSHFileSystem,
+        "_get_kwargs_from_urls",
         staticmethod(lambda path: original(path) | {"known_hosts": None} | given),
-    )  # fmt: skip
+    )
     yield f"sftp://127.0.0.1:{found['server'].get_port()}", served
 
     async def end() -> None:
@@ -87,9 +91,11 @@ def s3(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     server.start()
     _, port = server.get_host_and_port()
     for name, value in (
-        ("AWS_ENDPOINT_URL", f"http://127.0.0.1:{port}"), ("AWS_ACCESS_KEY_ID", "test"),
-        ("AWS_SECRET_ACCESS_KEY", "test"), ("AWS_DEFAULT_REGION", "us-east-1"),
-    ):  # fmt: skip
+        ("AWS_ENDPOINT_URL", f"http://127.0.0.1:{port}"),
+        ("AWS_ACCESS_KEY_ID", "test"),
+        ("AWS_SECRET_ACCESS_KEY", "test"),
+        ("AWS_DEFAULT_REGION", "us-east-1"),
+    ):
         monkeypatch.setenv(name, value)
     import s3fs
 

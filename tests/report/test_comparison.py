@@ -119,8 +119,11 @@ def test_the_page_shows_all_sessions_in_the_order_given_and_marks_what_exceeds(t
     assert "▲ +1.62 smore than the errors (± 0.33 s)" in told
     assert "no error is stated" in row_of(page, "standing up: how often")
     assert "not comparable" in row_of(page, "knee flexion while upright, mean, right")
-    assert not any("by person" in row.text for row in page.find("tr") if row.ancestors[-1].tag == "tbody"
-                   and "measures" in row.ancestors[-2].attributes["class"])  # fmt: skip
+    assert not any(
+        "by person" in row.text
+        for row in page.find("tr")
+        if row.ancestors[-1].tag == "tbody" and "measures" in row.ancestors[-2].attributes["class"]
+    )
 
 
 @pytest.mark.parametrize(
@@ -167,13 +170,26 @@ def test_every_measure_that_is_computed_grows_with_time_or_does_not(tmp_path):
     rows = write_measured(folder, ProcessingConfig(), MeasureConfig()).measures
     grown = {row.measure for row in rows if grows_with_time(row)}
     assert grown >= {
-        "upright_time", "upright_bouts", "longest_upright_bout", "knee_straight_time", "sit_to_stand_count",
-        "stand_to_sit_duration_longest", "sway_path", "assistance_time", "contacts", "hands_free_upright_time",
-    }  # fmt: skip
+        "upright_time",
+        "upright_bouts",
+        "longest_upright_bout",
+        "knee_straight_time",
+        "sit_to_stand_count",
+        "stand_to_sit_duration_longest",
+        "sway_path",
+        "assistance_time",
+        "contacts",
+        "hands_free_upright_time",
+    }
     assert not grown & {
-        "upright_share", "sit_to_stand_duration_mean", "knee_flexion_upright_greatest", "sway_velocity", "load_share",
-        "assistance_share_upright", "hands_on_at_once_mean",
-    }  # fmt: skip
+        "upright_share",
+        "sit_to_stand_duration_mean",
+        "knee_flexion_upright_greatest",
+        "sway_velocity",
+        "load_share",
+        "assistance_share_upright",
+        "hands_on_at_once_mean",
+    }
 
 
 def test_links_of_the_comparison_lead_somewhere_on_it(tmp_path):

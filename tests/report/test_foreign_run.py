@@ -34,18 +34,25 @@ EVERYTHING: dict[str, Any] = {
     "residuals": [{"camera": "front", "what": "floor", "value": 0.004, "unit": "m"}],
     "timings": [{"stage": "surface", "seconds": 3.5}],
     "body": {
-        "learnt_from_s": 4.0, "height_m": 1.72, "height_sigma_m": 0.01, "clothes_m": {"trunk": 0.005},
-        "bones": [{"bone": "Thigh", "length_m": 0.4, "sigma_m": 0.004, "refined_m": 0.001}], "coefficients": [0.1],
+        "learnt_from_s": 4.0,
+        "height_m": 1.72,
+        "height_sigma_m": 0.01,
+        "clothes_m": {"trunk": 0.005},
+        "bones": [{"bone": "Thigh", "length_m": 0.4, "sigma_m": 0.004, "refined_m": 0.001}],
+        "coefficients": [0.1],
     },
     "patient": {"frame": 2, "xz_m": [0.1, 0.2], "reason": "stood still", "rival_xz_m": None},
     "corrections": {
-        "file": "c.json", "sha256": "a" * 64, "not_honoured": [], "unusable": [{**INTERVAL, **SIGNED}],
+        "file": "c.json",
+        "sha256": "a" * 64,
+        "not_honoured": [],
+        "unusable": [{**INTERVAL, **SIGNED}],
         "joints": [{"joint": "KneeLeft", "position_m": [0.1, 0.5, 0.0], "sigma_m": 0.02, **PLACE}],
         "patient": {"position_m": [0.1, 1.0, 0.0], **PLACE},
     },
     "pictures": [{"file": "pictures/a.png", "frame": 2, "time_s": 0.1, "camera": "front", "caption": "c", "why": "w"}],
     "notes": ["A note."],
-}  # fmt: skip
+}
 OTHERS = (None, True, -1, 2**70, 1e308, "", "x", [], {}, [[1]], [None], {"a": [1]}, "\u202e/../..")
 
 

@@ -296,15 +296,26 @@ def test_the_summary_has_the_share_upright_of_the_measures_and_says_for_how_long
 def test_lost_and_inferred_have_verdicts_of_their_own(tmp_path, lost, hidden, words):
     states = dict.fromkeys(JOINT_NAMES, JointState.HIDDEN_BY_PERSON)
     frames = [
-        make_frame(k, k / 30, standing_joints(), JOINT_NAMES if k < lost else (), 0.01,
-                   states if lost <= k < lost + hidden else {})
+        make_frame(
+            k,
+            k / 30,
+            standing_joints(),
+            JOINT_NAMES if k < lost else (),
+            0.01,
+            states if lost <= k < lost + hidden else {},
+        )
         for k in range(30)
-    ]  # fmt: skip
+    ]
     told = summary_of(tmp_path / "r", frames)
     verdicts = (
-        "in plain view nearly", "in view most", "Most of what follows", "Part of the joint", "Most joint positions",
-        "Nearly all others", "Most of the others",
-    )  # fmt: skip
+        "in plain view nearly",
+        "in view most",
+        "Most of what follows",
+        "Part of the joint",
+        "Most joint positions",
+        "Nearly all others",
+        "Most of the others",
+    )
     assert all(word in told for word in words)
     assert sum(verdict in told for verdict in verdicts) == len(words)
 

@@ -20,11 +20,7 @@ GRAZING_M = 2e-4
 0.4 m away on both sides may do twice: 0.2 * 0.04**2 / 2."""
 
 HOLES = st.builds(
-    elliptic_hole,
-    half=st.just(12),
-    hole=st.integers(3, 6),
-    stretch=st.floats(0.7, 1.4),
-    turn_rad=st.floats(0.0, np.pi),
+    elliptic_hole, half=st.just(12), hole=st.integers(3, 6), stretch=st.floats(0.7, 1.4), turn_rad=st.floats(0.0, np.pi)
 )
 
 

@@ -36,8 +36,14 @@ def test_surest_least_sure_and_transitions_are_among_them(tmp_path):
     episodes = [episode(UPRIGHT_EPISODE, 0.0, 2.0), episode(SIT_TO_STAND, 2.0, 2.6)]
     chosen = {frame.row: frame.why for frame in choose_frames(joints, episodes, ALL)}
     assert chosen == {
-        0: "", 7: "surest of all frames", 16: "", 23: "standing up", 31: "least sure of all frames", 32: "", 49: "",
-    }  # fmt: skip
+        0: "",
+        7: "surest of all frames",
+        16: "",
+        23: "standing up",
+        31: "least sure of all frames",
+        32: "",
+        49: "",
+    }
 
 
 def test_a_lost_joint_is_worse_than_hidden_ones_and_a_lost_patient_is_no_picture(tmp_path):

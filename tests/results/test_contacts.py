@@ -114,8 +114,13 @@ def test_distances_are_those_of_plain_search():
 
 def test_people_are_distinguished_and_the_patient_does_not_touch_the_patient():
     hands = [memory_at(POSED.points_m[region(name)], label) for name, label in (("knee_left", 5), ("hand_right", 7))]
-    both = BystanderMemory(*(np.concatenate([getattr(hand, name) for hand in (*hands, memory_at(POSED.points_m, 4))])
-                   for name in ("points_m", "owner", "age_s")), 9)  # fmt: skip
+    both = BystanderMemory(
+        *(
+            np.concatenate([getattr(hand, name) for hand in (*hands, memory_at(POSED.points_m, 4))])
+            for name in ("points_m", "owner", "age_s")
+        ),
+        9,
+    )
     near = near_in(both)
     assert set(near.person) == {5, 7}
     for label, name in ((5, "knee_left"), (7, "hand_right")):
@@ -191,8 +196,10 @@ def test_people_and_parts_are_counted_apart_and_named_as_their_contacts_end():
     both = held(np.concatenate([KNEE, CHEST]), label=9)
     found = contacts_of([both] * 4 + [held(KNEE, label=6)] * 9)
     assert [span(contact) for contact in found] == [
-        ("chest", "person 1", 0, 3), ("knee_left", "person 1", 0, 3), ("knee_left", "person 2", 4, 12),
-    ]  # fmt: skip
+        ("chest", "person 1", 0, 3),
+        ("knee_left", "person 1", 0, 3),
+        ("knee_left", "person 2", 4, 12),
+    ]
 
 
 def test_while_the_patient_is_lost_nobody_is_known():
@@ -207,9 +214,16 @@ def test_settings_that_cannot_work_are_refused(wrong):
 
 
 CONTACT = Contact(
-    part="knee_left", person="person 1", first_frame=2, last_frame=5, start_s=0.2, end_s=0.5, seen_share=0.9,
-    area_cm2=80.0, gap_mm=12.0,
-)  # fmt: skip
+    part="knee_left",
+    person="person 1",
+    first_frame=2,
+    last_frame=5,
+    start_s=0.2,
+    end_s=0.5,
+    seen_share=0.9,
+    area_cm2=80.0,
+    gap_mm=12.0,
+)
 
 
 def test_the_table_gives_back_what_was_written_and_the_same_bytes(tmp_path):

@@ -41,9 +41,15 @@ INTERVAL = UnusableInterval(
 
 def knee(x: float = 0.1, who: str = "AB") -> JointCorrection:
     return JointCorrection(
-        frame=4, time_s=0.4, joint="KneeLeft", position_m=(x, 0.5, -0.1), sigma_m=0.02, reason="sat on the bar",
-        who=who, when=WHEN,
-    )  # fmt: skip
+        frame=4,
+        time_s=0.4,
+        joint="KneeLeft",
+        position_m=(x, 0.5, -0.1),
+        sigma_m=0.02,
+        reason="sat on the bar",
+        who=who,
+        when=WHEN,
+    )
 
 
 def patient(z: float = 0.3, who: str = "AB") -> NamedPatient:
@@ -227,7 +233,7 @@ def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:
         (lambda d: d["patient"].pop("who"), r"the key 'patient.who' is missing|patient.*'who'"),
         (lambda d: d["withdrawn"][0]["entry"].update(joint="Hip"), r"withdrawn\[0\].entry.joint is \"Hip\""),
     ],
-)  # fmt: skip
+)
 def test_a_file_that_is_wrong_is_refused_with_the_place(
     tmp_path: Path, change: Callable[[dict[str, Any]], Any], told: str
 ) -> None:

@@ -90,8 +90,9 @@ def test_where_nothing_of_the_patient_is_seen_the_area_is_unknown_and_not_zero()
 
 def test_two_writings_have_the_same_bytes_across_row_groups(tmp_path):
     rng = np.random.default_rng(1)
-    frames = [ExplainedFrame(k, k / 30, rng.uniform(0, 90), rng.uniform(0, 1, PARTS))
-              for k in range(FRAMES_PER_ROW_GROUP + 3)]  # fmt: skip
+    frames = [
+        ExplainedFrame(k, k / 30, rng.uniform(0, 90), rng.uniform(0, 1, PARTS)) for k in range(FRAMES_PER_ROW_GROUP + 3)
+    ]
     one, other = (written(tmp_path / name, frames).read_bytes() for name in ("a.parquet", "b.parquet"))
     assert one == other
 

@@ -30,9 +30,16 @@ def test_contacts_are_counted_frame_by_frame():
 
 def contact(first: int, last: int, seen: float) -> Contact:
     return Contact(
-        part="belly", person="person 1", first_frame=first, last_frame=last, start_s=0.0, end_s=1.0, seen_share=seen,
-        area_cm2=1.0, gap_mm=1.0,
-    )  # fmt: skip
+        part="belly",
+        person="person 1",
+        first_frame=first,
+        last_frame=last,
+        start_s=0.0,
+        end_s=1.0,
+        seen_share=seen,
+        area_cm2=1.0,
+        gap_mm=1.0,
+    )
 
 
 RUN = {"format": "anchorpose-run", "version": 1, "recording": "ward 3", "cameras": []}

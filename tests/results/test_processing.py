@@ -254,8 +254,11 @@ def test_an_angle_is_as_processed_as_its_joints_and_the_file_states_the_policy(t
     np.testing.assert_array_equal(back.degrees, processed.degrees)
     policy = json.loads(back.policy)
     assert (policy["smooth"], policy["cutoff_hz"], policy["fill"], policy["joint_frames_filled"]) == (
-        "butterworth", 6.0, "linear", 4,
-    )  # fmt: skip
+        "butterworth",
+        6.0,
+        "linear",
+        4,
+    )
     assert PROCESSING == ("measured", "smoothed", "filled")
 
 

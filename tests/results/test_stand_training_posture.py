@@ -125,8 +125,14 @@ def test_a_patient_who_hangs_over_a_rail_is_not_upright():
 def test_time_upright_its_share_and_its_longest_bout():
     thighs = np.concatenate([still(0, 4.0), still(80, 2.0), still(0, 3.0), still(80, 1.0)])
     session, found = measured(table(squatting_joints(thighs)))
-    expected = {"recorded_time": 10.0, "upright_time": 7.0, "upright_share": 0.7, "upright_bouts": 2.0,
-                "longest_upright_bout": 4.0, "unknown_time": 0.0}  # fmt: skip
+    expected = {
+        "recorded_time": 10.0,
+        "upright_time": 7.0,
+        "upright_share": 0.7,
+        "upright_bouts": 2.0,
+        "longest_upright_bout": 4.0,
+        "unknown_time": 0.0,
+    }
     for name, number in expected.items():
         assert value(found, name) == pytest.approx(number, abs=1e-9)
     bouts = [e for e in session.episodes if e.kind == UPRIGHT_EPISODE]

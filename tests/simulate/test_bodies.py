@@ -53,8 +53,10 @@ from anchorpose.simulate.timeline import (
     walk,
 )
 
-TURNING = {frozenset({JOINT_INDEX[a], JOINT_INDEX[b]}) for a, b in (
-    ("SpineBase", "SpineMid"), ("SpineShoulder", "ShoulderLeft"), ("SpineShoulder", "ShoulderRight"))}  # fmt: skip
+TURNING = {
+    frozenset({JOINT_INDEX[a], JOINT_INDEX[b]})
+    for a, b in (("SpineBase", "SpineMid"), ("SpineShoulder", "ShoulderLeft"), ("SpineShoulder", "ShoulderRight"))
+}
 RIGID_LIMBS = [limb for limb in LIMBS if frozenset(limb) not in TURNING]
 # the lower back and the collarbones turn between their joints
 

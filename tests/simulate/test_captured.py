@@ -23,10 +23,19 @@ from anchorpose.simulate.shoot import set_up
 
 TIMES_S = np.arange(0.0, 5.0, 0.1)
 REST_M = {
-    "Waist": (0, 0.9, 0), "Spine": (0, 1.15, 0), "Chest": (0, 1.4, 0), "Head": (0, 1.5, 0), "HeadTip": (0, 1.65, 0),
-    "LUpperArm": (0.17, 1.38, 0), "LForearm": (0.25, 1.12, 0), "LHand": (0.28, 0.88, 0.06),
-    "LUpperLeg": (0.08, 0.9, 0), "LLowerLeg": (0.10, 0.49, 0.02), "LFoot": (0.12, 0.09, 0), "LToes": (0.13, 0.03, 0.1),
-}  # fmt: skip
+    "Waist": (0, 0.9, 0),
+    "Spine": (0, 1.15, 0),
+    "Chest": (0, 1.4, 0),
+    "Head": (0, 1.5, 0),
+    "HeadTip": (0, 1.65, 0),
+    "LUpperArm": (0.17, 1.38, 0),
+    "LForearm": (0.25, 1.12, 0),
+    "LHand": (0.28, 0.88, 0.06),
+    "LUpperLeg": (0.08, 0.9, 0),
+    "LLowerLeg": (0.10, 0.49, 0.02),
+    "LFoot": (0.12, 0.09, 0),
+    "LToes": (0.13, 0.03, 0.1),
+}
 
 
 def skeleton(raised: float, squat: float) -> dict[str, np.ndarray]:
@@ -135,9 +144,16 @@ def test_the_same_seed_gives_the_same_recording(movement_file):
 
 def captured(path: Path, **more: object) -> SimulationConfig:
     base = SimulationConfig(
-        seed=2, seconds=3.0, fps=5.0, cameras=1, therapists=0, equipment="none", stool=False,
-        movement_file=path, movement="sit-to-stand",
-    )  # fmt: skip
+        seed=2,
+        seconds=3.0,
+        fps=5.0,
+        cameras=1,
+        therapists=0,
+        equipment="none",
+        stool=False,
+        movement_file=path,
+        movement="sit-to-stand",
+    )
     return replace(base, **more)
 
 

@@ -98,14 +98,7 @@ def test_a_hole_removes_exactly_the_ball_around_the_middle_of_what_is_seen():
     holed = set_up(
         draw_clinic(
             SimulationConfig(
-                seed=5,
-                seconds=1,
-                fps=2,
-                cameras=2,
-                equipment="none",
-                therapists=0,
-                hole_radius_m=0.12,
-                hole_share=1.0,
+                seed=5, seconds=1, fps=2, cameras=2, equipment="none", therapists=0, hole_radius_m=0.12, hole_share=1.0
             )
         )
     )
@@ -256,9 +249,13 @@ def test_rays_and_depth_buffer_go_through_the_same_lens(lens):
     spec = SENSORS["kinect-v2"]
     pose = look_at(np.array([1.6, 1.3, 0.2]), np.array([0.0, 0.9, 0.0]))
     camera = Camera(
-        name="front", width=spec.width, height=spec.height, depth_scale=0.001,
-        intrinsics=intrinsics_of(spec, lens), T_world_camera=pose,
-    )  # fmt: skip
+        name="front",
+        width=spec.width,
+        height=spec.height,
+        depth_scale=0.001,
+        intrinsics=intrinsics_of(spec, lens),
+        T_world_camera=pose,
+    )
     figure = draw_clinic(presets.single(3, seconds=1, fps=1)).act(np.zeros(1)).figures(0)[0]
     drawn = draw_figures(camera, render_still(camera, FLOOR, NOWHERE), (figure,))
     cast = render_still(camera, np.concatenate([FLOOR, figure.skin_m[figure.faces]]), NOWHERE)

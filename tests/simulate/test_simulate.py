@@ -105,9 +105,18 @@ def test_dropped_pictures_leave_gaps_in_every_camera_but_the_first(tmp_path):
 
 def test_a_rough_recorder_writes_what_its_truth_says(tmp_path):
     config = SimulationConfig(
-        seed=3, seconds=2, fps=10, cameras=2, therapists=0, clock_late_s=(0.0, 0.3), clock_epoch_s=(0.0, 1.7e9),
-        stamp_jitter_s=0.004, doubled_share=0.2, starts_late_s=(0.0, 0.4), ends_early_s=(0.0, 0.5),
-    )  # fmt: skip
+        seed=3,
+        seconds=2,
+        fps=10,
+        cameras=2,
+        therapists=0,
+        clock_late_s=(0.0, 0.3),
+        clock_epoch_s=(0.0, 1.7e9),
+        stamp_jitter_s=0.004,
+        doubled_share=0.2,
+        starts_late_s=(0.0, 0.4),
+        ends_early_s=(0.0, 0.5),
+    )
     simulate_recording(tmp_path / "out", config)
     front, left = open_recording(tmp_path / "out/recording").streams
     with np.load(tmp_path / "out/truth/truth.npz") as truth:

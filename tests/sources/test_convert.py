@@ -326,15 +326,23 @@ LENSES = [
         fx=30, fy=31, cx=14, cy=12.5, model=LensModel.RATIONAL, distortion=(0.5, 0.1, 1e-3, -2e-3, 0.01, 0.6, 0.2, 0.03)
     ),
     Intrinsics(
-        fx=30, fy=31, cx=14, cy=12.5, model=LensModel.RATIONAL,
+        fx=30,
+        fy=31,
+        cx=14,
+        cy=12.5,
+        model=LensModel.RATIONAL,
         distortion=(0.1, 0.1, 1e-3, -2e-3, 0.01, 0.2, 0.2, 0.03, 0.01, 0.02, -0.03, 0.04),
     ),
     Intrinsics(
-        fx=30, fy=31, cx=14, cy=12.5, model=LensModel.RATIONAL,
+        fx=30,
+        fy=31,
+        cx=14,
+        cy=12.5,
+        model=LensModel.RATIONAL,
         distortion=(0.1, 0.1, 1e-3, -2e-3, 0.01, 0.2, 0.2, 0.03, 0.01, 0.02, -0.03, 0.04, 0.05, -0.07),
     ),
     Intrinsics(fx=30, fy=31, cx=14, cy=12.5, model=LensModel.KANNALA_BRANDT, distortion=(0.1, 0.02, -0.01, 0.002)),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("mirror", [False, True])

@@ -174,10 +174,7 @@ def test_several_cameras_are_several_and_copies_of_one_are_left_out(tmp_path: Pa
 
 
 def info_and_image(folder: Path, info: Info, topic: str = RAW, info_topic: str = "/camera/depth/camera_info") -> Any:
-    sent = [
-        Sent(info_topic, INFO, 3, info),
-        Sent(topic, IMAGE, 4, image_of(depth_values(0), "16UC1", 5)),
-    ]
+    sent = [Sent(info_topic, INFO, 3, info), Sent(topic, IMAGE, 4, image_of(depth_values(0), "16UC1", 5))]
     return open_source(write_bag(folder, "db3", sent))
 
 

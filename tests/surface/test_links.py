@@ -31,8 +31,9 @@ def test_links_come_back_once_and_go_with_their_nodes():
     surface = with_links(flat_grid(4, 5, 0.01), [[0, 19], [3, 12]], [0.3, 0.2])
     pair, length = links(surface)
     assert {tuple(ends): pytest.approx(metres) for ends, metres in zip(pair.tolist(), length, strict=True)} == {
-        (0, 19): 0.3, (3, 12): 0.2,
-    }  # fmt: skip
+        (0, 19): 0.3,
+        (3, 12): 0.2,
+    }
     assert len(edges(surface)) == len(grid_edges(surface)) + 2
     part = keep_nodes(surface, np.arange(20) != 19)
     np.testing.assert_array_equal(links(part)[0], [[3, 12]])

@@ -290,9 +290,12 @@ def test_parts_move_each_on_its_own():
     turned = [normals @ T[:3, :3].T for T, normals in zip(motions, (of_one, of_two), strict=True)]
     part = np.repeat([0, 2], len(one))
     found = register(
-        np.concatenate([one, two]), np.concatenate([of_one, of_two]), part, np.concatenate(after),
+        np.concatenate([one, two]),
+        np.concatenate([of_one, of_two]),
+        part,
+        np.concatenate(after),
         a_surface(np.concatenate(after), np.concatenate(turned)),
-    )  # fmt: skip
+    )
     np.testing.assert_array_equal(found.registered, [True, False, True])
     np.testing.assert_allclose(found.T_next_now[[0, 2]], motions, atol=1e-5)
 

@@ -36,10 +36,14 @@ POSTURES = {
     "upright": {},
     "bent": {"LowerBack": (0, 0, -30), "LeftUpLeg": (0, 0, 25), "RightUpLeg": (0, 0, 25), "LeftArm": (0, 0, 40)},
     "squatting": {
-        "LeftUpLeg": (0, 0, 90), "RightUpLeg": (0, 0, 90), "LeftLeg": (0, 0, -100), "RightLeg": (0, 0, -100),
-        "LeftArm": (0, 0, 50), "RightArm": (0, 0, 50),
+        "LeftUpLeg": (0, 0, 90),
+        "RightUpLeg": (0, 0, 90),
+        "LeftLeg": (0, 0, -100),
+        "RightLeg": (0, 0, -100),
+        "LeftArm": (0, 0, 50),
+        "RightArm": (0, 0, 50),
     },
-}  # fmt: skip
+}
 
 
 def posed(posture: str, heading_deg: float) -> Pose:
@@ -77,11 +81,7 @@ def test_whoever_is_seen_is_found_whatever_he_does(posture, heading_deg):
     one = the_one(see(Bystanders(), pose))
     assert one.label == LABEL
     skin = pose_points(one.body, one.belief.pose).points_m
-    seen = nodes_of_pixels(
-        [v.depth_m for v in views_of(pose)],
-        [v.labels == LABEL for v in views_of(pose)],
-        CAMERAS,
-    )
+    seen = nodes_of_pixels([v.depth_m for v in views_of(pose)], [v.labels == LABEL for v in views_of(pose)], CAMERAS)
     distance, _ = cKDTree(skin).query(seen.points_m)
     assert np.quantile(distance, 0.9) < 0.04  # skin points are 28 mm apart, and the body has the wrong height
 

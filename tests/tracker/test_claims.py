@@ -6,15 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from body_builder import (
-    FRONT,
-    LEFT,
-    adult_body,
-    evidence_of,
-    joint_errors_m,
-    points,
-    standing,
-)
+from body_builder import FRONT, LEFT, adult_body, evidence_of, joint_errors_m, points, standing
 from mislabelled_builder import OTHER, pieces_of, seen
 
 from anchorpose.body.config import RegistrationConfig

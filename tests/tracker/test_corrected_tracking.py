@@ -59,9 +59,14 @@ def unusable(first: int, last: int) -> UnusableInterval:
 
 def moved(frame: int, joint: str, place_m: np.ndarray, sigma_m: float = 0.01) -> JointCorrection:
     return JointCorrection(
-        frame=frame, time_s=frame / FPS, joint=joint, position_m=tuple(map(float, place_m)), sigma_m=sigma_m,
-        reason="behind the rail", **SIGNED,
-    )  # fmt: skip
+        frame=frame,
+        time_s=frame / FPS,
+        joint=joint,
+        position_m=tuple(map(float, place_m)),
+        sigma_m=sigma_m,
+        reason="behind the rail",
+        **SIGNED,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -111,8 +116,9 @@ def test_unusable_frames_have_no_joints_and_say_why(review):
     assert [(drop["frame"], drop["why"]) for drop in dropped] == [
         (frame, "marked as unusable by AB on 2026-03-01: curtain") for frame in range(GONE[0], GONE[1] + 1)
     ]
-    assert not any(c.first_frame <= GONE[1] and c.last_frame >= GONE[0] for c in read_contacts(
-        review.results / "contacts.parquet"))  # fmt: skip
+    assert not any(
+        c.first_frame <= GONE[1] and c.last_frame >= GONE[0] for c in read_contacts(review.results / "contacts.parquet")
+    )
 
 
 def blank_explanations(results: Path) -> np.ndarray:
@@ -154,8 +160,10 @@ def test_what_could_not_be_honoured_is_said(review, tmp_path):
     track_recording(review.recording, results, TrackConfig(stop=8), lambda *_: None, corrections=file)
     document, joints = read_run(results / "run.json"), read_joints(results / "joints.parquet")
     assert [sentence.split(" was not")[0] for sentence in document["corrections"]["not_honoured"]] == [
-        "HandLeft in frame 2", f"Head in frame {GONE[0]}", "Head in frame 8",
-    ]  # fmt: skip
+        "HandLeft in frame 2",
+        f"Head in frame {GONE[0]}",
+        "Head in frame 8",
+    ]
     assert set(document["corrections"]["not_honoured"]) <= set(document["notes"])
     hand = np.linalg.norm(joints.position_m[2] - review.before.position_m[2], axis=1)
     assert np.nanmax(hand) < 0.02  # the frame is as if nothing had been said

@@ -177,10 +177,13 @@ def test_he_is_found_again_where_he_is(course):
 def test_bones_keep_their_length_while_he_is_followed(course):
     start, end = np.array(LIMBS[5:]).T  # arms and legs; those to SpineBase and SpineShoulder cross a joint
     rigid = [k for k, (a, b) in enumerate(zip(start, end, strict=True)) if min(a, b) > 3]
-    lengths = np.array([
-        np.linalg.norm(e.joints_m[start[rigid]] - e.joints_m[end[rigid]], axis=1)
-        for e in course.estimates if not np.isnan(e.joints_m).any()
-    ])  # fmt: skip
+    lengths = np.array(
+        [
+            np.linalg.norm(e.joints_m[start[rigid]] - e.joints_m[end[rigid]], axis=1)
+            for e in course.estimates
+            if not np.isnan(e.joints_m).any()
+        ]
+    )
     assert np.ptp(lengths, axis=0).max() < 1e-6
 
 

@@ -194,8 +194,16 @@ def stored(value: object, kind: Any, shared: dict[str, object] | None = None) ->
 
 def test_every_kind_of_value_is_read_back_as_it_was():
     leaf = Leaf(np.asfortranarray(np.arange(6, dtype=np.float32).reshape(2, 3)), "é\n")
-    tree = Tree([leaf], None, pair=Pair(1, np.inf), pairs=(("a", 1),), by_number={7: leaf}, marks=frozenset({3, 1}),
-                data=b"\x00\xff", plain=Plain(leaf))  # fmt: skip
+    tree = Tree(
+        [leaf],
+        None,
+        pair=Pair(1, np.inf),
+        pairs=(("a", 1),),
+        by_number={7: leaf},
+        marks=frozenset({3, 1}),
+        data=b"\x00\xff",
+        plain=Plain(leaf),
+    )
     found = stored(tree, Tree)
     assert (found.colour, found.level, found.pair, found.pairs) == (None, Level.HIGH, Pair(1, np.inf), (("a", 1),))
     assert (found.marks, found.share, found.data, type(found.pair)) == ({1, 3}, 0.0, b"\x00\xff", Pair)
@@ -258,16 +266,7 @@ def test_a_tree_that_is_no_such_value_is_refused(tree):
 @pytest.mark.parametrize(
     ("node", "kind"),
     [
-        *(
-            (True, int),
-            (True, float),
-            (1.5, int),
-            (1, bool),
-            ("1", float),
-            (1, str),
-            ("RED", Colour),
-            (3, Level),
-        ),
+        *((True, int), (True, float), (1.5, int), (1, bool), ("1", float), (1, str), ("RED", Colour), (3, Level)),
         *(([1, "a"], list[int]), ([1, 2, 3], tuple[int, int]), ([1], Pair), ([["a", 1, 2]], dict[str, int])),
         *(([-1.5, 1], deque[int]), ([], deque[int]), ([[1]], frozenset[int]), (10**30, int), ({"int": {}}, int)),
     ],

@@ -58,15 +58,23 @@ class Pass:
                 SimpleNamespace(
                     frame_set=SimpleNamespace(frame=number, time_s=time_s),
                     belief=SimpleNamespace(pose=self.pose(number)) if there else None,
-                    shape=START, explained=self.explained, observation=seen,
+                    shape=START,
+                    explained=self.explained,
+                    observation=seen,
                 ),
                 SimpleNamespace(use_shape=self.worn.append),
-            )  # fmt: skip
+            )
 
     def learn(
-        self, _points: object, _shape: object, poses: list[Pose], evidence: list[float], known: ShapeBelief,
-        _config: object, reaches_m: tuple[float, ...],
-    ) -> LearnedBody:  # fmt: skip
+        self,
+        _points: object,
+        _shape: object,
+        poses: list[Pose],
+        evidence: list[float],
+        known: ShapeBelief,
+        _config: object,
+        reaches_m: tuple[float, ...],
+    ) -> LearnedBody:
         for pose, time_s in zip(poses, evidence, strict=True):  # what was seen in a frame goes with its pose
             np.testing.assert_array_equal(pose.rotations, self.pose(self.number(time_s)).rotations)
         self.windows.append(evidence)

@@ -138,7 +138,9 @@ def test_bodies_give_back_what_grew_over_people_who_touch(away_m):
     again = label_by_bodies(pieces, first, others, CAMERAS, ISOLATION)
 
     def wrong(views) -> int:
-        return sum(int((view.patient & (who == 2)).sum() + (~view.patient & (who == 1)).sum())
-                   for view, who in zip(views, truth, strict=True))  # fmt: skip
+        return sum(
+            int((view.patient & (who == 2)).sum() + (~view.patient & (who == 1)).sum())
+            for view, who in zip(views, truth, strict=True)
+        )
 
     assert wrong(again) < 0.7 * wrong(first)

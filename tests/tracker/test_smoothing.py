@@ -151,9 +151,14 @@ def test_frames_that_one_pass_lost_are_the_others():
 
 
 def test_a_joint_lost_in_both_passes_stays_lost():
-    gone = [replace(one, states=tuple(LOST if k in ARM else OBSERVED for k in range(JOINT_COUNT)),
-                    sigma_m=np.where(np.isin(np.arange(JOINT_COUNT), ARM), np.nan, 0.01))
-            for one in course_of_pass()]  # fmt: skip
+    gone = [
+        replace(
+            one,
+            states=tuple(LOST if k in ARM else OBSERVED for k in range(JOINT_COUNT)),
+            sigma_m=np.where(np.isin(np.arange(JOINT_COUNT), ARM), np.nan, 0.01),
+        )
+        for one in course_of_pass()
+    ]
     for one in smoothed(gone, list(gone)):
         assert [k for k, state in enumerate(one.states) if state is LOST] == ARM
         np.testing.assert_array_equal(np.flatnonzero(np.isnan(one.sigma_m)), ARM)

@@ -28,10 +28,12 @@ def test_everything_is_reached_by_tab_and_has_a_name(viewer: Any) -> None:
     viewer.evaluate("document.activeElement.blur()")
     for _ in range(60):
         viewer.keyboard.press("Tab")
-        seen.append(viewer.evaluate(
-            "() => { const e = document.activeElement, own = e.id || e.textContent.trim();"
+        seen.append(
+            viewer.evaluate(
+                "() => { const e = document.activeElement, own = e.id || e.textContent.trim();"
                 " return own || e.parentElement.textContent.trim(); }"
-        ))  # fmt: skip
+            )
+        )
     for name in ("scene", "help-button", "tab-curves", "scrub", "play", "speed", "span", "worst-next", "forward"):
         assert name in seen
     assert any("learnt body" in name for name in seen)

@@ -81,9 +81,14 @@ def test_nobody_gets_in_without_the_token(server: ViewerServer) -> None:
 def test_a_page_that_points_its_own_name_here_gets_nothing(server: ViewerServer) -> None:
     port = server.guard.port
     for host in (
-        f"evil.example:{port}", f"127.0.0.1.evil.example:{port}", f"localhost.evil.example:{port}", "[::1", "",
-        f"localhost@evil.example:{port}", "192.168.1.5",
-    ):  # fmt: skip
+        f"evil.example:{port}",
+        f"127.0.0.1.evil.example:{port}",
+        f"localhost.evil.example:{port}",
+        "[::1",
+        "",
+        f"localhost@evil.example:{port}",
+        "192.168.1.5",
+    ):
         assert ask(server, "description", Host=host)[0] == 403
     for host in (
         f"localhost:{port}",
@@ -129,7 +134,7 @@ def test_only_the_page_itself_can_change_something(server: ViewerServer) -> None
 @pytest.mark.parametrize(
     "name",
     ["../server.py", "view/../../server.py", "%2e%2e/server.py", "/etc/passwd", "three/", "view", "hypotheses/start"],
-)  # fmt: skip
+)
 def test_no_address_reaches_the_disk(server: ViewerServer, name: str) -> None:
     assert ask(server, f"/{server.guard.token}/{name}")[0] == 404
 
@@ -426,9 +431,11 @@ def test_a_browser_that_follows_the_file_gets_to_the_page(page: Any, server: Vie
 def test_the_verb_prints_where_it_is_and_stops_on_request(small: tuple[Path, Path]) -> None:
     script = "import sys\nfrom anchorpose.cli import main\nif __name__ == '__main__': sys.exit(main(sys.argv[1:]))"
     process = subprocess.Popen(
-        [sys.executable, "-c", script, "view", *map(str, small), "--no-browser"], stdout=subprocess.PIPE, text=True,
+        [sys.executable, "-c", script, "view", *map(str, small), "--no-browser"],
+        stdout=subprocess.PIPE,
+        text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a background shell's children ignore it
-    )  # fmt: skip
+    )
     clock = threading.Timer(120, process.kill)  # a busy machine takes half a minute to start
     clock.start()
     try:

@@ -39,7 +39,7 @@ def test_frames_that_cannot_be_had_are_not_asked_for_without_end(viewer: Any) ->
       chunks.want(0, 1, 3);
       await new Promise((done) => setTimeout(done, 700));
       return [tries, told];
-    }""")  # fmt: skip
+    }""")
     assert 1 <= tries <= 3
     assert told == tries
 
@@ -59,9 +59,15 @@ def test_chunks_keep_to_their_memory_and_drop_what_was_used_longest_ago(viewer: 
 
 def test_every_frame_can_be_reached_by_keyboard(viewer: Any) -> None:
     steps = [
-        ("ArrowRight", 1), ("ArrowRight", 2), ("ArrowLeft", 1), ("Shift+ArrowRight", 11), ("End", FRAMES - 1),
-        ("Shift+ArrowLeft", FRAMES - 11), ("Home", 0), ("ArrowLeft", 0),
-    ]  # fmt: skip
+        ("ArrowRight", 1),
+        ("ArrowRight", 2),
+        ("ArrowLeft", 1),
+        ("Shift+ArrowRight", 11),
+        ("End", FRAMES - 1),
+        ("Shift+ArrowLeft", FRAMES - 11),
+        ("Home", 0),
+        ("ArrowLeft", 0),
+    ]
     for key, expected in steps:
         viewer.keyboard.press(key)
         assert position(viewer) == expected

@@ -45,26 +45,32 @@ def explained_server(folders: tuple[Path, Path]) -> Iterator[ViewerServer]:
 
 def orange(page: Any, row: int) -> bool:
     """Whether the timeline has the colour of what is not explained in the column of a frame."""
-    return bool(page.evaluate(
-        """row => {
+    return bool(
+        page.evaluate(
+            """row => {
           const canvas = document.getElementById("timeline"), ratio = canvas.width / canvas.clientWidth;
           const times = anchorpose.motion.time_s, left = 136, wide = canvas.clientWidth - left;
           const x = left + (times[row] + 0.7 * (times[1] - times[0]) - times[0]) / (times.at(-1) - times[0]) * wide;
           const data = canvas.getContext("2d").getImageData(Math.round(x * ratio), 0, 1, canvas.height).data;
           return [...Array(canvas.height).keys()].map((row) => data.subarray(4 * row, 4 * row + 3))
             .some(([red, green, blue]) => red > 190 && green < 120 && blue < 30);
-        }""", row,
-    ))  # fmt: skip
+        }""",
+            row,
+        )
+    )
 
 
 def test_the_page_is_given_the_moments_and_how_well_each_frame_is_explained(folders: tuple[Path, Path]) -> None:
     review = open_review(folders[0], None)
     found = describe(review)["unexplained"]
     assert [(each["position"], each["reason"]) for each in found] == [
-        (BARE, "620 cm² of the patient's surface is covered by no limb; "
-         "the left arm lies in front of what a camera sees: 45 %"),
+        (
+            BARE,
+            "620 cm² of the patient's surface is covered by no limb; "
+            "the left arm lies in front of what a camera sees: 45 %",
+        ),
         (THROUGH, "the right leg lies in front of what a camera sees: 62 %"),
-    ]  # fmt: skip
+    ]
     _, arrays = unpack(overview_payload(review))
     assert np.flatnonzero(arrays["unexplained"] >= 1.0).tolist() == [BARE, THROUGH]
     assert np.flatnonzero(np.isnan(arrays["unexplained"])).tolist() == [LOST_FRAME]

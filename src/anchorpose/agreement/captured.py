@@ -14,9 +14,18 @@ from anchorpose.recording.document import read_rows, read_text
 from anchorpose.recording.regular_file import LARGEST_TABLE, require_regular
 
 METRES: Final[Mapping[str, float]] = {
-    "m": 1.0, "metre": 1.0, "meter": 1.0, "metres": 1.0, "meters": 1.0, "cm": 0.01, "mm": 0.001, "millimeters": 0.001,
-    "millimetres": 0.001, "centimeters": 0.01, "centimetres": 0.01,
-}  # fmt: skip
+    "m": 1.0,
+    "metre": 1.0,
+    "meter": 1.0,
+    "metres": 1.0,
+    "meters": 1.0,
+    "cm": 0.01,
+    "mm": 0.001,
+    "millimeters": 0.001,
+    "millimetres": 0.001,
+    "centimeters": 0.01,
+    "centimetres": 0.01,
+}
 """Metres per unit, by the names that files use."""
 
 LEAST_FRAMES: Final = 2

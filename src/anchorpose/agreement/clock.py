@@ -134,10 +134,8 @@ def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]
         x, y = np.nan_to_num(x - centre), np.nan_to_num(y - centre)
         n, sum_x, sum_y, xx, yy, xy = (
             correlate(second, first, method="fft")
-            for first, second in (
-                (seen_x, seen_y), (x, seen_y), (seen_x, y), (x * x, seen_y), (seen_x, y * y), (x, y),
-            )
-        )  # fmt: skip
+            for first, second in ((seen_x, seen_y), (x, seen_y), (seen_x, y), (x * x, seen_y), (seen_x, y * y), (x, y))
+        )
         n = np.rint(n)
         some = np.maximum(n, 1.0)
         covariance += xy - sum_x * sum_y / some

@@ -109,7 +109,16 @@ def _distance(match: Match, column: int | None, state: str, offset: str) -> np.n
 
 def _distance_row(name: str, state: str, offset: str, distance: np.ndarray, subjects: int) -> Agreement:
     return Agreement(
-        kind="joint", name=name, axis="distance", state=state, offset=offset, unit="mm", samples=len(distance),
-        repeated="subject", units=subjects, rmse=float(np.sqrt(np.mean(distance**2))),
-        mean_abs=float(distance.mean()), largest=float(distance.max()),
-    )  # fmt: skip
+        kind="joint",
+        name=name,
+        axis="distance",
+        state=state,
+        offset=offset,
+        unit="mm",
+        samples=len(distance),
+        repeated="subject",
+        units=subjects,
+        rmse=float(np.sqrt(np.mean(distance**2))),
+        mean_abs=float(distance.mean()),
+        largest=float(distance.max()),
+    )

@@ -17,9 +17,16 @@ from anchorpose.results.web_page import render_page
 SHOWN_STATES: Final = (ALL, str(JointState.OBSERVED), INFERRED)
 
 DIFFERENCE_HEAD: Final = (
-    "", "bias (95 %)", "limits of agreement (95 % of each)", "RMSE", "largest", "CMC", "range, ours / theirs",
-    "within 1.96 σ", "calibration error",
-)  # fmt: skip
+    "",
+    "bias (95 %)",
+    "limits of agreement (95 % of each)",
+    "RMSE",
+    "largest",
+    "CMC",
+    "range, ours / theirs",
+    "within 1.96 σ",
+    "calibration error",
+)
 DISTANCE_HEAD: Final = ("", "mean, mm", "RMSE, mm", "largest, mm", "samples")
 
 
@@ -79,10 +86,15 @@ def _difference_cells(row: Agreement) -> tuple[str, list[str]]:
     if row.bias_low is not None:
         bias += f" ({_number(row.bias_low)} to {_number(row.bias_high)})"
     return _title(row), [
-        f"{bias} {row.unit}", limits, _number(row.rmse), _number(row.largest), _number(row.cmc, 3),
+        f"{bias} {row.unit}",
+        limits,
+        _number(row.rmse),
+        _number(row.largest),
+        _number(row.cmc, 3),
         f"{_number(row.range_ours)} / {_number(row.range_theirs)}",
-        "–" if row.coverage_95 is None else f"{100 * row.coverage_95:.0f} %", _number(row.calibration_error, 2),
-    ]  # fmt: skip
+        "–" if row.coverage_95 is None else f"{100 * row.coverage_95:.0f} %",
+        _number(row.calibration_error, 2),
+    ]
 
 
 def _number(value: float | None, digits: int = 1) -> str:

@@ -26,24 +26,30 @@ from anchorpose.rotations import unit
 SIDES: Final = {"L": "Left", "R": "Right"}
 
 _CENTRES: Final = {
-    "Hip": ("{s}HJC", "{s}FEP"), "Knee": ("{s}KJC", "{s}FEO"), "Ankle": ("{s}AJC", "{s}TIO"),
-    "Shoulder": ("{s}SJC", "{s}CLO"), "Elbow": ("{s}EJC", "{s}HUO"), "Wrist": ("{s}WJC", "{s}RAO"),
-}  # fmt: skip
+    "Hip": ("{s}HJC", "{s}FEP"),
+    "Knee": ("{s}KJC", "{s}FEO"),
+    "Ankle": ("{s}AJC", "{s}TIO"),
+    "Shoulder": ("{s}SJC", "{s}CLO"),
+    "Elbow": ("{s}EJC", "{s}HUO"),
+    "Wrist": ("{s}WJC", "{s}RAO"),
+}
 """Joint centres as Plug-in Gait, the Conventional Gait Model 2 and Visual3D name them."""
 
 _PAIRS: Final = {
-    "Knee": (("{s}KNE", "{s}LFE", "{s}FLE", "{s}LKNE", "{s}LFC", "{s}KNEELAT"),
-             ("{s}KNM", "{s}MFE", "{s}FME", "{s}MKNE", "{s}MFC", "{s}KNEEMED")),
-    "Ankle": (("{s}ANK", "{s}LM", "{s}FAL", "{s}LANK", "{s}LMAL", "{s}ANKLELAT"),
-              ("{s}MED", "{s}MM", "{s}TAM", "{s}MANK", "{s}MMAL", "{s}ANM", "{s}ANKLEMED")),
+    "Knee": (
+        ("{s}KNE", "{s}LFE", "{s}FLE", "{s}LKNE", "{s}LFC", "{s}KNEELAT"),
+        ("{s}KNM", "{s}MFE", "{s}FME", "{s}MKNE", "{s}MFC", "{s}KNEEMED"),
+    ),
+    "Ankle": (
+        ("{s}ANK", "{s}LM", "{s}FAL", "{s}LANK", "{s}LMAL", "{s}ANKLELAT"),
+        ("{s}MED", "{s}MM", "{s}TAM", "{s}MANK", "{s}MMAL", "{s}ANM", "{s}ANKLEMED"),
+    ),
     "Elbow": (("{s}ELB", "{s}HLE", "{s}LELB", "{s}ELBOWLAT"), ("{s}ELM", "{s}HME", "{s}MELB", "{s}ELBOWMED")),
     "Wrist": (("{s}WRA", "{s}RSP", "{s}WRISTRAD"), ("{s}WRB", "{s}USP", "{s}WRISTULN")),
-}  # fmt: skip
+}
 """Lateral and medial markers of joints whose centre is taken midway between the two."""
 
-_PELVIS: Final = {
-    "ASIS": ("{s}ASI", "{s}ASIS", "{s}IAS"), "PSIS": ("{s}PSI", "{s}PSIS", "{s}IPS"),
-}  # fmt: skip
+_PELVIS: Final = {"ASIS": ("{s}ASI", "{s}ASIS", "{s}IAS"), "PSIS": ("{s}PSI", "{s}PSIS", "{s}IPS")}
 
 _THIGH: Final = re.compile(r"^([LR])(THI|THAP|THAD|TH|THIGH)\d*$")
 

@@ -40,9 +40,13 @@ MOST_FRAMES: Final = 1000
 """Neighbouring frames say the same, so that a long recording is thinned to about so many."""
 
 _LIMBS: Final = {
-    "Knee": ("Hip", "Knee", "pelvis"), "Ankle": ("Knee", "Ankle", "pelvis"), "Foot": ("Ankle", "Foot", "pelvis"),
-    "Elbow": ("Shoulder", "Elbow", "trunk"), "Wrist": ("Elbow", "Wrist", "trunk"), "Hand": ("Elbow", "Wrist", "trunk"),
-}  # fmt: skip
+    "Knee": ("Hip", "Knee", "pelvis"),
+    "Ankle": ("Knee", "Ankle", "pelvis"),
+    "Foot": ("Ankle", "Foot", "pelvis"),
+    "Elbow": ("Shoulder", "Elbow", "trunk"),
+    "Wrist": ("Elbow", "Wrist", "trunk"),
+    "Hand": ("Elbow", "Wrist", "trunk"),
+}
 """The limb in whose axes a joint's offset is constant, from its upper end to its lower, and where its axes start."""
 
 _ON_PELVIS: Final = ("SpineBase", "HipLeft", "HipRight")

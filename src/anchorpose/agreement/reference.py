@@ -25,13 +25,18 @@ from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
 
 _OPENSIM: Final = {
-    "knee_angle": "knee_flexion", "hip_flexion": "hip_pelvis_flexion", "hip_adduction": "hip_adduction",
-    "ankle_angle": "ankle_dorsiflexion", "elbow_flex": "elbow_flexion",
-}  # fmt: skip
+    "knee_angle": "knee_flexion",
+    "hip_flexion": "hip_pelvis_flexion",
+    "hip_adduction": "hip_adduction",
+    "ankle_angle": "ankle_dorsiflexion",
+    "elbow_flex": "elbow_flexion",
+}
 _PLUG_IN: Final = {
-    "KneeAngles": "knee_flexion", "HipAngles": "hip_pelvis_flexion", "AnkleAngles": "ankle_dorsiflexion",
+    "KneeAngles": "knee_flexion",
+    "HipAngles": "hip_pelvis_flexion",
+    "AnkleAngles": "ankle_dorsiflexion",
     "ElbowAngles": "elbow_flexion",
-}  # fmt: skip
+}
 """Angles that mean the same as ours but for a constant; the first component (flexion) of Plug-in Gait's."""
 
 

@@ -164,11 +164,7 @@ def _row(
 
 
 def _numbers(found: Limits) -> dict[str, Any]:
-    numbers: dict[str, Any] = {
-        "units": found.units,
-        "within_sd": found.within_sd,
-        "between_sd": found.between_sd,
-    }
+    numbers: dict[str, Any] = {"units": found.units, "within_sd": found.within_sd, "between_sd": found.between_sd}
     for name in ("bias", "lower", "upper"):
         estimate = getattr(found, name)
         numbers |= {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}

@@ -83,9 +83,15 @@ def _of_one_unit(difference: np.ndarray, bias: float) -> Limits:
     sd = float(difference.std(ddof=1))
     lower, upper = Estimate(bias - NORMAL_95 * sd), Estimate(bias + NORMAL_95 * sd)
     return Limits(
-        count=len(difference), units=1, bias=Estimate(bias), lower=lower, upper=upper, within_sd=sd, between_sd=None,
+        count=len(difference),
+        units=1,
+        bias=Estimate(bias),
+        lower=lower,
+        upper=upper,
+        within_sd=sd,
+        between_sd=None,
         sd=sd,
-    )  # fmt: skip
+    )
 
 
 def _within_variance(difference: np.ndarray, own_mean: np.ndarray, freedom: int) -> float | None:

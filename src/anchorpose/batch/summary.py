@@ -83,21 +83,37 @@ SESSIONS: Final = RecordTable(
     file="sessions.parquet",
     record=SessionRow,
     schema=_schema(
-        session=_TEXT, recording=_TEXT, subject=_TEXT, state=_TEXT, why=_TEXT, frames=pa.int64(), length_s=_NUMBER,
-        seen_share=_NUMBER, inferred_share=_NUMBER, lost_share=_NUMBER, work_s=_NUMBER,
+        session=_TEXT,
+        recording=_TEXT,
+        subject=_TEXT,
+        state=_TEXT,
+        why=_TEXT,
+        frames=pa.int64(),
+        length_s=_NUMBER,
+        seen_share=_NUMBER,
+        inferred_share=_NUMBER,
+        lost_share=_NUMBER,
+        work_s=_NUMBER,
     ),
     known={"state": STATES},
     remedy=AGAIN,
-)  # fmt: skip
+)
 MEASURES: Final = RecordTable(
     file="measures.parquet",
     record=MeasureRow,
     schema=_schema(
-        session=_TEXT, subject=_TEXT, measure=_TEXT, side=_TEXT, part=_TEXT, value=_NUMBER, unit=_TEXT, sigma=_NUMBER,
+        session=_TEXT,
+        subject=_TEXT,
+        measure=_TEXT,
+        side=_TEXT,
+        part=_TEXT,
+        value=_NUMBER,
+        unit=_TEXT,
+        sigma=_NUMBER,
         why=_TEXT,
     ),
     remedy=AGAIN,
-)  # fmt: skip
+)
 
 
 def note_outcome(out: Path, outcome: Outcome) -> None:
@@ -179,10 +195,14 @@ def write_tables(out: Path, rows: Sequence[SessionRow], measures: Iterable[tuple
     """Writes both tables, each whole or not at all."""
     _write(out, SESSIONS, rows)
     names = ("measure", "side", "part", "value", "unit", "sigma", "why")
-    _write(out, MEASURES, [
-        MeasureRow(session=row.session, subject=row.subject, **{name: getattr(one, name) for name in names})
-        for row, one in measures
-    ])  # fmt: skip
+    _write(
+        out,
+        MEASURES,
+        [
+            MeasureRow(session=row.session, subject=row.subject, **{name: getattr(one, name) for name in names})
+            for row, one in measures
+        ],
+    )
 
 
 def _write(out: Path, table: RecordTable[Any], rows: Sequence[Any]) -> None:

@@ -76,9 +76,13 @@ def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
         return
     command = [sys.executable, "-m", "anchorpose.batch.worker"]
     process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=output, stderr=output, env={**os.environ, **ONE_THREAD},
+        command,
+        stdin=subprocess.PIPE,
+        stdout=output,
+        stderr=output,
+        env={**os.environ, **ONE_THREAD},
         start_new_session=True,
-    )  # fmt: skip
+    )
     _running.setdefault(group, []).append(process)
     try:
         yield process

@@ -11,13 +11,28 @@ import numpy as np
 from anchorpose.joints import JOINT_NAMES
 
 JOINT_BONES = {
-    "SpineBase": "Hips", "SpineMid": "Spine", "SpineShoulder": "Neck", "Neck": "Neck1", "Head": "Head",
-    "ShoulderLeft": "LeftArm", "ElbowLeft": "LeftForeArm", "WristLeft": "LeftHand", "HandLeft": "LeftFingerBase",
-    "ShoulderRight": "RightArm", "ElbowRight": "RightForeArm", "WristRight": "RightHand",
+    "SpineBase": "Hips",
+    "SpineMid": "Spine",
+    "SpineShoulder": "Neck",
+    "Neck": "Neck1",
+    "Head": "Head",
+    "ShoulderLeft": "LeftArm",
+    "ElbowLeft": "LeftForeArm",
+    "WristLeft": "LeftHand",
+    "HandLeft": "LeftFingerBase",
+    "ShoulderRight": "RightArm",
+    "ElbowRight": "RightForeArm",
+    "WristRight": "RightHand",
     "HandRight": "RightFingerBase",
-    "HipLeft": "LeftUpLeg", "KneeLeft": "LeftLeg", "AnkleLeft": "LeftFoot", "FootLeft": "LeftToeBase",
-    "HipRight": "RightUpLeg", "KneeRight": "RightLeg", "AnkleRight": "RightFoot", "FootRight": "RightToeBase",
-}  # fmt: skip
+    "HipLeft": "LeftUpLeg",
+    "KneeLeft": "LeftLeg",
+    "AnkleLeft": "LeftFoot",
+    "FootLeft": "LeftToeBase",
+    "HipRight": "RightUpLeg",
+    "KneeRight": "RightLeg",
+    "AnkleRight": "RightFoot",
+    "FootRight": "RightToeBase",
+}
 """The bone whose head is the joint; for ``Head`` it is the middle of the bone."""
 
 ADULT_COMPONENTS = 16

@@ -13,12 +13,7 @@ from anchorpose.body.constraints import Constraints
 from anchorpose.body.pose import DEGREE, POSE_SIZE, JointRange, Pose, joint_range_at
 from anchorpose.body.pose_accumulation import accumulate_pose
 from anchorpose.body.shape_rows import FreeShape, accumulate_shape
-from anchorpose.body.skin_points import (
-    Body,
-    PosedPoints,
-    SkinPoints,
-    pose_points,
-)
+from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.rotations import inverse_left_jacobian
 
 HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # how far past straight a knee or elbow may be estimated

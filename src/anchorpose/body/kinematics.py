@@ -166,9 +166,7 @@ def joint_derivative(
     return jacobian
 
 
-_STUMPS: Final = {
-    "arm": "Arm", "forearm": "ForeArm", "hand": "Hand", "leg": "UpLeg", "shank": "Leg", "foot": "Foot",
-}  # fmt: skip
+_STUMPS: Final = {"arm": "Arm", "forearm": "ForeArm", "hand": "Hand", "leg": "UpLeg", "shank": "Leg", "foot": "Foot"}
 """The bone at whose head each part would begin."""
 
 

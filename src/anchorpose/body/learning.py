@@ -125,11 +125,13 @@ def learn_shape_step(
 BONES: Final = tuple(
     (f"{bone}_{side.lower()}", start + side, end + side)
     for bone, start, end in (
-        ("upper_arm", "Shoulder", "Elbow"), ("forearm", "Elbow", "Wrist"),
-        ("thigh", "Hip", "Knee"), ("shank", "Knee", "Ankle"),
+        ("upper_arm", "Shoulder", "Elbow"),
+        ("forearm", "Elbow", "Wrist"),
+        ("thigh", "Hip", "Knee"),
+        ("shank", "Knee", "Ankle"),
     )
     for side in ("Left", "Right")
-)  # fmt: skip
+)
 """Name, and the joints at both ends, which are heads of bones in a row: the length is the same in every pose."""
 
 

@@ -49,10 +49,7 @@ class Chain:
 
 CHAINS: Final = tuple(
     Chain(
-        tuple(f"{side}{bone}" for bone in bones),
-        tuple(f"{joint}{side}" for joint in joints),
-        depth_m,
-        f"{root}{side}",
+        tuple(f"{side}{bone}" for bone in bones), tuple(f"{joint}{side}" for joint in joints), depth_m, f"{root}{side}"
     )
     for bones, joints, depth_m, root in (
         (("Arm", "ForeArm", "Hand"), ("Hand", "Wrist", "Elbow"), (0.012, 0.02, 0.04), "Shoulder"),

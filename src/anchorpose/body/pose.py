@@ -14,11 +14,28 @@ from anchorpose.joints import JOINT_COUNT, JOINT_NAMES
 from anchorpose.rotations import rotation_matrices, rotation_vectors
 
 MOVING_BONES: Final = (
-    "Hips", "LowerBack", "Spine", "Spine1", "Neck", "Neck1", "Head",
-    "LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand",
-    "RightShoulder", "RightArm", "RightForeArm", "RightHand",
-    "LeftUpLeg", "LeftLeg", "LeftFoot", "RightUpLeg", "RightLeg", "RightFoot",
-)  # fmt: skip
+    "Hips",
+    "LowerBack",
+    "Spine",
+    "Spine1",
+    "Neck",
+    "Neck1",
+    "Head",
+    "LeftShoulder",
+    "LeftArm",
+    "LeftForeArm",
+    "LeftHand",
+    "RightShoulder",
+    "RightArm",
+    "RightForeArm",
+    "RightHand",
+    "LeftUpLeg",
+    "LeftLeg",
+    "LeftFoot",
+    "RightUpLeg",
+    "RightLeg",
+    "RightFoot",
+)
 """The bones whose rotation is estimated; fingers, toes and the pelvis' two stubs keep the rest pose."""
 
 POSE_SIZE: Final = 3 * len(MOVING_BONES) + 3
@@ -83,11 +100,18 @@ def descendants(asset: BodyAsset) -> np.ndarray:
 # Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose, and the mean flexion.
 # Broad on purpose: they only decide what the depth does not; about half of the passive ranges in the textbooks.
 _SPREAD_DEG: Final = {
-    "LowerBack": (8, 8, 14, 0), "Spine": (8, 8, 10, 0), "Spine1": (7, 8, 8, 0),
-    "Neck": (8, 12, 10, 0), "Neck1": (8, 14, 10, 0), "Head": (8, 14, 10, 0),
-    "Shoulder": (8, 8, 8, 0), "Arm": (45, 40, 45, 0), "Hand": (14, 14, 14, 0),
-    "UpLeg": (16, 16, 35, 12), "Foot": (9, 9, 14, 0),
-}  # fmt: skip
+    "LowerBack": (8, 8, 14, 0),
+    "Spine": (8, 8, 10, 0),
+    "Spine1": (7, 8, 8, 0),
+    "Neck": (8, 12, 10, 0),
+    "Neck1": (8, 14, 10, 0),
+    "Head": (8, 14, 10, 0),
+    "Shoulder": (8, 8, 8, 0),
+    "Arm": (45, 40, 45, 0),
+    "Hand": (14, 14, 14, 0),
+    "UpLeg": (16, 16, 35, 12),
+    "Foot": (9, 9, 14, 0),
+}
 _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}  # about the hinge, across, along the bone
 
 

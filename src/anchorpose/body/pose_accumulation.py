@@ -18,12 +18,7 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints
 
 
 def accumulate_pose(
-    body: Body,
-    posed: PosedPoints,
-    index: np.ndarray,
-    direction: np.ndarray,
-    residual_m: np.ndarray,
-    weight: np.ndarray,
+    body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, residual_m: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,); arguments as in ``pose_jacobian``."""
     points, parents = body.points, body.points.asset.bone_parents

@@ -30,9 +30,11 @@ GIRTH_SIGMA: Final = {"upper_arm": 0.06, "forearm": 0.06, "thigh": 0.09, "shank"
 of their muscle (Giangregorio and McCartney 2006, doi:10.1080/10790268.2006.11753898), which no healthy sample has."""
 
 _BONES: Final = {
-    "upper_arm": ("Arm", "ForeArm"), "forearm": ("ForeArm", "Hand"),
-    "thigh": ("UpLeg", "Leg"), "shank": ("Leg", "Foot"),
-}  # fmt: skip
+    "upper_arm": ("Arm", "ForeArm"),
+    "forearm": ("ForeArm", "Hand"),
+    "thigh": ("UpLeg", "Leg"),
+    "shank": ("Leg", "Foot"),
+}
 """The bones whose heads are both ends of each segment."""
 
 
@@ -43,7 +45,7 @@ _TRUNK_LENGTHS: Final = {
     "neck_length": ((("Neck", "Head"),), 0.08),
     "shoulder_breadth": ((("LeftShoulder", "LeftArm"), ("RightShoulder", "RightArm")), 0.040),
     "hip_breadth": ((("LHipJoint", "LeftUpLeg"), ("RHipJoint", "RightUpLeg")), 0.062),
-}  # fmt: skip
+}
 """The spans that grow together, and by which share: sitting height, biacromial and bicristal breadth of ANSUR II."""
 
 
@@ -65,7 +67,7 @@ _BULGES: Final = {
     "chest_breadth": _Bulge(2, 0, 1.26, 0.09, 0.004),
     "seat_depth": _Bulge(0, -1, 0.88, 0.08, 0.005),
     "seat_breadth": _Bulge(2, 0, 0.88, 0.07, 0.003),
-}  # fmt: skip
+}
 """Heights on the mean adult. Less than the 5 to 7 % by which depths and breadths differ in ANSUR II at one height and
 weight: the statistical components differ by most of it, and the heavy tails of the prior leave a belly free."""
 

@@ -23,20 +23,14 @@ TAILS: Final = 4.0  # degrees of freedom of Student's t: one segment in twenty b
 COVERED: Final = 4.0  # times the ordinary deviation of a segment's thickness under an orthosis or a helmet
 _HEIGHT_STEPS: Final = 3  # the highest and the lowest vertex may change with the shape
 
-_ALIKE_LENGTHS: Final = np.array([
-    [1.00, 0.34, 0.18, 0.35],
-    [0.34, 1.00, 0.25, 0.43],
-    [0.18, 0.25, 1.00, 0.04],
-    [0.35, 0.43, 0.04, 1.00],
-])  # fmt: skip
+_ALIKE_LENGTHS: Final = np.array(
+    [[1.00, 0.34, 0.18, 0.35], [0.34, 1.00, 0.25, 0.43], [0.18, 0.25, 1.00, 0.04], [0.35, 0.43, 0.04, 1.00]]
+)
 """Correlations of the lengths of ``LENGTH_SIGMA`` among people of one height and sex, from the same data."""
 
-_ALIKE_GIRTHS: Final = np.array([
-    [1.0, 0.6, 0.0, 0.0],
-    [0.6, 1.0, 0.0, 0.0],
-    [0.0, 0.0, 1.0, 0.6],
-    [0.0, 0.0, 0.6, 1.0],
-])  # fmt: skip
+_ALIKE_GIRTHS: Final = np.array(
+    [[1.0, 0.6, 0.0, 0.0], [0.6, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.6], [0.0, 0.0, 0.6, 1.0]]
+)
 """Of ``GIRTH_SIGMA``: upper arm and forearm as in ANSUR II; paralysis wastes thigh and shank together."""
 
 _ALIKE_SIDES: Final = {"length": 0.90, "girth": 0.80, "size": 0.95}

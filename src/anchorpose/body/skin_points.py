@@ -27,7 +27,7 @@ CLOTHES: Final = {
     "sleeves": ("LeftArm", "LeftForeArm", "RightArm", "RightForeArm"),
     "trousers": ("LeftUpLeg", "LeftLeg", "RightUpLeg", "RightLeg"),
     "shoes": ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"),
-}  # fmt: skip
+}
 """Pieces of clothing, each of its own thickness, and the bones whose skin they cover."""
 
 PATCHES: Final = 96  # of skin, some 14 cm apart: a muscle, a fold or the rim of a brace is as large

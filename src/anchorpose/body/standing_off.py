@@ -24,9 +24,11 @@ JOINT_SHARE: Final = 0.5  # of it, by which the joints of the segment may be off
 BONE_SHARE: Final = 0.5  # of it, by which the length between them may be
 
 _LIMBS: Final = {
-    "upper_arm": ("Arm", ("Shoulder", "Elbow")), "forearm": ("ForeArm", ("Elbow", "Wrist", "Hand")),
-    "thigh": ("UpLeg", ("Hip", "Knee")), "shank": ("Leg", ("Knee", "Ankle", "Foot")),
-}  # fmt: skip
+    "upper_arm": ("Arm", ("Shoulder", "Elbow")),
+    "forearm": ("ForeArm", ("Elbow", "Wrist", "Hand")),
+    "thigh": ("UpLeg", ("Hip", "Knee")),
+    "shank": ("Leg", ("Knee", "Ankle", "Foot")),
+}
 """The bone of each segment, and the joints that it carries: those at its ends, and of what hangs on it alone."""
 
 

@@ -30,11 +30,7 @@ NODES: Final = 1200  # each stands for two of the fit: sigma is the same to a te
 
 
 def noise_covariance(
-    body: Body,
-    belief: PoseBelief,
-    evidence: Evidence,
-    noises: Sequence[DepthNoise | None],
-    config: RegistrationConfig,
+    body: Body, belief: PoseBelief, evidence: Evidence, noises: Sequence[DepthNoise | None], config: RegistrationConfig
 ) -> np.ndarray:
     """(POSE_SIZE, POSE_SIZE) covariance of the pose by the noise of this frame's readings alone.
 
@@ -119,9 +115,20 @@ BROADER_M: Final = 0.13  # a chest is so much broader than deep: 0.35 m and 0.22
 _HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
 
 _SYSTEMATIC_MM: Final = {
-    "SpineBase": 4.8, "SpineMid": 3.6, "SpineShoulder": 3.6, "Neck": 4.0, "Head": 1.6, "Shoulder": 6.4, "Elbow": 4.0,
-    "Wrist": 5.6, "Hand": 6.0, "Hip": 4.8, "Knee": 4.8, "Ankle": 3.8, "Foot": 8.0,
-}  # fmt: skip
+    "SpineBase": 4.8,
+    "SpineMid": 3.6,
+    "SpineShoulder": 3.6,
+    "Neck": 4.0,
+    "Head": 1.6,
+    "Shoulder": 6.4,
+    "Elbow": 4.0,
+    "Wrist": 5.6,
+    "Hand": 6.0,
+    "Hip": 4.8,
+    "Knee": 4.8,
+    "Ankle": 3.8,
+    "Foot": 8.0,
+}
 """Of each joint, per axis: what a learnt body may be off by, the same in every frame. Set on the hard scenes for tuning
 (suite ``hard`` of ``benchmarks/run.py``), in which equipment hides parts of the trunk and people press on the clothes,
 and on ordinary recordings, so that both lie between 0.93 and 0.97."""

@@ -278,9 +278,7 @@ def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.asarray(motion @ T)
 
 
-DISPLACEMENT_GATES_M: Final = (
-    0.4, 0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.15, 0.1, 0.1, 0.1,
-)  # fmt: skip  # a wrong lens leaves 5 cm
+DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)  # a wrong lens leaves 5 cm
 ROOM_PX, PEOPLE_PX = 6, 3  # every sixth and every third pixel of every such row
 LEAST_SURFACE_PAIRS: Final = 500
 LEAST_SUPPORT: Final = 0.02  # right poses: with less up to 32 mm and 26 mm, else up to 9; without people often 0.001

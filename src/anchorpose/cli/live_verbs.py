@@ -85,9 +85,7 @@ class LiveGiven:
 
 
 def live(
-    *sources: str,
-    results: Annotated[Path, Parameter(name=["--output", "-o"])],
-    options: LiveGiven | None = None,
+    *sources: str, results: Annotated[Path, Parameter(name=["--output", "-o"])], options: LiveGiven | None = None
 ) -> int:
     """Find the patient's joints while the patient stands there, and send them to other programs.
 

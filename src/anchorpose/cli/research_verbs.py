@@ -72,14 +72,7 @@ def _run(out: Path, settings: ExperimentConfig, real: Path | None, processes: in
     from anchorpose.results.folder import naming_place
 
     with naming_place(out), progress_bar("Comparing") as progress:
-        run_experiment(
-            out,
-            settings,
-            real,
-            processes,
-            lambda done_s, all_s: progress(round(done_s), round(all_s)),
-            say,
-        )
+        run_experiment(out, settings, real, processes, lambda done_s, all_s: progress(round(done_s), round(all_s)), say)
 
 
 benchmark = App(name="benchmark", help="A public benchmark of association and tracking, for methods of any kind.")

@@ -21,9 +21,7 @@ from anchorpose.results.frame_time import blocks
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, read_contacts, read_episodes
 
 WORLD: Final = "world"
-CHANNEL_COLUMNS: Final = (
-    "name", "component", "type", "tracked_point", "units", "reference_frame", "description",
-)  # fmt: skip
+CHANNEL_COLUMNS: Final = ("name", "component", "type", "tracked_point", "units", "reference_frame", "description")
 _STATE_CODES: Final = ", ".join(f"{code} {state}" for code, state in enumerate(STATES))
 
 
@@ -81,11 +79,17 @@ def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, state_code: 
         for channel in (
             Channel(f"{name}_sigma", "n/a", "MISC", name, units, meaning, sigma[:, number], 6),
             Channel(
-                f"{name}_state", "n/a", "MISC", name, "n/a", f"how it is known: {_STATE_CODES}",
-                state_code[:, number], 0,
+                f"{name}_state",
+                "n/a",
+                "MISC",
+                name,
+                "n/a",
+                f"how it is known: {_STATE_CODES}",
+                state_code[:, number],
+                0,
             ),
         )
-    ]  # fmt: skip
+    ]
 
 
 def motion_rows(channels: Sequence[Channel]) -> Iterator[tuple[str, ...]]:
@@ -172,13 +176,12 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
         units="metres, degrees, seconds (channels.tsv)",
         time="as recorded, in the LATENCY channel from the first frame on",
         missing=MISSING,
-        counts=(("frames", len(source.frame)), ("channels", len(channels)),
-                ("rate_hz", sidecar["SamplingFrequency"])),
+        counts=(("frames", len(source.frame)), ("channels", len(channels)), ("rate_hz", sidecar["SamplingFrequency"])),
         notes=(
             f"The subject is sub-{config.subject}, a pseudonym; give another with --subject.",
             f"The first frame is at {float(source.samples.time_s[0])!r} s of the recording.",
         ),
-    )  # fmt: skip
+    )
 
 
 def _events(stem: Path, source: Source) -> None:

@@ -43,7 +43,7 @@ _TREE: Final = {
             ("Ankle{}", "Knee{}", "Ankle{}", "Foot{}"),
         )
     },
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,8 +106,12 @@ def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 # The joints that the last bones of the limbs point to.
 _ENDS: Final = {
-    "Head": "Head", "LeftHand": "HandLeft", "RightHand": "HandRight", "LeftFoot": "FootLeft", "RightFoot": "FootRight",
-}  # fmt: skip
+    "Head": "Head",
+    "LeftHand": "HandLeft",
+    "RightHand": "HandRight",
+    "LeftFoot": "FootLeft",
+    "RightFoot": "FootRight",
+}
 
 
 def skeleton_of_poses(
@@ -197,17 +201,23 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
         missing="a BVH cannot hold a gap: bones known in less than half of the frames are left out, and each stretch "
         "of frames in which all the others are known is a file of its own",
         counts=(
-            ("files", len(stretches.runs)), ("frames", frames),
-            ("frames_left_out", len(regular.samples.time_s) - frames), ("rate_hz", regular.rate_hz),
+            ("files", len(stretches.runs)),
+            ("frames", frames),
+            ("frames_left_out", len(regular.samples.time_s) - frames),
+            ("rate_hz", regular.rate_hz),
         ),
         notes=(
-            "Turns are those of the learnt body (poses.parquet)." if from_poses else
-            "Turns are made from joint centres; a turn about a bone's own long axis is not in them.",
-            *(f"{stretch_name(STEM, '.bvh', number, len(stretches.runs))} begins at "
-              f"{float(regular.samples.time_s[first])!r} s." for number, (first, _) in enumerate(stretches.runs)),
+            "Turns are those of the learnt body (poses.parquet)."
+            if from_poses
+            else "Turns are made from joint centres; a turn about a bone's own long axis is not in them.",
+            *(
+                f"{stretch_name(STEM, '.bvh', number, len(stretches.runs))} begins at "
+                f"{float(regular.samples.time_s[first])!r} s."
+                for number, (first, _) in enumerate(stretches.runs)
+            ),
             f"Left out for want of joints: {', '.join(left_out) or 'nothing'}.",
         ),
-    )  # fmt: skip
+    )
 
 
 def write_bvh_file(
@@ -254,8 +264,14 @@ def _hierarchy(nodes: list[Node], kept: list[int]) -> tuple[list[int], list[str]
         for child in children:
             visit(child, depth + 1)
         if not children:
-            lines.extend([f"{indent}\tEnd Site", f"{indent}\t{{", f"{indent}\t\tOFFSET {_centimetres(node.end_m)}",
-                          f"{indent}\t}}"])  # fmt: skip
+            lines.extend(
+                [
+                    f"{indent}\tEnd Site",
+                    f"{indent}\t{{",
+                    f"{indent}\t\tOFFSET {_centimetres(node.end_m)}",
+                    f"{indent}\t}}",
+                ]
+            )
         lines.append(f"{indent}}}")
 
     visit(kept[0], 0)

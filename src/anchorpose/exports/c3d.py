@@ -148,11 +148,12 @@ MOST_EVENTS: Final = 255
 GENERAL: Final = "General"
 
 _NAMES: Final = {
-    STEP_LEFT: ("Left", "Foot Off", "Foot Strike"), STEP_RIGHT: ("Right", "Foot Off", "Foot Strike"),
+    STEP_LEFT: ("Left", "Foot Off", "Foot Strike"),
+    STEP_RIGHT: ("Right", "Foot Off", "Foot Strike"),
     SIT_TO_STAND: (GENERAL, "Stand Up Start", "Stand Up End"),
     STAND_TO_SIT: (GENERAL, "Sit Down Start", "Sit Down End"),
     UPRIGHT_EPISODE: (GENERAL, "Upright Start", "Upright End"),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True, order=True)

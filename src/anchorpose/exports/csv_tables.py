@@ -68,12 +68,17 @@ _MEANING: Final = {
     "frames": ("", "how many frames the value rests on"),
     "inferred_share": ("1", "share of those frames in which a joint was inferred"),
     "why": ("", "why there is no value"),
-}  # fmt: skip
+}
 
 _WIDE: Final = (
-    ("_sigma_m", "sigma_m"), ("_sigma_deg", "sigma_deg"), ("_x_m", "x_m"), ("_y_m", "y_m"), ("_z_m", "z_m"),
-    ("_state", "state"), ("_deg", "degrees"),
-)  # fmt: skip
+    ("_sigma_m", "sigma_m"),
+    ("_sigma_deg", "sigma_deg"),
+    ("_x_m", "x_m"),
+    ("_y_m", "y_m"),
+    ("_z_m", "z_m"),
+    ("_state", "state"),
+    ("_deg", "degrees"),
+)
 
 MISSING: Final = "empty cell"
 

@@ -90,9 +90,15 @@ Axis = tuple[float, float, float]
 # Segment masses as shares of the body's (de Leva 1996, doi:10.1016/0021-9290(95)00178-6, men; pelvis is the lower
 # trunk, torso the upper and middle trunk, the forearm has the hand with it).
 MASS_SHARE: Final = {
-    "pelvis": 0.1117, "torso": 0.3229, "head": 0.0694, "femur": 0.1416, "tibia": 0.0433, "calcn": 0.0137,
-    "humerus": 0.0271, "ulna": 0.0223,
-}  # fmt: skip
+    "pelvis": 0.1117,
+    "torso": 0.3229,
+    "head": 0.0694,
+    "femur": 0.1416,
+    "tibia": 0.0433,
+    "calcn": 0.0137,
+    "humerus": 0.0271,
+    "ulna": 0.0223,
+}
 
 ROUND: Final = 4.0 * np.pi
 """Range of the pelvis either way: a patient who faces -X, or turns round, must not reach a limit at 180 degrees, where
@@ -149,10 +155,15 @@ def _pelvis(body: MeasuredBody) -> OsimBody:
     )
     hips = tuple((f"Hip{side}", body.hips[index]) for index, (side, _, _) in enumerate(SIDES))
     return OsimBody(
-        "pelvis", "pelvis", "/ground", "ground_pelvis", zero, turns + moves,
+        "pelvis",
+        "pelvis",
+        "/ground",
+        "ground_pelvis",
+        zero,
+        turns + moves,
         (("SpineBase", zero), ("SpineMid", body.spine_mid), *hips),
         ((zero, body.spine_mid), (body.hips[0], body.hips[1])),
-    )  # fmt: skip
+    )
 
 
 def _trunk(body: MeasuredBody) -> tuple[OsimBody, OsimBody]:
@@ -167,10 +178,15 @@ def _trunk(body: MeasuredBody) -> tuple[OsimBody, OsimBody]:
     )
     # the shoulder girdle moves on the chest, for which this model has no joint: shoulders are markers of the arms
     torso = OsimBody(
-        "torso", "torso", "/bodyset/pelvis", "back", body.spine_mid, back,
+        "torso",
+        "torso",
+        "/bodyset/pelvis",
+        "back",
+        body.spine_mid,
+        back,
         (("SpineShoulder", body.spine_shoulder), ("Neck", body.neck)),
         ((zero, body.spine_shoulder), (body.spine_shoulder, body.neck), (body.shoulders[0], body.shoulders[1])),
-    )  # fmt: skip
+    )
     head = OsimBody(
         "head", "head", "/bodyset/torso", "neck", body.neck, neck, (("Head", body.head),), ((zero, body.head),)
     )
@@ -189,21 +205,36 @@ def _leg(
     zero = np.zeros(3)
     return (
         OsimBody(
-            f"femur_{end}", "femur", "/bodyset/pelvis", f"hip_{end}", hip,
+            f"femur_{end}",
+            "femur",
+            "/bodyset/pelvis",
+            f"hip_{end}",
+            hip,
             _ball(("hip_flexion", "hip_adduction", "hip_rotation"), end, sign, (-40.0, 140.0, 60.0, 60.0)),
-            (), ((zero, knee),),
+            (),
+            ((zero, knee),),
         ),
         OsimBody(
-            f"tibia_{end}", "tibia", f"/bodyset/femur_{end}", f"walker_knee_{end}", knee,
+            f"tibia_{end}",
+            "tibia",
+            f"/bodyset/femur_{end}",
+            f"walker_knee_{end}",
+            knee,
             (OsimCoordinate(f"knee_angle_{end}", knee_axis, knee_range),),
-            ((f"Knee{side}", zero),), ((zero, ankle),),
+            ((f"Knee{side}", zero),),
+            ((zero, ankle),),
         ),
         OsimBody(
-            f"calcn_{end}", "calcn", f"/bodyset/tibia_{end}", f"ankle_{end}", ankle,
+            f"calcn_{end}",
+            "calcn",
+            f"/bodyset/tibia_{end}",
+            f"ankle_{end}",
+            ankle,
             (OsimCoordinate(f"ankle_angle_{end}", Z, (-np.pi / 3, np.pi / 3)),),
-            ((f"Ankle{side}", zero), (f"Foot{side}", toe)), ((zero, toe),),
+            ((f"Ankle{side}", zero), (f"Foot{side}", toe)),
+            ((zero, toe),),
         ),
-    )  # fmt: skip
+    )
 
 
 def _arm(limb: Limb, shoulder: np.ndarray, side: str, end: str, sign: int) -> tuple[OsimBody, OsimBody]:
@@ -211,16 +242,26 @@ def _arm(limb: Limb, shoulder: np.ndarray, side: str, end: str, sign: int) -> tu
     hand = _down(limb.forearm + limb.hand)
     return (
         OsimBody(
-            f"humerus_{end}", "humerus", "/bodyset/torso", f"acromial_{end}", shoulder,
+            f"humerus_{end}",
+            "humerus",
+            "/bodyset/torso",
+            f"acromial_{end}",
+            shoulder,
             _ball(("arm_flex", "arm_add", "arm_rot"), end, sign, (-90.0, 180.0, 180.0, 120.0)),
-            ((f"Shoulder{side}", zero),), ((zero, elbow),),
+            ((f"Shoulder{side}", zero),),
+            ((zero, elbow),),
         ),
         OsimBody(
-            f"ulna_{end}", "ulna", f"/bodyset/humerus_{end}", f"elbow_{end}", elbow,
+            f"ulna_{end}",
+            "ulna",
+            f"/bodyset/humerus_{end}",
+            f"elbow_{end}",
+            elbow,
             (OsimCoordinate(f"elbow_flex_{end}", Z, (0.0, np.radians(160.0))),),
-            ((f"Elbow{side}", zero), (f"Wrist{side}", wrist), (f"Hand{side}", hand)), ((zero, hand),),
+            ((f"Elbow{side}", zero), (f"Wrist{side}", wrist), (f"Hand{side}", hand)),
+            ((zero, hand),),
         ),
-    )  # fmt: skip
+    )
 
 
 def _ball(
@@ -311,10 +352,7 @@ def _joint(part: OsimBody) -> ElementTree.Element:
     for coordinate in part.coordinates:
         coordinates.append(_coordinate(coordinate))
     frames = _add(joint, "frames")
-    for where, owner, place in (
-        ("parent", part.parent, part.place_m),
-        ("child", f"/bodyset/{part.name}", np.zeros(3)),
-    ):
+    for where, owner, place in (("parent", part.parent, part.place_m), ("child", f"/bodyset/{part.name}", np.zeros(3))):
         frame = _add(frames, "PhysicalOffsetFrame", name=f"{part.joint}_in_{where}")
         _add(frame, "socket_parent", owner)
         _add(frame, "translation", _numbers(place))

@@ -60,13 +60,21 @@ def trc_head(regular: RegularSamples) -> list[list[str]]:
     markers = range(1, len(JOINT_NAMES) + 1)
     return [
         ["PathFileType", "4", "(X/Y/Z)", TRC_FILE],
-        ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
-         "OrigNumFrames"],
+        [
+            "DataRate",
+            "CameraRate",
+            "NumFrames",
+            "NumMarkers",
+            "Units",
+            "OrigDataRate",
+            "OrigDataStartFrame",
+            "OrigNumFrames",
+        ],
         [rate, rate, str(count), str(len(JOINT_NAMES)), "m", rate, "1", str(count)],
         ["Frame#", "Time", *(cell for name in JOINT_NAMES for cell in (name, "", ""))],
         ["", "", *(f"{axis}{marker}" for marker in markers for axis in "XYZ")],
         [""],
-    ]  # fmt: skip
+    ]
 
 
 def trc_body(samples: Samples) -> Iterator[list[str]]:
@@ -95,11 +103,14 @@ _MEASUREMENTS: Final = {
         f"{name}_{end}": ((f"{first}{side}", f"{second}{side}"), (f"{name}_{end}",), "X Y Z")
         for side, end in (("Right", "r"), ("Left", "l"))
         for name, first, second in (
-            ("femur", "Hip", "Knee"), ("tibia", "Knee", "Ankle"), ("calcn", "Ankle", "Foot"),
-            ("humerus", "Shoulder", "Elbow"), ("ulna", "Elbow", "Wrist"),
+            ("femur", "Hip", "Knee"),
+            ("tibia", "Knee", "Ankle"),
+            ("calcn", "Ankle", "Foot"),
+            ("humerus", "Shoulder", "Elbow"),
+            ("ulna", "Elbow", "Wrist"),
         )
     },
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,9 +177,12 @@ def scale_setup_xml(model: str, markers: str, time_s: np.ndarray) -> str:
     for name, (pair, bodies, axes) in _MEASUREMENTS.items():
         _measurement(measured, name, pair, bodies, axes)
     _texts(
-        scaler, marker_file=markers, time_range=period, preserve_mass_distribution="true",
+        scaler,
+        marker_file=markers,
+        time_range=period,
+        preserve_mass_distribution="true",
         output_model_file=SCALED_MODEL,
-    )  # fmt: skip
+    )
     return as_text(document)
 
 
@@ -247,9 +261,15 @@ def _write_ik(folder: Path, trc: str, time_s: np.ndarray, known: np.ndarray) -> 
     return [
         f"In OpenSim: open {MODEL_FILE}, then Tools, Inverse Kinematics, Load {files}, Run.",
         f"Inverse kinematics is set up for {len(inside)} of {len(time_s)} frames: those with all of trunk and legs.",
-        *([f"In {missing} of these a marker of head or arms is missing, and OpenSim repeats the last value of what "
-           "hangs on it."] if missing else []),
-    ]  # fmt: skip
+        *(
+            [
+                f"In {missing} of these a marker of head or arms is missing, and OpenSim repeats the last value of what"
+                " hangs on it."
+            ]
+            if missing
+            else []
+        ),
+    ]
 
 
 def _write_scale(folder: Path, trc: str, time_s: np.ndarray, known: np.ndarray) -> list[str]:

@@ -244,9 +244,7 @@ def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.n
 
 
 def anchor_descriptor(
-    surface: Surface,
-    anchors: Anchors,
-    distance: Callable[[Surface, np.ndarray], np.ndarray] = geodesic_distance,
+    surface: Surface, anchors: Anchors, distance: Callable[[Surface, np.ndarray], np.ndarray] = geodesic_distance
 ) -> np.ndarray:
     """(n, 5) float32 metres, columns in the order of ``ANCHOR_NAMES``.
 

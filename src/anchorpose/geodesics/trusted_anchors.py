@@ -302,12 +302,7 @@ def _detour_of(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _least_before(
-    ring: np.ndarray,
-    link_start: np.ndarray,
-    link_node: np.ndarray,
-    distance: np.ndarray,
-    found: np.ndarray,
-    node: int,
+    ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray, distance: np.ndarray, found: np.ndarray, node: int
 ) -> float:
     """The least detour among the nearer neighbours; the node's path passes between two of them."""
     least = np.inf

@@ -97,11 +97,7 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
 
 
 def decide_ownership(
-    grid: LikelihoodGrid,
-    places_m: np.ndarray,
-    compared: np.ndarray,
-    gate: float = GATE,
-    least_lead: float = LEAST_LEAD,
+    grid: LikelihoodGrid, places_m: np.ndarray, compared: np.ndarray, gate: float = GATE, least_lead: float = LEAST_LEAD
 ) -> np.ndarray:
     """(m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` where there is none.
 

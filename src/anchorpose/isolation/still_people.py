@@ -31,11 +31,7 @@ BESIDE_PX: Final = 2  # from the border of a piece to what may be connected
 
 
 def resting_people(
-    room_m: np.ndarray,
-    nearer: Sequence[np.ndarray],
-    camera: Camera,
-    floor_height_m: float | None,
-    noise_per_m: float,
+    room_m: np.ndarray, nearer: Sequence[np.ndarray], camera: Camera, floor_height_m: float | None, noise_per_m: float
 ) -> np.ndarray:
     """(height, width) bool: pieces of ``room_m`` that are people: connected, above the floor, with something moving.
 
@@ -57,11 +53,7 @@ def resting_people(
 
 
 def swaying_people(
-    room_m: np.ndarray,
-    frames_m: Sequence[np.ndarray],
-    camera: Camera,
-    floor_height_m: float | None,
-    noise_per_m: float,
+    room_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera, floor_height_m: float | None, noise_per_m: float
 ) -> np.ndarray:
     """(height, width) bool: pieces of ``room_m`` as large as a person that stay in place, but sway unlike furniture.
 

@@ -13,8 +13,13 @@ from anchorpose.joints import JOINT_NAMES
 from anchorpose.live.output import LiveFrame, angles_of
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
 
-PARTS: Final = (("X", "PositionX", "meters"), ("Y", "PositionY", "meters"), ("Z", "PositionZ", "meters"),
-                ("sigma", "Sigma", "meters"), ("state", "State", "code"))  # fmt: skip
+PARTS: Final = (
+    ("X", "PositionX", "meters"),
+    ("Y", "PositionY", "meters"),
+    ("Z", "PositionZ", "meters"),
+    ("sigma", "Sigma", "meters"),
+    ("state", "State", "code"),
+)
 """The channels of a joint: suffix, type and unit; state: its place in ``JointState``, 0 is observed."""
 
 ANGLE_PARTS: Final = (("", "Angle", "degrees"), ("sigma", "Sigma", "degrees"), ("state", "State", "code"))

@@ -31,9 +31,14 @@ FARTHEST_MM: Final = 10_000  # from where a clip begins: beyond, the unit is not
 
 _TRUNK: Final = {"SpineBase": "Waist", "SpineMid": "Spine", "SpineShoulder": "Chest"}
 _LIMBS: Final = {
-    "Shoulder": "UpperArm", "Elbow": "Forearm", "Wrist": "Hand", "Hip": "UpperLeg", "Knee": "LowerLeg",
-    "Ankle": "Foot", "Foot": "Toes",
-}  # fmt: skip
+    "Shoulder": "UpperArm",
+    "Elbow": "Forearm",
+    "Wrist": "Hand",
+    "Hip": "UpperLeg",
+    "Knee": "LowerLeg",
+    "Ankle": "Foot",
+    "Foot": "Toes",
+}
 BONE_BEGINNING_AT: Final = _TRUNK | {
     f"{joint}{side}": f"{side[0]}{bone}" for joint, bone in _LIMBS.items() for side in ("Left", "Right")
 }

@@ -97,20 +97,29 @@ NO_EQUIPMENT: Final = (
 
 STAGES: Final = (
     Stage(
-        key="depth", title="What the camera recorded", draw=inspection_drawing.draw_reading,
+        key="depth",
+        title="What the camera recorded",
+        draw=inspection_drawing.draw_reading,
         caption="Distance from the camera: yellow is near, blue is far, black has no reading.",
     ),
     Stage(
-        key="background", title="The empty room", draw=inspection_drawing.draw_background,
+        key="background",
+        title="The empty room",
+        draw=inspection_drawing.draw_background,
         caption="What the camera sees when nobody is there ({rooms}).",
     ),
     Stage(
-        key="standing_out", title="The foreground", draw=inspection_drawing.draw_foreground,
+        key="standing_out",
+        title="The foreground",
+        draw=inspection_drawing.draw_foreground,
         caption="Pixels that are nearer than the empty room by more than the sensor's noise.",
         legend=((canvas.SKY, "nearer than the room"),),
     ),
     Stage(
-        key="equipment", title="The equipment", draw=inspection_drawing.draw_equipment, missing=NO_EQUIPMENT,
+        key="equipment",
+        title="The equipment",
+        draw=inspection_drawing.draw_equipment,
+        missing=NO_EQUIPMENT,
         caption="Pixels on the equipment are removed; the tracker keeps a record of what the equipment may hide.",
         legend=(
             (canvas.WHITE, "outline: where the equipment is expected"),
@@ -119,7 +128,9 @@ STAGES: Final = (
         ),
     ),
     Stage(
-        key="people", title="People", draw=inspection_drawing.draw_people,
+        key="people",
+        title="People",
+        draw=inspection_drawing.draw_people,
         caption="Each person has a colour; only the patient is tracked.",
         legend=(
             (canvas.PATIENT, "the patient"),
@@ -129,7 +140,10 @@ STAGES: Final = (
         ),
     ),
     Stage(
-        key="surface", title="The patient's surface", draw=inspection_drawing.draw_mesh, missing=NO_SURFACE,
+        key="surface",
+        title="The patient's surface",
+        draw=inspection_drawing.draw_mesh,
+        missing=NO_SURFACE,
         caption="A mesh over the visible skin, lit from the upper left.",
         legend=(
             (inspection_drawing.SEEN_ONCE, "seen by this camera"),
@@ -141,11 +155,17 @@ STAGES: Final = (
         ),
     ),
     Stage(
-        key="geodesics", title="Distance along the skin", draw=inspection_drawing.draw_geodesics, missing=NO_SURFACE,
+        key="geodesics",
+        title="Distance along the skin",
+        draw=inspection_drawing.draw_geodesics,
+        missing=NO_SURFACE,
         caption="Distance of each point from the centre along the skin; a line every 10 cm, grey is not reached.",
     ),
     Stage(
-        key="anchors", title="Anchors: head, hands and feet", draw=inspection_drawing.draw_anchors, missing=NO_SURFACE,
+        key="anchors",
+        title="Anchors: head, hands and feet",
+        draw=inspection_drawing.draw_anchors,
+        missing=NO_SURFACE,
         caption="The points farthest from the centre; each of the five anchors is found or reported as missed.",
         legend=(
             (canvas.WHITE, "ring: an end of the surface"),
@@ -154,22 +174,31 @@ STAGES: Final = (
         ),
     ),
     Stage(
-        key="hypotheses", title="Hypotheses", draw=inspection_drawing.draw_hypotheses, missing=NO_NEXT,
+        key="hypotheses",
+        title="Hypotheses",
+        draw=inspection_drawing.draw_hypotheses,
+        missing=NO_NEXT,
         caption="How many hypotheses found each point again in frame {next_frame}; grey points were not found at all.",
     ),
     Stage(
-        key="tree", title="The best chain of hypotheses", draw=inspection_drawing.draw_tree, missing=NO_NEXT,
+        key="tree",
+        title="The best chain of hypotheses",
+        draw=inspection_drawing.draw_tree,
+        missing=NO_NEXT,
         caption="Where the skin moves from this frame to frame {next_frame} according to the frames after it; the "
         f"arrows are {inspection_drawing.MAGNIFIED:g} times as long as the movement.",
         legend=((canvas.SKY, "matched"), (canvas.ORANGE, "cross: no match that agrees with the movement so far")),
     ),
     Stage(
-        key="registration", title="The body and its joints", draw=inspection_drawing.draw_registration, missing=NO_POSE,
+        key="registration",
+        title="The body and its joints",
+        draw=inspection_drawing.draw_registration,
+        missing=NO_POSE,
         caption="The body fitted to the picture: a filled joint was seen, a hollow one is inferred, a cross is hidden "
         "by an unknown cause; the circle around a joint is two standard deviations.",
         legend=((canvas.YELLOW, "outline of the body, circles of uncertainty"), (canvas.WHITE, "joints and limbs")),
     ),
-)  # fmt: skip
+)
 
 
 def inspection_sections(inspection: Inspection, config: TrackConfig) -> tuple[Section, ...]:

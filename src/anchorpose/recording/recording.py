@@ -16,15 +16,37 @@ from anchorpose.camera import Camera
 from anchorpose.recording.equipment import EquipmentModel
 
 MissingPart = Literal[
-    "arm_left", "arm_right", "forearm_left", "forearm_right", "hand_left", "hand_right",
-    "leg_left", "leg_right", "shank_left", "shank_right", "foot_left", "foot_right",
-]  # fmt: skip
+    "arm_left",
+    "arm_right",
+    "forearm_left",
+    "forearm_right",
+    "hand_left",
+    "hand_right",
+    "leg_left",
+    "leg_right",
+    "shank_left",
+    "shank_right",
+    "foot_left",
+    "foot_right",
+]
 """A part that a body may lack, with all that hangs on it: a missing arm is missing from the shoulder on."""
 
 CoveredPart = Literal[
-    "head", "trunk", "upper_arm_left", "upper_arm_right", "forearm_left", "forearm_right", "hand_left", "hand_right",
-    "thigh_left", "thigh_right", "shank_left", "shank_right", "foot_left", "foot_right",
-]  # fmt: skip
+    "head",
+    "trunk",
+    "upper_arm_left",
+    "upper_arm_right",
+    "forearm_left",
+    "forearm_right",
+    "hand_left",
+    "hand_right",
+    "thigh_left",
+    "thigh_right",
+    "shank_left",
+    "shank_right",
+    "foot_left",
+    "foot_right",
+]
 """A segment that an orthosis, brace, helmet, harness or prosthesis may cover."""
 
 GROWN_YEARS: Final = 16.0  # from then on bodies are those of adults

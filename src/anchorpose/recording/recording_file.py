@@ -73,8 +73,7 @@ Principal = Annotated[
 Coefficient = Annotated[float, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
 Distortion = Annotated[tuple[Coefficient, ...], Field(description="the coefficients of the lens, in OpenCV's order")]
 Radius = Annotated[
-    float,
-    Field(ge=NARROWEST_LENS, le=LARGEST, description="how far from the axis the lens is valid, in units of z"),
+    float, Field(ge=NARROWEST_LENS, le=LARGEST, description="how far from the axis the lens is valid, in units of z")
 ]
 Size = Annotated[Whole, Field(gt=0, le=16384, description="the size of the depth images in pixels")]
 Rate = Annotated[float, Field(ge=SLOWEST_HZ, le=1000, description="depth images per second")]

@@ -156,8 +156,7 @@ def change_groups(sessions: Sequence[Session], detectable: Detectable | None = N
     groups = grouped_measures(list({key: m for each in found for key, m in each.items()}.values()))
     return [
         ChangeGroup(
-            heading,
-            [_change_row(sessions, found, m, limits.get((m.measure, m.side, m.unit))) for m in members],
+            heading, [_change_row(sessions, found, m, limits.get((m.measure, m.side, m.unit))) for m in members]
         )
         for heading, members in groups.items()
     ]

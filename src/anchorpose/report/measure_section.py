@@ -29,8 +29,7 @@ _STANDING: Final = {
     "recorded_time": Words("time recorded", "From the first frame to the last."),
     "found_time": Words("time in which the patient was found", "The patient was found, or at least one joint."),
     "unknown_time": Words(
-        "time in which posture is not known",
-        "It is not known whether the patient was upright, or frames are missing.",
+        "time in which posture is not known", "It is not known whether the patient was upright, or frames are missing."
     ),
     "upright_time": Words(
         "time upright", "By thighs, hips and trunk; also in a frame or hoist, whoever carries the weight."
@@ -140,9 +139,7 @@ OTHERS: Final = "Other measures"
 
 _WORDS: Final = {name: words for members in GROUPS.values() for name, words in members.items()}
 
-_UNITS: Final = {
-    "1": (100.0, " %"), "deg": (1.0, "°"), "deg/s": (1.0, "°/s"), "count": (1.0, ""), "cm2": (1.0, " cm²"),
-}  # fmt: skip
+_UNITS: Final = {"1": (100.0, " %"), "deg": (1.0, "°"), "deg/s": (1.0, "°/s"), "count": (1.0, ""), "cm2": (1.0, " cm²")}
 
 
 def grouped_measures(measures: Sequence[Measure]) -> dict[str, list[Measure]]:
@@ -282,13 +279,32 @@ def inferred_share(measure: Measure, after: str = " %") -> Markup:
 
 
 PRINTED: Final = (
-    "recorded_time", "found_time", "unknown_time", "upright_time", "upright_share", "longest_upright_bout",
-    "sit_to_stand_count", "sit_to_stand_duration_mean", "stand_to_sit_count", "stand_to_sit_duration_mean",
-    "knee_flexion_upright_mean", "knee_flexion_upright_least", "hip_flexion_upright_mean", "knee_straight_time",
-    "knee_flexion_difference", "load_share", "sway_velocity", "sway_ellipse_area", "five_times_sit_to_stand",
-    "functional_reach", "single_leg_stance", "step_count", "assistance_time", "hands_free_upright_time",
+    "recorded_time",
+    "found_time",
+    "unknown_time",
+    "upright_time",
+    "upright_share",
+    "longest_upright_bout",
+    "sit_to_stand_count",
+    "sit_to_stand_duration_mean",
+    "stand_to_sit_count",
+    "stand_to_sit_duration_mean",
+    "knee_flexion_upright_mean",
+    "knee_flexion_upright_least",
+    "hip_flexion_upright_mean",
+    "knee_straight_time",
+    "knee_flexion_difference",
+    "load_share",
+    "sway_velocity",
+    "sway_ellipse_area",
+    "five_times_sit_to_stand",
+    "functional_reach",
+    "single_leg_stance",
+    "step_count",
+    "assistance_time",
+    "hands_free_upright_time",
     "hands_on_at_once_most",
-)  # fmt: skip
+)
 """The measures that are printed, in this order; all others are in measures.parquet."""
 
 ROUNDING_S: Final = 0.001  # less unknown time than this is rounding

@@ -60,9 +60,7 @@ Utc = Annotated[str, AfterValidator(_require_utc)]
 Sha256 = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
 Frame = Annotated[Whole, Field(ge=0, le=LATEST_FRAME, description="the number of a frame")]
 Position = Annotated[
-    tuple[float, float, float],
-    numbers(3, meaning="x, y and z in metres, world frame"),
-    AfterValidator(_require_near),
+    tuple[float, float, float], numbers(3, meaning="x, y and z in metres, world frame"), AfterValidator(_require_near)
 ]
 
 

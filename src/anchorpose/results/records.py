@@ -49,13 +49,23 @@ class Contact:
 CONTACTS: Final = RecordTable(
     file="contacts.parquet",
     record=Contact,
-    schema=pa.schema(required(
-        part=pa.string(), person=pa.string(), first_frame=pa.int32(), last_frame=pa.int32(), start_s=pa.float64(),
-        end_s=pa.float64(), state=pa.string(), seen_share=pa.float64(), area_cm2=pa.float64(), gap_mm=pa.float64(),
-    )),
+    schema=pa.schema(
+        required(
+            part=pa.string(),
+            person=pa.string(),
+            first_frame=pa.int32(),
+            last_frame=pa.int32(),
+            start_s=pa.float64(),
+            end_s=pa.float64(),
+            state=pa.string(),
+            seen_share=pa.float64(),
+            area_cm2=pa.float64(),
+            gap_mm=pa.float64(),
+        )
+    ),
     known={"part": REGIONS},
     remedy=TRACK_AGAIN,
-)  # fmt: skip
+)
 CONTACTS_FILE, read_contacts, write_contacts = CONTACTS.file, CONTACTS.read, CONTACTS.open
 
 
@@ -90,13 +100,19 @@ class Episode:
 EPISODES: Final = RecordTable(
     file="episodes.parquet",
     record=Episode,
-    schema=pa.schema(required(
-        kind=pa.string(), first_frame=pa.int32(), last_frame=pa.int32(), start_s=pa.float64(), end_s=pa.float64(),
-        state=pa.string(),
-    )),
+    schema=pa.schema(
+        required(
+            kind=pa.string(),
+            first_frame=pa.int32(),
+            last_frame=pa.int32(),
+            start_s=pa.float64(),
+            end_s=pa.float64(),
+            state=pa.string(),
+        )
+    ),
     known={"kind": EPISODE_KINDS, "state": tuple(str(state) for state in JointState)},
     remedy=MEASURE_AGAIN,
-)  # fmt: skip
+)
 EPISODES_FILE: Final = EPISODES.file
 
 

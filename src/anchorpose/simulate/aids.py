@@ -244,12 +244,7 @@ def _box(name: str, center_m: tuple[float, float, float], size_m: tuple[float, f
 
 
 def _tube(
-    rng: np.random.Generator,
-    name: str,
-    center_m: tuple[float, float, float],
-    tube_m: float,
-    length_m: float,
-    axis: int,
+    rng: np.random.Generator, name: str, center_m: tuple[float, float, float], tube_m: float, length_m: float, axis: int
 ) -> EquipmentPart:
     """A round or a square tube along axis 0, 1 or 2."""
     along = np.eye(3)[axis]

@@ -29,9 +29,12 @@ SOLE_M: Final = (0.010, 0.030)
 SHOD_SHARE: Final = 0.75  # of the people
 BRACE_M: Final = (0.008, 0.018)  # how far a brace stands off the widest part of what it covers
 BRACED: Final[dict[BraceName, tuple[str, ...]]] = {
-    "left shank": ("LeftLeg",), "right shank": ("RightLeg",), "left thigh": ("LeftUpLeg",),
-    "right thigh": ("RightUpLeg",), "trunk": ("LowerBack", "Spine"),
-}  # fmt: skip
+    "left shank": ("LeftLeg",),
+    "right shank": ("RightLeg",),
+    "left thigh": ("LeftUpLeg",),
+    "right thigh": ("RightUpLeg",),
+    "trunk": ("LowerBack", "Spine"),
+}
 
 
 @settings

@@ -5,9 +5,17 @@ from __future__ import annotations
 from typing import Literal
 
 Sensor = Literal[
-    "kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered",
-    "azure-kinect-wfov", "femto-bolt", "d435", "xtion", "iphone-lidar",
-]  # fmt: skip
+    "kinect-v2",
+    "azure-kinect",
+    "realsense",
+    "kinect-v1",
+    "realsense-filtered",
+    "azure-kinect-wfov",
+    "femto-bolt",
+    "d435",
+    "xtion",
+    "iphone-lidar",
+]
 LensName = Literal["pinhole", "brown-conrady", "rational", "kannala-brandt"]
 Speed = Literal["slow", "normal", "fast", "mixed"]
 Scene = Literal["enters-late", "leaves", "hidden", "sits"]

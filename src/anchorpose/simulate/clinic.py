@@ -23,9 +23,19 @@ from anchorpose.simulate.sensor import SENSORS, intrinsics_of
 from anchorpose.simulate.therapist import Therapist, draw_passer_by, draw_therapists
 
 STREAMS = (
-    "patient", "programme", "therapists", "room", "cameras", "holes", "sensor", "drops", "doubles", "stamps",
-    "movement", "passers",
-)  # fmt: skip
+    "patient",
+    "programme",
+    "therapists",
+    "room",
+    "cameras",
+    "holes",
+    "sensor",
+    "drops",
+    "doubles",
+    "stamps",
+    "movement",
+    "passers",
+)
 CAMERA_NAMES = ("front", "left", "right", "behind")
 AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # left of the patient is positive
 AZIMUTH_SPREAD_RAD = (0.08, 0.2, 0.2, 0.3)

@@ -16,9 +16,14 @@ from anchorpose.simulate.movement_file import MOVEMENTS, STEPPING, SUBJECTS, mov
 from anchorpose.simulate.rooms.plan import Posture, RoomConfig, draw_room_config, draw_sensor
 
 TaskName = Literal[
-    "both knees from the front", "left knee and hip", "right knee and hip", "hips from behind", "trunk from behind",
-    "left knee from the front", "right knee from the front",
-]  # fmt: skip
+    "both knees from the front",
+    "left knee and hip",
+    "right knee and hip",
+    "hips from behind",
+    "trunk from behind",
+    "left knee from the front",
+    "right knee from the front",
+]
 
 MOTIONS: Final = (
     *("standing", "squat", "weight-shift", "trunk", "steps", "sit-to-stand"),

@@ -14,9 +14,17 @@ from anchorpose.recording.regular_file import read_arrays
 
 CLIP_HZ: Final = 30.0
 MOVEMENTS: Final = {
-    "deep-squat": 1, "hurdle-step": 2, "inline-lunge": 3, "side-lunge": 4, "sit-to-stand": 5, "leg-raise": 6,
-    "shoulder-abduction": 7, "shoulder-extension": 8, "shoulder-rotation": 9, "shoulder-scaption": 10,
-}  # fmt: skip
+    "deep-squat": 1,
+    "hurdle-step": 2,
+    "inline-lunge": 3,
+    "side-lunge": 4,
+    "sit-to-stand": 5,
+    "leg-raise": 6,
+    "shoulder-abduction": 7,
+    "shoulder-extension": 8,
+    "shoulder-rotation": 9,
+    "shoulder-scaption": 10,
+}
 """The movements of the data set by their number in the names of its clips."""
 
 STEPPING: Final = frozenset({"hurdle-step", "inline-lunge", "side-lunge", "leg-raise"})
@@ -27,9 +35,26 @@ SUBJECTS: Final = (1, 2, 3, 4, 5, 6, 7)
 LOST_M_S: Final = 8.0  # Kinect's ankles and wrists that jump faster were lost and found again
 KEYS: Final = ("joints_mm", "offsets", "names", "joint_names")
 NEEDED: Final = (
-    "Waist", "Spine", "Chest", "Head", "HeadTip", "LUpperArm", "LForearm", "LHand", "RUpperArm", "RForearm", "RHand",
-    "LUpperLeg", "LLowerLeg", "LFoot", "LToes", "RUpperLeg", "RLowerLeg", "RFoot", "RToes",
-)  # fmt: skip
+    "Waist",
+    "Spine",
+    "Chest",
+    "Head",
+    "HeadTip",
+    "LUpperArm",
+    "LForearm",
+    "LHand",
+    "RUpperArm",
+    "RForearm",
+    "RHand",
+    "LUpperLeg",
+    "LLowerLeg",
+    "LFoot",
+    "LToes",
+    "RUpperLeg",
+    "RLowerLeg",
+    "RFoot",
+    "RToes",
+)
 """Joints that a movement is taken from; ``Forearm`` is the elbow, ``Foot`` the ankle, ``LowerLeg`` the knee."""
 
 _NAME: Final = re.compile(r"(?P<how>[ci])_m(?P<movement>\d\d)_s(?P<subject>\d\d)_e(?P<episode>\d\d)")

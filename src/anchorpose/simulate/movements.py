@@ -113,11 +113,18 @@ def standing(rng: np.random.Generator, here: Situation) -> Offsets:
 
 
 LEG_MOTIONS: dict[str, Callable[[np.random.Generator, Situation], Offsets]] = {
-    "squat": squat, "weight-shift": weight_shift, "trunk": trunk, "standing": standing,
-}  # fmt: skip
+    "squat": squat,
+    "weight-shift": weight_shift,
+    "trunk": trunk,
+    "standing": standing,
+}
 ARM_MOTIONS: dict[str, Callable[[np.random.Generator, Situation], Offsets]] = {
-    "reach": reach, "arm-raise": arm_raise, "head": head, "rails": rails, "standing": standing,
-}  # fmt: skip
+    "reach": reach,
+    "arm-raise": arm_raise,
+    "head": head,
+    "rails": rails,
+    "standing": standing,
+}
 
 
 def timed(rng: np.random.Generator, offsets: Offsets, start_s: float, pace: float) -> Movement:

@@ -129,9 +129,7 @@ def draw_patient(
         _loosen_arms(rng, base)
     footwork = _first_stance(rng, person)
     here = Situation(
-        leg_m=standing_pelvis_m(person.body),
-        in_frame=frame is not None,
-        elbow=float(base[CHANNEL_INDEX["elbow_left"]]),
+        leg_m=standing_pelvis_m(person.body), in_frame=frame is not None, elbow=float(base[CHANNEL_INDEX["elbow_left"]])
     )
     begin_s, end_s, sitting = _draw_sitting(rng, config, person)
     footwork = _come_and_go(rng, footwork, config)

@@ -13,16 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from anchorpose.body.kinematics import BodyMesh
-from anchorpose.rotations import (
-    FORWARD,
-    RIGHT,
-    UP,
-    orthonormal_frame,
-    rotate,
-    turns,
-    turns_about,
-    unit,
-)
+from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, rotate, turns, turns_about, unit
 
 SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # along Z

@@ -19,8 +19,13 @@ from anchorpose.rotations import rotation_matrices
 
 KEYS: Final = ("vertices", "faces", "bone_names", "bone_heads", "bone_tails", "skin_bones", "skin_weights")
 ENDS: Final = {
-    "Arm": "ForeArm", "ForeArm": "Hand", "Hand": "FingerBase", "UpLeg": "Leg", "Leg": "Foot", "Foot": "ToeBase",
-}  # fmt: skip
+    "Arm": "ForeArm",
+    "ForeArm": "Hand",
+    "Hand": "FingerBase",
+    "UpLeg": "Leg",
+    "Leg": "Foot",
+    "Foot": "ToeBase",
+}
 """The bones that are turned to point as they do in the rest pose of the asset, and where each points to."""
 
 

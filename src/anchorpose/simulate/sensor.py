@@ -72,37 +72,69 @@ SENSORS = {
     # WFOV 2x2 binned, 120 x 120 degrees (behind this lens 117), 0.25 to 2.88 m (Microsoft's hardware specification).
     # It reaches the random error at 2.88 m that NFOV unbinned reaches at 3.86 m: its noise is 1.6 times azure-kinect's
     "azure-kinect-wfov": SensorSpec(
-        kind="time-of-flight", width=512, height=512, focal_px=252.0, nearest_m=0.25, farthest_m=2.88,
-        noise_gain=1.9, lens="rational",
+        kind="time-of-flight",
+        width=512,
+        height=512,
+        focal_px=252.0,
+        nearest_m=0.25,
+        farthest_m=2.88,
+        noise_gain=1.9,
+        lens="rational",
     ),
     # NFOV unbinned, 75 x 65 degrees (behind this lens 73 x 65), 0.5 to 3.86 m; the sensor, the modes and the limits of
     # error are Azure Kinect's (Orbbec's hardware specification of Femto Bolt)
     "femto-bolt": SensorSpec(
-        kind="time-of-flight", width=640, height=576, focal_px=504.0, nearest_m=0.5, farthest_m=3.86,
-        noise_gain=1.2, lens="rational",
+        kind="time-of-flight",
+        width=640,
+        height=576,
+        focal_px=504.0,
+        nearest_m=0.5,
+        farthest_m=3.86,
+        noise_gain=1.2,
+        lens="rational",
     ),
     # 50 mm between the imagers (devices), 87 +- 3 degrees (the data sheet, as quoted: docs/simulate.md); 0.08 pixels of
     # disparity is what its maker assumes for a calibrated unit (librealsense, issue 3904). It reads farther, ever worse
     "d435": SensorSpec(
-        kind="stereo", width=848, height=480, focal_px=424.0, nearest_m=0.3, farthest_m=4.5, baseline_m=0.05,
+        kind="stereo",
+        width=848,
+        height=480,
+        focal_px=424.0,
+        nearest_m=0.3,
+        farthest_m=4.5,
+        baseline_m=0.05,
         disparity_noise_px=0.08,
     ),
     # 58 x 45 degrees, 0.8 to 3.5 m (Asus, as quoted: docs/simulate.md); 75 mm to the projector, steps of an eighth of a
     # pixel, and a standard deviation of half a step, 5.7 mm at 2 m (Khoshelham and Oude Elberink 2012,
     # doi:10.3390/s120201437)
     "xtion": SensorSpec(
-        kind="stereo", width=640, height=480, focal_px=577.0, nearest_m=0.8, farthest_m=3.5, baseline_m=0.075,
-        disparity_noise_px=0.05, disparity_steps=8.0,
+        kind="stereo",
+        width=640,
+        height=480,
+        focal_px=577.0,
+        nearest_m=0.8,
+        farthest_m=3.5,
+        baseline_m=0.075,
+        disparity_noise_px=0.05,
+        disparity_steps=8.0,
     ),
     # 576 points, spread by ARKit over 256 x 192 pixels (apple/ARKitScenes, issue 14), up to 5 m (Apple). What is left
     # is smooth: 1 mm from a plane at 1 to 1.5 m (Teo and Yang 2023, doi:10.1016/j.dibe.2023.100169), which the gain is
     # chosen for, and within 1 cm of the truth (Luetzenburg et al. 2021, doi:10.1038/s41598-021-01763-9, not read); the
     # focal length is that of ARKitScenes
     "iphone-lidar": SensorSpec(
-        kind="time-of-flight", width=256, height=192, focal_px=212.0, nearest_m=0.3, farthest_m=5.0,
-        noise_gain=8.0, wiggle_m=0.005, dots=576,
+        kind="time-of-flight",
+        width=256,
+        height=192,
+        focal_px=212.0,
+        nearest_m=0.3,
+        farthest_m=5.0,
+        noise_gain=8.0,
+        wiggle_m=0.005,
+        dots=576,
     ),
-}  # fmt: skip
+}
 
 LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
     "pinhole": (LensModel.BROWN_CONRADY, (0.0, 0.0, 0.0, 0.0, 0.0), None),

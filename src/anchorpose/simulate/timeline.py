@@ -11,11 +11,31 @@ from anchorpose.rotations import UP, turns, turns_about
 from anchorpose.simulate.posture import OUTWARD, Posture
 
 TRUNK_CHANNELS = (
-    "pelvis_forward", "pelvis_up", "pelvis_right", "pelvis_flex", "pelvis_side", "pelvis_turn",
-    "trunk_flex", "trunk_side", "trunk_turn", "head_flex", "head_side", "head_turn",
-)  # fmt: skip
-SIDE_CHANNELS = ("shoulder_flex", "shoulder_abduct", "shoulder_inward", "elbow", "pronate", "wrist", "fingers",
-                 "knee_out", "heel", "pull")  # fmt: skip
+    "pelvis_forward",
+    "pelvis_up",
+    "pelvis_right",
+    "pelvis_flex",
+    "pelvis_side",
+    "pelvis_turn",
+    "trunk_flex",
+    "trunk_side",
+    "trunk_turn",
+    "head_flex",
+    "head_side",
+    "head_turn",
+)
+SIDE_CHANNELS = (
+    "shoulder_flex",
+    "shoulder_abduct",
+    "shoulder_inward",
+    "elbow",
+    "pronate",
+    "wrist",
+    "fingers",
+    "knee_out",
+    "heel",
+    "pull",
+)
 CHANNELS = (*TRUNK_CHANNELS, *(f"{name}_{side}" for side in ("left", "right") for name in SIDE_CHANNELS))
 CHANNEL_INDEX = {name: index for index, name in enumerate(CHANNELS)}
 

@@ -53,9 +53,17 @@ OFF_CENTRE: Final = 0.1  # of the width: real lenses are within 0.02
 LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 per second has 30 MB
 LARGEST_IMAGE: Final = 16384 * 16384
 _DAMAGE: Final = (
-    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, ArithmeticError, EOFError, LookupError, OSError,
-    RuntimeError, ValueError,
-)  # fmt: skip
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    struct.error,
+    ArithmeticError,
+    EOFError,
+    LookupError,
+    OSError,
+    RuntimeError,
+    ValueError,
+)
 """What the libraries raise for damaged zip files and damaged JSON."""
 
 _REMEDY: Final = "export it again from Record3D"

@@ -67,12 +67,7 @@ def _open_tum(path: Path) -> ImageFiles:
         notes.append(f"Depth images that {listing.name} names and that are not there: {len(files) - len(there)}.")
     width, height = first_size(path, [file.path for file in there])
     camera = SourceCamera(
-        name=path.resolve().name,
-        width=width,
-        height=height,
-        depth_scale=TUM_M,
-        count=len(there),
-        has_times=has_times,
+        name=path.resolve().name, width=width, height=height, depth_scale=TUM_M, count=len(there), has_times=has_times
     )
     return ImageFiles(path, camera, there, notes)
 

@@ -103,13 +103,7 @@ def _tap_weight(i: int, j: int, radius: int) -> Any:
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def _add_taps(
-    window: Window,
-    sums: np.ndarray,
-    own_place: Any,
-    tap_place: Any,
-    count: Any,
-    apart: Any,
-    weight: Any,
+    window: Window, sums: np.ndarray, own_place: Any, tap_place: Any, count: Any, apart: Any, weight: Any
 ) -> None:
     """Two neighbours of each pixel, about that pixel's own ray and inverse depth, which keeps float32 exact.
 

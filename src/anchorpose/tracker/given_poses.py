@@ -41,11 +41,7 @@ class PosesAsked:
 
 
 def agreeing_poses(
-    recording: Recording,
-    calibration: Calibration,
-    clocks: Clocks,
-    scenes: Sequence[Scene],
-    samples: Sequence[FrameSet],
+    recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> Calibration:
     """The calibration with what little speaks against it; raises InputError where it cannot be right."""
     asked = ask_poses(recording, calibration, clocks, scenes, samples)
@@ -57,11 +53,7 @@ def agreeing_poses(
 
 
 def ask_poses(
-    recording: Recording,
-    calibration: Calibration,
-    clocks: Clocks,
-    scenes: Sequence[Scene],
-    samples: Sequence[FrameSet],
+    recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> PosesAsked:
     """The doubts of calibration and those that the cameras raise about each other.
 

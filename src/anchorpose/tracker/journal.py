@@ -38,11 +38,7 @@ from anchorpose.recording.regular_file import LARGEST_ARRAYS, is_there, read_who
 from anchorpose.results.folder import naming_place
 
 NUMBERS: Final = "biuf"  # kinds of dtype: boolean, integers, floats; all others are refused
-ALSO: Final = {
-    float: (int, np.floating, np.integer),
-    int: (np.integer,),
-    bool: (np.bool_,),
-}
+ALSO: Final = {float: (int, np.floating, np.integer), int: (np.integer,), bool: (np.bool_,)}
 """What stands in a field besides what it declares, as for type checkers."""
 
 

@@ -17,9 +17,7 @@ from anchorpose.isolation.view import View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.border import Border
 from anchorpose.surface.surface import ExpectedSkin, Surface
-from anchorpose.tracker.bystanders import (
-    Bystanders,
-)
+from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
 LEAST_TRUSTED = 4  # three tell nodes apart (paper, Section IV-D), four make two subsets; with fewer a node keeps all

@@ -167,12 +167,7 @@ def worst_frames(
     matched_share (n,): NaN where no point was followed. Of each kind the worst frame, then the worst at least a second
     away, and so on.
     """
-    return (
-        *_lost(overview),
-        *_dropped(overview, dropped),
-        *_unmatched(overview, matched_share),
-        *_uncertain(overview),
-    )
+    return (*_lost(overview), *_dropped(overview, dropped), *_unmatched(overview, matched_share), *_uncertain(overview))
 
 
 def _lost(overview: Overview) -> list[WorstFrame]:

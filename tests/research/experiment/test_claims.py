@@ -115,12 +115,14 @@ def of_family(family: Family, key: str) -> bool:
 
 REFUTED_BY_TRACKING = {
     "proposed-constant": lambda key, hole, hidden: 100.0 if key == "anchors" and hidden and hole == 0.15 else None,
-    "proposed-below-local": lambda key, hole, hidden: 70.0 if of_family(Family.PROPOSED, key) else (
-        40.0 if of_family(Family.LOCAL, key) else None),
+    "proposed-below-local": lambda key, hole, hidden: (
+        70.0 if of_family(Family.PROPOSED, key) else (40.0 if of_family(Family.LOCAL, key) else None)
+    ),
     "proposed-below-spectral": lambda key, hole, hidden: 40.0 if of_family(Family.SPECTRAL, key) else None,
     "local-constant": lambda key, hole, hidden: 150.0 if of_family(Family.LOCAL, key) and hidden else None,
-    "proposed-similar": lambda key, hole, hidden: np.array(
-        [150.0 if "Hand" in name else 40.0 for name in JOINT_NAMES]) if key == "anchors" else None,
+    "proposed-similar": lambda key, hole, hidden: (
+        np.array([150.0 if "Hand" in name else 40.0 for name in JOINT_NAMES]) if key == "anchors" else None
+    ),
     "proposed-adequate": lambda key, hole, hidden: 150.0 if key == "anchors" else None,
     "tree-helps": lambda key, hole, hidden: 45.0 if key == "anchors-no-tree" else None,
     "helps-at-all": lambda key, hole, hidden: 30.0 if of_family(Family.NONE, key) else None,
@@ -130,7 +132,7 @@ REFUTED_BY_TRACKING = {
     "own-below-all": lambda key, hole, hidden: 200.0 if key == "own" else None,
     "dijkstra-suffices": lambda key, hole, hidden: 80.0 if key == "anchors-dijkstra" else None,
     "like-gmds": lambda key, hole, hidden: 20.0 if key == "gmds" else None,
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("key", [key for key in REFUTED_BY_TRACKING if key not in ("dijkstra-suffices", "like-gmds")])

@@ -24,8 +24,7 @@ PNG_HEAD = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture(scope="module")
 def tables() -> list[Table]:
     results = make_results(
-        recordings=2,
-        scenes=dict.fromkeys((Scene.LOOSE, Scene.REAL, Scene.CLINIC), (METHODS[0], METHODS[-1], *ABLATED)),
+        recordings=2, scenes=dict.fromkeys((Scene.LOOSE, Scene.REAL, Scene.CLINIC), (METHODS[0], METHODS[-1], *ABLATED))
     )
     return [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
 

@@ -168,9 +168,10 @@ def test_segments_that_no_method_could_start_in_are_counted() -> None:
     whole = make_results(recordings=2)
     lost = tuple(
         replace(run, frame=run.frame[9:], occluded=run.occluded[9:], error_mm=run.error_mm[9:])
-        if run.recording == "paper-501" else run
+        if run.recording == "paper-501"
+        else run
         for run in whole.tracked
-    )  # fmt: skip
+    )
     assert left_out(whole) == (0, 6)
     assert left_out(replace(whole, tracked=lost)) == (1, 6)
     assert "1 of the 6 segments" in run_html(replace(whole, tracked=lost))
@@ -184,8 +185,14 @@ def test_real_recordings_of_one_person_are_said_to_narrow_the_intervals(results:
 
 def test_all_files_are_there_and_others_stay(folder: Path, results: ExperimentResults) -> None:
     assert {path.name for path in folder.iterdir()} == {
-        "cache", "pictures", "tables", "figures", "figures.kept", "claims.json", "index.html",
-    }  # fmt: skip
+        "cache",
+        "pictures",
+        "tables",
+        "figures",
+        "figures.kept",
+        "claims.json",
+        "index.html",
+    }
     assert (folder / "cache" / "kept").read_text() == "as it was"
     assert len(list((folder / "figures").glob("*.svg"))) == len(list((folder / "figures").glob("*.png"))) == 10
     assert (folder / "tables" / "settings.csv").is_file()
@@ -218,12 +225,15 @@ def test_an_empty_outcome_is_a_page_that_says_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "captions",
     [
-        "{", '[{"file": "a.png"}]', '["a.png"]', '{"file": "a.png"}',
+        "{",
+        '[{"file": "a.png"}]',
+        '["a.png"]',
+        '{"file": "a.png"}',
         '[{"file": "../a.png", "caption": "", "section": "matches"}]',
         '[{"file": "a.png", "caption": "", "section": "elsewhere"}]',
         '[{"file": "missing.png", "caption": "", "section": "matches"}]',
     ],
-)  # fmt: skip
+)
 def test_captions_that_cannot_be_used_are_refused_before_anything_is_written(captions: str, tmp_path: Path) -> None:
     (tmp_path / "pictures").mkdir()
     (tmp_path / "a.png").write_bytes(PNG)

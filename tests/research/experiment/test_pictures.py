@@ -207,8 +207,9 @@ def test_nodes_have_the_colour_of_their_subset_on_both_sides() -> None:
     missed, *drawn = axes.lines
     assert missed.get_label() == "no match (33 %)"
     assert [line.get_label() for line in drawn] == [
-        "head, left hand, right hand (33 %)", "head, left foot, right foot (33 %)",
-    ]  # fmt: skip
+        "head, left hand, right hand (33 %)",
+        "head, left foot, right foot (33 %)",
+    ]
     shift_m = canvas.apart_m(VIEW, BODY, BODY)
     for number, line in enumerate(drawn):
         nodes = BODY.points_m[subset == number]
@@ -378,10 +379,17 @@ def test_a_small_mark_keeps_its_colour_among_many_shades() -> None:
 def test_a_surface_of_no_nodes_is_an_empty_picture() -> None:
     start, node, length = no_links(0)
     empty = replace(
-        flat_grid(1, 1, 0.1), points_m=np.zeros((0, 3), np.float32), normals=np.zeros((0, 3), np.float32),
-        ring=np.zeros((0, 8), np.int32), link_start=start, link_node=node, link_length_m=length,
-        camera=np.zeros(0, np.uint8), pixel=np.zeros((0, 2), np.int16), skin=np.zeros(0, np.int32),
-    )  # fmt: skip
+        flat_grid(1, 1, 0.1),
+        points_m=np.zeros((0, 3), np.float32),
+        normals=np.zeros((0, 3), np.float32),
+        ring=np.zeros((0, 8), np.int32),
+        link_start=start,
+        link_node=node,
+        link_length_m=length,
+        camera=np.zeros(0, np.uint8),
+        pixel=np.zeros((0, 2), np.int16),
+        skin=np.zeros(0, np.int32),
+    )
     axes = figure_axes()
     canvas.draw_mesh(axes, VIEW, empty)
     canvas.frame_axes(axes, VIEW, [(empty, 0.0)])
@@ -404,8 +412,15 @@ def test_pictures_are_drawn_once_and_again_where_anything_changed(
     monkeypatch.setattr(album, "_show_one", draw)
     monkeypatch.setattr(album, "_paper_size_times", lambda plan, clip: times)
     clips = training_clips(replace(quick(), training_recordings=2))
-    spec = PlanSpec(config=quick(), wanted=("nearest",), chosen=(), movements=tmp_path / "m.npz", movements_digest="m",
-                    cache=tmp_path / "out" / "cache", code=experiment_code())  # fmt: skip
+    spec = PlanSpec(
+        config=quick(),
+        wanted=("nearest",),
+        chosen=(),
+        movements=tmp_path / "m.npz",
+        movements_digest="m",
+        cache=tmp_path / "out" / "cache",
+        code=experiment_code(),
+    )
     found = album.show(tmp_path / "out", spec, clips)
     assert found == (times, (f"{clips[1].name} is not shown: nobody was found",))
     assert album.show(tmp_path / "out", spec, clips) == found

@@ -29,8 +29,11 @@ def started(folder: Path) -> subprocess.Popen[str]:
     command = "import sys; from anchorpose.cli import main\nif __name__ == '__main__': sys.exit(main(sys.argv[1:]))"
     return subprocess.Popen(
         [sys.executable, "-c", command, "experiment", str(folder / "out"), "--config", str(folder / "config.toml")],
-        text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env={**os.environ, "TMPDIR": str(folder / "tmp")},
-    )  # fmt: skip
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env={**os.environ, "TMPDIR": str(folder / "tmp")},
+    )
 
 
 def answers(folder: Path) -> set[Path]:

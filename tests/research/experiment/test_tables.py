@@ -26,9 +26,14 @@ SLOW = method("fpfh", "slow", Family.LOCAL)
 
 
 def tracked(
-    key: str, error: np.ndarray, recording: str = "paper-1", hole_m: float = 0.0, first: int = 1,
-    occluded: np.ndarray | None = None, scene: Scene = Scene.PAPER,
-) -> Tracked:  # fmt: skip
+    key: str,
+    error: np.ndarray,
+    recording: str = "paper-1",
+    hole_m: float = 0.0,
+    first: int = 1,
+    occluded: np.ndarray | None = None,
+    scene: Scene = Scene.PAPER,
+) -> Tracked:
     """All joints have the frame's error."""
     hidden = np.zeros(len(error), bool) if occluded is None else occluded
     joints = np.repeat(np.asarray(error, float)[:, None], JOINT_COUNT, axis=1)
@@ -52,9 +57,10 @@ def table(results: ExperimentResults, key: str) -> Table:
 def test_methods_are_compared_in_the_frames_that_all_of_them_ran_on() -> None:
     easy, hard = np.full(3, 10.0), np.full(6, 100.0)
     results = results_of(
-        tracked("anchors", np.concatenate([easy, hard])), tracked("fpfh", np.full(3, 20.0)),
+        tracked("anchors", np.concatenate([easy, hard])),
+        tracked("fpfh", np.full(3, 20.0)),
         tracked("anchors", hard, "paper-2"),
-    )  # fmt: skip
+    )
     same = table(results, "result1")
     assert same.value("anchors", "0").mean == 10.0
     assert same.value("fpfh", "0").mean == 20.0
@@ -63,9 +69,11 @@ def test_methods_are_compared_in_the_frames_that_all_of_them_ran_on() -> None:
 
 def test_the_are_listed_by_size_of_hole_too() -> None:
     results = results_of(
-        tracked("anchors", np.array([1.0, 2.0])), tracked("fpfh", np.array([5.0, 5.0])),
-        tracked("anchors", np.array([3.0, 9.0]), hole_m=0.15), tracked("fpfh", np.array([5.0]), hole_m=0.15, first=2),
-    )  # fmt: skip
+        tracked("anchors", np.array([1.0, 2.0])),
+        tracked("fpfh", np.array([5.0, 5.0])),
+        tracked("anchors", np.array([3.0, 9.0]), hole_m=0.15),
+        tracked("fpfh", np.array([5.0]), hole_m=0.15, first=2),
+    )
     same = table(results, "result1")
     assert same.value("anchors", "0").mean == 1.5
     assert same.value("anchors", "0.15").mean == 9.0
@@ -211,9 +219,16 @@ def test_matches_over_longer_gaps_and_of_nodes_that_moved_stand_apart() -> None:
     assert found["gaps_median"].value("fpfh", "1 0.15").mean == pytest.approx(np.nanmedian(every))
     assert found["moved_mean"].value("fpfh", "1 0.15").mean == pytest.approx(np.nanmean(moved))
     assert found["gaps_within"].value("fpfh", "1 0.15").mean == pytest.approx((every < 50.0).mean())
-    pairs = [(one, other) for one in results.matched for other in results.matched
-             if one.method == "next" and other.method == "fpfh" and one.recording == other.recording
-             and one.gap_s == other.gap_s == 1.0 and one.hole_m == other.hole_m == 0.15]  # fmt: skip
+    pairs = [
+        (one, other)
+        for one in results.matched
+        for other in results.matched
+        if one.method == "next"
+        and other.method == "fpfh"
+        and one.recording == other.recording
+        and one.gap_s == other.gap_s == 1.0
+        and one.hole_m == other.hole_m == 0.15
+    ]
     less = np.mean([np.nanmean(one.every_mm) - np.nanmean(other.every_mm) for one, other in pairs])
     assert found["next_matches"].value("fpfh", "1 0.15").mean == pytest.approx(less)
 
@@ -249,9 +264,16 @@ def test_a_file_has_a_line_for_each_figure_and_nothing_for_what_is_not_known() -
     rows = (Row(FAST, column, Estimate(1.23456789, 1.0, 2.0, 4)), Row(SLOW, column, Estimate(5.0, np.nan, np.nan, 1)))
     lines = list(csv.DictReader(io.StringIO(csv_text(Table("key", "title", "hole_m", "note", rows)))))
     assert lines[0] == {
-        "method": "anchors", "title": "fast", "family": "proposed", "hole_m": "0.15", "unit": "mm", "mean": "1.23457",
-        "low": "1", "high": "2", "recordings": "4",
-    }  # fmt: skip
+        "method": "anchors",
+        "title": "fast",
+        "family": "proposed",
+        "hole_m": "0.15",
+        "unit": "mm",
+        "mean": "1.23457",
+        "low": "1",
+        "high": "2",
+        "recordings": "4",
+    }
     assert (lines[1]["mean"], lines[1]["low"], lines[1]["high"]) == ("5", "", "")
 
 

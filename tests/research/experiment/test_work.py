@@ -365,8 +365,15 @@ def test_a_question_over_other_gaps_or_forms_is_another_one(plan: Plan, prepared
 
 def test_costs_are_measured_on_this_machine_and_grow_with_the_work(plan: Plan) -> None:
     clip = plan_clips(CONFIG, None)[0]
-    spec = PlanSpec(config=CONFIG, wanted=CONFIG.methods, chosen=(), movements=plan.movements, movements_digest="m",
-                    cache=plan.store.folder, code=experiment_code())  # fmt: skip
+    spec = PlanSpec(
+        config=CONFIG,
+        wanted=CONFIG.methods,
+        chosen=(),
+        movements=plan.movements,
+        movements_digest="m",
+        cache=plan.store.folder,
+        code=experiment_code(),
+    )
     costs = measure_costs(spec, [clip], 1)
     assert 0.01 < costs.own_s < 10.0
     assert 0.01 < costs.frame_s["none"] < 2.0
@@ -381,8 +388,15 @@ def test_costs_are_measured_on_this_machine_and_grow_with_the_work(plan: Plan) -
 
 
 def test_a_plan_made_by_another_program_is_refused(plan: Plan) -> None:
-    spec = PlanSpec(config=CONFIG, wanted=(), chosen=(), movements=plan.movements, movements_digest="m",
-                  cache=plan.store.folder, code="another")  # fmt: skip
+    spec = PlanSpec(
+        config=CONFIG,
+        wanted=(),
+        chosen=(),
+        movements=plan.movements,
+        movements_digest="m",
+        cache=plan.store.folder,
+        code="another",
+    )
     with pytest.raises(AnchorposeError, match="was changed while it ran"):
         spec.plan()
 
@@ -420,8 +434,11 @@ def test_training_samples_are_all_kinds_of_movement_and_as_many_as_asked(tmp_pat
     assert written.frame_count == 200
     assert len(written.names) == 4
     assert {clip.name.split("(")[1] for clip in clips} == {
-        "upper body, slow)", "lower body, slow)", "upper body, fast)", "lower body, fast)"
-    }  # fmt: skip
+        "upper body, slow)",
+        "lower body, slow)",
+        "upper body, fast)",
+        "lower body, fast)",
+    }
 
 
 def test_settings_are_chosen_by_their_worth() -> None:
@@ -465,9 +482,24 @@ def test_every_method_is_named_once_and_says_where_it_comes_from() -> None:
     methods = load_methods(())
     keys = [method.key for method in methods]
     assert len(set(keys)) == len(keys)
-    assert {"anchors", "anchors-no-tree", "anchors-dijkstra", "anchors-filter", "next", "fpfh", "shot",
-            "shape-context", "rops", "hks", "si-hks",
-            "wks", "gmds", "mesh-hog", "ld-sift", "own"} <= set(keys)  # fmt: skip
+    assert {
+        "anchors",
+        "anchors-no-tree",
+        "anchors-dijkstra",
+        "anchors-filter",
+        "next",
+        "fpfh",
+        "shot",
+        "shape-context",
+        "rops",
+        "hks",
+        "si-hks",
+        "wks",
+        "gmds",
+        "mesh-hog",
+        "ld-sift",
+        "own",
+    } <= set(keys)
     assert all(m.source for m in methods if m.family not in (Family.NONE, Family.TRACKER))
     assert all(len({repr(s) for s in method.settings}) == len(method.settings) for method in methods)
 
@@ -494,10 +526,21 @@ def test_a_method_can_come_from_a_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"recordings": 0}, {"holes_m": (0.15,)}, {"holes_m": (0.0, 0.5)}, {"segment_frames": 1}, {"seconds": 0.1},
-     {"training_seed": 501}, {"hole_share": 0.0}, {"resamples": 0}, {"training_samples": 0}, {"fps": 0.0},
-     {"gaps_s": (0.25,)}, {"forms": ()}],
-)  # fmt: skip
+    [
+        {"recordings": 0},
+        {"holes_m": (0.15,)},
+        {"holes_m": (0.0, 0.5)},
+        {"segment_frames": 1},
+        {"seconds": 0.1},
+        {"training_seed": 501},
+        {"hole_share": 0.0},
+        {"resamples": 0},
+        {"training_samples": 0},
+        {"fps": 0.0},
+        {"gaps_s": (0.25,)},
+        {"forms": ()},
+    ],
+)
 def test_an_experiment_that_cannot_be_made_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=r"must|are|have|should"):
         ExperimentConfig(**wrong)  # type: ignore[arg-type]

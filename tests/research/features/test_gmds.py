@@ -159,9 +159,15 @@ def test_the_two_criteria_of_the_paper_and_the_stress_may_choose_different_maps(
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"samples": 0}, {"first_samples": 1}, {"first_candidates": 300}, {"cap_m": 0.0}, {"min_piece": 2.0},
-     {"max_branches": 3}],
-)  # fmt: skip
+    [
+        {"samples": 0},
+        {"first_samples": 1},
+        {"first_candidates": 300},
+        {"cap_m": 0.0},
+        {"min_piece": 2.0},
+        {"max_branches": 3},
+    ],
+)
 def test_settings_without_a_meaning_are_refused(wrong):
     with pytest.raises(ValueError, match="validation error"):
         GmdsConfig(**wrong)

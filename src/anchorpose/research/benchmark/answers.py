@@ -161,8 +161,12 @@ def _read_joints(path: Path, benchmark: Benchmark) -> tuple[dict[str, JointAnswe
     sigma = table.get(OPTIONAL, np.full(len(frame), np.nan))
     _refuse(path, (frame < 0) | (frame >= frames), "has a frame out of range", f"frames are 0 to {frames - 1}")
     check_places(path, place)
-    _refuse(path, ~np.isnan(sigma) & ~((sigma > 0) & (sigma < np.inf)), "has a sigma_m that is not above 0",
-            "give metres, or leave it empty")  # fmt: skip
+    _refuse(
+        path,
+        ~np.isnan(sigma) & ~((sigma > 0) & (sigma < np.inf)),
+        "has a sigma_m that is not above 0",
+        "give metres, or leave it empty",
+    )
     _refuse(path, _repeated(recording, frame, joint), "repeats an earlier row", "give each joint and frame once")
     present = {name for group in benchmark.groups for name in group.recordings.values()}
     found = dict[str, JointAnswers]()
@@ -201,8 +205,12 @@ def _read_matches(path: Path, benchmark: Benchmark) -> tuple[dict[tuple[str, str
         first, second = _sizes(benchmark.folder, present[key], sizes)
         wrong = np.zeros(len(node), bool)
         wrong[rows] = (node[rows] >= first) | (match[rows] < NO_MATCH) | (match[rows] >= second)
-        _refuse(path, wrong, f"{key[1]} has {first} nodes, and {second} in its second frame: no such node",
-                "count from 0, and leave match empty where there is none")  # fmt: skip
+        _refuse(
+            path,
+            wrong,
+            f"{key[1]} has {first} nodes, and {second} in its second frame: no such node",
+            "count from 0, and leave match empty where there is none",
+        )
         found[key] = np.full(first, NO_ROW, np.int64)
         found[key][node[rows]] = match[rows]
     return found, absent

@@ -58,10 +58,7 @@ def training_clips(config: ExperimentConfig) -> list[Clip]:
     for number in range(config.training_recordings):
         name, motions, speed = KINDS[number % len(KINDS)]
         seed = config.training_seed + number
-        simulation = replace(
-            simulation_of(Scene.PAPER, seed, config),
-            seconds=seconds, motions=motions, speed=speed,
-        )  # fmt: skip
+        simulation = replace(simulation_of(Scene.PAPER, seed, config), seconds=seconds, motions=motions, speed=speed)
         clips.append(Clip(f"training-{seed} ({name})", Scene.PAPER, simulation))
     return clips
 

@@ -17,13 +17,7 @@ import numpy as np
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
-from anchorpose.research.experiment.clips import (
-    Clip,
-    cut_holes,
-    draw_hole_frames,
-    reference_joints,
-    simulated_joints,
-)
+from anchorpose.research.experiment.clips import Clip, cut_holes, draw_hole_frames, reference_joints, simulated_joints
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.correspondence import Skin
 from anchorpose.research.experiment.framework import follow_segment, paper_config, paper_room, run_in, start_at
@@ -303,11 +297,7 @@ def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> Trac
 
 def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarray) -> dict[str, object]:
     error_mm = 1000.0 * np.linalg.norm(track.joints_m - prepared.truth_m[track.frame], axis=3)
-    return {
-        "frame": track.frame,
-        "occluded": cut[track.frame],
-        "error_mm": error_mm.astype(np.float32),
-    }
+    return {"frame": track.frame, "occluded": cut[track.frame], "error_mm": error_mm.astype(np.float32)}
 
 
 def _matched_arrays(
@@ -328,7 +318,5 @@ def _matched_arrays(
     }
 
 
-PER_NODE = (
-    "region", "moved_mm", "direct_mm", "tree_mm", "every_mm", "direct_skin_mm", "tree_skin_mm", "mirrored",
-)  # fmt: skip
+PER_NODE = ("region", "moved_mm", "direct_mm", "tree_mm", "every_mm", "direct_skin_mm", "tree_skin_mm", "mirrored")
 """Arrays of a stored task of matches with an entry per compared node."""

@@ -29,10 +29,7 @@ class FpfhConfig:
 
 
 def fpfh(
-    points_m: np.ndarray,
-    normals: np.ndarray,
-    config: FpfhConfig | None = None,
-    chosen: np.ndarray | None = None,
+    points_m: np.ndarray, normals: np.ndarray, config: FpfhConfig | None = None, chosen: np.ndarray | None = None
 ) -> np.ndarray:
     """(k, 33) float32: the histograms of three angles, 11 bins each, of the chosen nodes (k,) int, or of all (None).
 

@@ -48,9 +48,16 @@ def match_by_psi(
     reached = [(np.isfinite(table) @ bits).astype(np.int64) for table in (source, target)]
     only = np.where(known.all(axis=1), NONE, (np.where(known, 1 << np.maximum(subsets, 0), 0)).sum(axis=1))
     return _match_all(
-        source.astype(np.float64), target.astype(np.float64), places_m.astype(np.float64), subsets, bound**2,
-        reached[0], reached[1], only, unclipped,
-    )  # fmt: skip
+        source.astype(np.float64),
+        target.astype(np.float64),
+        places_m.astype(np.float64),
+        subsets,
+        bound**2,
+        reached[0],
+        reached[1],
+        only,
+        unclipped,
+    )
 
 
 @njit(cache=True)

@@ -37,11 +37,7 @@ def rings_within(surface: Surface, reach_m: float | np.ndarray, chosen: np.ndarr
         raise ValueError(f"a reach must be positive, got {reach.min()} m")
     points = surface.points_m
     edges = _Edges(
-        surface.ring,
-        _edge_lengths(points, surface.ring),
-        surface.link_start,
-        surface.link_node,
-        surface.link_length_m,
+        surface.ring, _edge_lengths(points, surface.ring), surface.link_start, surface.link_node, surface.link_length_m
     )
     reach_of = np.where(np.isfinite(points[chosen].sum(axis=1)), reach, np.nan)
     return Rings(*_search(edges, chosen, reach_of), reach)
@@ -82,13 +78,7 @@ def _search(edges: _Edges, chosen: np.ndarray, reach: np.ndarray) -> tuple[np.nd
 
 @njit(cache=True)
 def _spread(
-    edges: _Edges,
-    limit: np.float32,
-    best: np.ndarray,
-    queue: np.ndarray,
-    waits: np.ndarray,
-    node: np.ndarray,
-    end: int,
+    edges: _Edges, limit: np.float32, best: np.ndarray, queue: np.ndarray, waits: np.ndarray, node: np.ndarray, end: int
 ) -> int:
     """Add the nodes within the limit of node[end - 1] to node, their distances to best; return the new end.
 

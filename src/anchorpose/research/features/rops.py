@@ -32,10 +32,7 @@ class RopsConfig:
 
 
 def rops(
-    points_m: np.ndarray,
-    triangles: np.ndarray,
-    config: RopsConfig | None = None,
-    chosen: np.ndarray | None = None,
+    points_m: np.ndarray, triangles: np.ndarray, config: RopsConfig | None = None, chosen: np.ndarray | None = None
 ) -> np.ndarray:
     """(k, 135) float32 for the chosen nodes (k,) int, or for all (None); absolute values sum to 1.
 

@@ -119,13 +119,7 @@ def _contexts(
 
 @njit(cache=True, error_model="numpy")
 def _direction_cells(
-    points: np.ndarray,
-    own: int,
-    near: np.ndarray,
-    frame: np.ndarray,
-    azimuths: int,
-    elevations: int,
-    cell: np.ndarray,
+    points: np.ndarray, own: int, near: np.ndarray, frame: np.ndarray, azimuths: int, elevations: int, cell: np.ndarray
 ) -> None:
     """Fill the first two rows of cell (3, k): azimuth and elevation of each neighbour."""
     px, py, pz = points[own, 0], points[own, 1], points[own, 2]

@@ -102,10 +102,19 @@ def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, p
     side = next((end for end in ("left", "right") if part is not None and part.endswith(f"_{end}")), None)
     rows = [("assistance_time", time_s, "s", sigma_s), ("contacts", float(len(contacts)), "count", None)]
     return [
-        Measure(measure=name, side=side, part=part, person=person, value=value, unit=unit, sigma=sigma, frames=frames,
-                inferred_share=shared)
+        Measure(
+            measure=name,
+            side=side,
+            part=part,
+            person=person,
+            value=value,
+            unit=unit,
+            sigma=sigma,
+            frames=frames,
+            inferred_share=shared,
+        )
         for name, value, unit, sigma in rows
-    ]  # fmt: skip
+    ]
 
 
 def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measure]:

@@ -113,8 +113,12 @@ STEPS_PER_PERIOD: Final = 4.0
 """Frames in a period of the cutoff, at least: noise is judged by what lies between the cutoff and half the rate."""
 
 UNITS: Final = {
-    "sway_path": "mm", "sway_velocity": "mm/s", "sway_rms_ap": "mm", "sway_rms_ml": "mm", "sway_ellipse_area": "cm2",
-}  # fmt: skip
+    "sway_path": "mm",
+    "sway_velocity": "mm/s",
+    "sway_rms_ap": "mm",
+    "sway_rms_ml": "mm",
+    "sway_ellipse_area": "cm2",
+}
 
 
 @settings

@@ -49,10 +49,11 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
     used, degrees = known_upright(session, name)
     if not used.any():
         return [
-            Measure(measure=f"{angle}_upright_{which}", side=side, value=None, unit="deg", frames=0,
-                    why=NOT_UPRIGHT_WITH)
+            Measure(
+                measure=f"{angle}_upright_{which}", side=side, value=None, unit="deg", frames=0, why=NOT_UPRIGHT_WITH
+            )
             for which in ("mean", "least", "greatest")
-        ]  # fmt: skip
+        ]
     column = session.angles.column(name)
     sigma, state_code = session.angles.sigma_deg[used, column], session.angles.state_code[used, column]
     value, seconds = degrees[used], float(session.seconds[used].sum())
@@ -63,10 +64,17 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
         ("greatest", float(greatest), _sigma_near(sigma, value >= greatest)),
     )
     return [
-        Measure(measure=f"{angle}_upright_{which}", side=side, value=number, unit="deg", sigma=spread,
-                frames=int(used.sum()), inferred_share=inferred_share(state_code))
+        Measure(
+            measure=f"{angle}_upright_{which}",
+            side=side,
+            value=number,
+            unit="deg",
+            sigma=spread,
+            frames=int(used.sum()),
+            inferred_share=inferred_share(state_code),
+        )
         for which, number, spread in found
-    ]  # fmt: skip
+    ]
 
 
 def _sigma_near(sigma: np.ndarray, there: np.ndarray) -> float:
@@ -164,20 +172,32 @@ def _load_shares(session: Session) -> list[Measure]:
     used = session.standing & np.isfinite(load.rightwards)
     names = (("left", -1.0), ("right", 1.0))
     if not used.any():
-        return [Measure(measure="load_share", side=side, value=None, unit="1", frames=0, why=NO_STANCE)
-                for side, _ in names]  # fmt: skip
+        return [
+            Measure(measure="load_share", side=side, value=None, unit="1", frames=0, why=NO_STANCE) for side, _ in names
+        ]
     along = load.rightwards[used]
     return [
-        Measure(measure="load_share", side=side, value=0.5 + sign * float(along.mean()), unit="1",
-                sigma=sigma_of_mean(load.sigma[used], float(session.seconds[used].sum())), frames=int(used.sum()),
-                inferred_share=inferred_share(load.state_code[used]))
+        Measure(
+            measure="load_share",
+            side=side,
+            value=0.5 + sign * float(along.mean()),
+            unit="1",
+            sigma=sigma_of_mean(load.sigma[used], float(session.seconds[used].sum())),
+            frames=int(used.sum()),
+            inferred_share=inferred_share(load.state_code[used]),
+        )
         for side, sign in names
-    ]  # fmt: skip
+    ]
 
 
 SIDED: Final = (
-    "hip_flexion", "hip_adduction", "knee_flexion", "ankle_dorsiflexion", "shoulder_elevation", "elbow_flexion",
-)  # fmt: skip
+    "hip_flexion",
+    "hip_adduction",
+    "knee_flexion",
+    "ankle_dorsiflexion",
+    "shoulder_elevation",
+    "elbow_flexion",
+)
 UNSIDED: Final = ("trunk_flexion", "trunk_side_bend", "trunk_pelvis_rotation", "neck_flexion")
 
 HELD_S: Final = 0.2

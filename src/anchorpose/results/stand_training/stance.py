@@ -49,9 +49,15 @@ def stance(joints: JointTable, mass_m: np.ndarray) -> Stance:
     height_m, height_sigma_m = _pelvis_height(joints)
     leg_m = _leg_length(joints)
     return Stance(
-        thigh, thigh_sigma, trunk, trunk_sigma, height_m / leg_m, height_sigma_m / leg_m,
-        _behind_feet(joints.position_m, mass_m), stance_state(joints),
-    )  # fmt: skip
+        thigh,
+        thigh_sigma,
+        trunk,
+        trunk_sigma,
+        height_m / leg_m,
+        height_sigma_m / leg_m,
+        _behind_feet(joints.position_m, mass_m),
+        stance_state(joints),
+    )
 
 
 def stance_state(joints: JointTable) -> np.ndarray:
@@ -75,9 +81,7 @@ def _from_vertical(line: np.ndarray) -> np.ndarray:
 
 
 _INCLINATIONS: Final = AngleGroup(
-    ("thigh", "trunk"),
-    ("HipLeft", "KneeLeft", "HipRight", "KneeRight", "SpineBase", "SpineShoulder"),
-    _inclinations,
+    ("thigh", "trunk"), ("HipLeft", "KneeLeft", "HipRight", "KneeRight", "SpineBase", "SpineShoulder"), _inclinations
 )
 
 
@@ -153,9 +157,7 @@ def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) ->
     thigh = stance.thigh_deg - shift * stance.thigh_sigma_deg
     trunk = stance.trunk_deg - shift * stance.trunk_sigma_deg
     height = stance.height + shift * stance.height_sigma
-    begins = (
-        (thigh <= config.thigh_enter_deg) & (trunk <= config.trunk_enter_deg) & (height >= config.height_enter)
-    )  # fmt: skip
+    begins = (thigh <= config.thigh_enter_deg) & (trunk <= config.trunk_enter_deg) & (height >= config.height_enter)
     ends = (thigh > config.thigh_leave_deg) | (trunk > config.trunk_leave_deg) | (height < config.height_leave)
     return Limits(begins, ends, np.isfinite(thigh + trunk + height))
 

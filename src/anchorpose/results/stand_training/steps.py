@@ -161,9 +161,13 @@ def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
     known = session.upright & (session.joints.state_code[:, ankles] < LOST).all(axis=1)
     frames = int(known.sum())
     count = Measure(
-        measure="step_count", side=side, value=float(len(own)) if frames else None, unit="count", frames=frames,
+        measure="step_count",
+        side=side,
+        value=float(len(own)) if frames else None,
+        unit="count",
+        frames=frames,
         why=None if frames else _NEVER,
-    )  # fmt: skip
+    )
     swings = [(float(time_s[step.frames.stop - 1] - time_s[step.frames.start]), step) for step in own]
     lengths = [(1000.0 * step.length_m, step) for step in own if step.length_m is not None]
     error = session.joints.sigma_m[known][:, ankles]
@@ -176,13 +180,7 @@ def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
 
 
 def _mean(
-    session: Session,
-    name: str,
-    side: str | None,
-    unit: str,
-    found: list[tuple[float, Step]],
-    sigma: float,
-    why: str,
+    session: Session, name: str, side: str | None, unit: str, found: list[tuple[float, Step]], sigma: float, why: str
 ) -> Measure:
     """Mean of the values; a half of the variance of one value's error is taken to be common to all."""
     if not found:
@@ -190,7 +188,11 @@ def _mean(
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
     state_code = np.concatenate([session.joints.state_code[step.frames][:, ankles].max(axis=1) for _, step in found])
     return Measure(
-        measure=name, side=side, value=float(np.mean([value for value, _ in found])), unit=unit,
-        sigma=float(sigma * np.sqrt(0.5 + 0.5 / len(found))), frames=len(state_code),
+        measure=name,
+        side=side,
+        value=float(np.mean([value for value, _ in found])),
+        unit=unit,
+        sigma=float(sigma * np.sqrt(0.5 + 0.5 / len(found))),
+        frames=len(state_code),
         inferred_share=inferred_share(state_code),
-    )  # fmt: skip
+    )

@@ -49,9 +49,13 @@ def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measu
     time_s, state_code = session.joints.time_s[rows], session.stance.state_code[rows]
     sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # one end of each
     return Measure(
-        measure=name, value=float(time_s[-1] - time_s[0]), unit="s", sigma=sigma, frames=len(time_s),
+        measure=name,
+        value=float(time_s[-1] - time_s[0]),
+        unit="s",
+        sigma=sigma,
+        frames=len(time_s),
         inferred_share=inferred_share(state_code),
-    )  # fmt: skip
+    )
 
 
 def _longest_series(moves: Sequence[Transition], time_s: np.ndarray) -> list[Transition]:
@@ -108,9 +112,14 @@ def functional_reach(session: Session, side: str) -> Measure:
         return Measure(measure=measure, side=side, value=None, unit="mm", frames=0, why=why)
     used = session.joints.state_code[best[2], wrist]
     return Measure(
-        measure=measure, side=side, value=1000.0 * best[0], unit="mm", sigma=1000.0 * best[1], frames=len(used),
+        measure=measure,
+        side=side,
+        value=1000.0 * best[0],
+        unit="mm",
+        sigma=1000.0 * best[1],
+        frames=len(used),
         inferred_share=inferred_share(used),
-    )  # fmt: skip
+    )
 
 
 _SHORT: Final = "the raised arm went forward by no more than the errors of the wrist"
@@ -169,9 +178,14 @@ def single_leg_stance(session: Session, side: str) -> Measure:
     sigma = float(np.hypot(0.5 * (runs[2][1] - runs[1][1]), usual_step_s(time_s) / np.sqrt(6.0)))
     state_code = session.joints.state_code[run][:, [stands, lifted]].max(axis=1)
     return Measure(
-        measure=measure, side=side, value=seconds, unit="s", sigma=sigma, frames=len(state_code),
+        measure=measure,
+        side=side,
+        value=seconds,
+        unit="s",
+        sigma=sigma,
+        frames=len(state_code),
         inferred_share=inferred_share(state_code),
-    )  # fmt: skip
+    )
 
 
 _OTHER: Final = {"left": "right", "right": "left"}

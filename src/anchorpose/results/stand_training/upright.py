@@ -31,7 +31,7 @@ def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> t
     return tuple(
         episode(UPRIGHT_EPISODE, joints, stance.state_code, run)
         for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, joints.time_s)
-    )  # fmt: skip
+    )
 
 
 def episode(kind: str, joints: JointTable, state_code: np.ndarray, run: slice) -> Episode:
@@ -62,11 +62,18 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
         _row("found_time", float(seconds[session.found].sum()), "s", int(session.found.sum()), None, recorded.why),
         _row("unknown_time", max(total - known_s, 0.0), "s", len(seconds), None, recorded.why),
         _row("upright_time", upright_s, "s", frames, shared, why, sigma_s),
-        _row("upright_share", upright_s / known_s if known_s else None, "1", frames, shared, why,
-             sigma_s / known_s if known_s else None),
+        _row(
+            "upright_share",
+            upright_s / known_s if known_s else None,
+            "1",
+            frames,
+            shared,
+            why,
+            sigma_s / known_s if known_s else None,
+        ),
         _row("upright_bouts", float(len(runs)), "count", frames, shared, why),
         _row("longest_upright_bout", longest, "s", frames, shared, why, sigma_s),
-    ]  # fmt: skip
+    ]
 
 
 def _sigma_s(session: Session, config: UprightConfig) -> float:

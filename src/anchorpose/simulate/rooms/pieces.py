@@ -190,8 +190,18 @@ def _legs(deep_m: float, long_m: float, high_m: float, radius_m: float) -> list[
 
 
 PIECES: Final[dict[Clutter, Callable[[np.random.Generator], Piece]]] = {
-    "table": table, "chair": chair, "stool": stool, "shelf": shelf, "cupboard": cupboard, "monitor": monitor,
-    "boxes": boxes, "plant": plant, "coat-rack": coat_rack, "bed": bed, "curtain": curtain, "wheelchair": wheelchair,
-}  # fmt: skip
+    "table": table,
+    "chair": chair,
+    "stool": stool,
+    "shelf": shelf,
+    "cupboard": cupboard,
+    "monitor": monitor,
+    "boxes": boxes,
+    "plant": plant,
+    "coat-rack": coat_rack,
+    "bed": bed,
+    "curtain": curtain,
+    "wheelchair": wheelchair,
+}
 AT_WALLS: Final[tuple[Clutter, ...]] = ("shelf", "cupboard", "bed", "curtain")
 """What stands with its back to a wall."""

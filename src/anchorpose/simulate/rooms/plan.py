@@ -17,9 +17,19 @@ Other = Literal["sits", "stands", "passes-before", "passes-behind"]
 Moved = Literal["none", "stool", "wheelchair", "door"]
 Opening = Literal["none", "window", "doorway"]
 Clutter = Literal[
-    "table", "chair", "stool", "shelf", "cupboard", "monitor", "boxes", "plant", "coat-rack", "bed", "curtain",
+    "table",
+    "chair",
+    "stool",
+    "shelf",
+    "cupboard",
+    "monitor",
+    "boxes",
+    "plant",
+    "coat-rack",
+    "bed",
+    "curtain",
     "wheelchair",
-]  # fmt: skip
+]
 
 NEAREST_M, FARTHEST_M = 1.2, 4.5  # camera to patient, along the floor
 FARTHEST_LATE_M: Final = 3.3  # who comes into view farther away is not in place before the recording ends

@@ -97,10 +97,7 @@ def _method(
 _PROPOSED = _method(PROPOSED, "anchor geodesics as proposed")
 
 METHODS = (
-    replace(
-        _PROPOSED,
-        settings=(*_PROPOSED.settings, *(replace(one, unclipped=False) for one in _PROPOSED.settings)),
-    ),
+    replace(_PROPOSED, settings=(*_PROPOSED.settings, *(replace(one, unclipped=False) for one in _PROPOSED.settings))),
     _method("anchors-dijkstra", "the same, distances by Dijkstra", describe=_by_edges),
     _method("anchors-no-tree", "the same without the tree", size=len(ANCHOR_NAMES), configure=_next_frame_only),
     replace(

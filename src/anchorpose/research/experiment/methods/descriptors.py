@@ -82,40 +82,73 @@ def _both(
     chosen = tuple(setting(radius, variant) for radius in radii for variant in (0, 1))
     associate = by_descriptor(describe)
     return (
-        Method(key=key, title=title, family=Family.LOCAL, source=source, settings=chosen, associate=associate,
-               anchored=False, frame_ms=frame_ms),
-        Method(key=f"{key}-5cm", title=f"{title}, 5 cm", family=Family.LOCAL, source=source,
-               settings=(setting(USUAL_RADIUS_M, 0),), associate=associate, anchored=False,
-               frame_ms=frame_ms / 2.0),
-    )  # fmt: skip
+        Method(
+            key=key,
+            title=title,
+            family=Family.LOCAL,
+            source=source,
+            settings=chosen,
+            associate=associate,
+            anchored=False,
+            frame_ms=frame_ms,
+        ),
+        Method(
+            key=f"{key}-5cm",
+            title=f"{title}, 5 cm",
+            family=Family.LOCAL,
+            source=source,
+            settings=(setting(USUAL_RADIUS_M, 0),),
+            associate=associate,
+            anchored=False,
+            frame_ms=frame_ms / 2.0,
+        ),
+    )
 
 
 LOCAL = (
     *_both(
-        "fpfh", "FPFH", "Rusu et al. 2009, doi:10.1109/ROBOT.2009.5152473", _fpfh,
+        "fpfh",
+        "FPFH",
+        "Rusu et al. 2009, doi:10.1109/ROBOT.2009.5152473",
+        _fpfh,
         lambda radius, variant: DescriptorSetting(
             config=FpfhConfig(radius_m=radius), metric=(Metric.HELLINGER, Metric.EUCLIDEAN)[variant]
-        ), 80.0,
+        ),
+        80.0,
     ),
     *_both(
-        "shot", "SHOT", "Tombari et al. 2010, doi:10.1007/978-3-642-15558-1_26", _shot,
+        "shot",
+        "SHOT",
+        "Tombari et al. 2010, doi:10.1007/978-3-642-15558-1_26",
+        _shot,
         lambda radius, variant: DescriptorSetting(
             config=ShotConfig(radius_m=radius, z_by_normal=(True, False)[variant])
-        ), 160.0,
+        ),
+        160.0,
     ),
     *_both(
-        "shape-context", "3D shape context", "Frome et al. 2004, doi:10.1007/978-3-540-24672-5_18", _shape_context,
+        "shape-context",
+        "3D shape context",
+        "Frome et al. 2004, doi:10.1007/978-3-540-24672-5_18",
+        _shape_context,
         lambda radius, variant: DescriptorSetting(
             config=ContextSetting(config=ShapeContextConfig(radius_m=radius), unit_length=(True, False)[variant])
-        ), 640.0, 0.30,
+        ),
+        640.0,
+        0.30,
     ),
     *_both(
-        "rops", "RoPS", "Guo et al. 2013, doi:10.1007/s11263-013-0627-y", _rops,
+        "rops",
+        "RoPS",
+        "Guo et al. 2013, doi:10.1007/s11263-013-0627-y",
+        _rops,
         lambda radius, variant: DescriptorSetting(
             config=RopsConfig(radius_m=radius), metric=(Metric.MANHATTAN, Metric.EUCLIDEAN)[variant]
-        ), 330.0, 0.30,
+        ),
+        330.0,
+        0.30,
     ),
-)  # fmt: skip
+)
 
 
 def _mesh_hog(seen: Observation, config: MeshHogConfig) -> np.ndarray:
@@ -208,18 +241,30 @@ def _spectral_method(
 
 SPECTRAL = (
     _spectral_method(
-        "hks", "heat kernel signature", "Sun et al. 2009, doi:10.1111/j.1467-8659.2009.01515.x", hks,
-        (HksConfig(scaled=False), HksConfig(), HksConfig(scaled=False, range_m2=(1e-3, 0.03))), (False, True),
+        "hks",
+        "heat kernel signature",
+        "Sun et al. 2009, doi:10.1111/j.1467-8659.2009.01515.x",
+        hks,
+        (HksConfig(scaled=False), HksConfig(), HksConfig(scaled=False, range_m2=(1e-3, 0.03))),
+        (False, True),
     ),
     _spectral_method(
-        "si-hks", "scale-invariant HKS", "Bronstein and Kokkinos 2010, doi:10.1109/CVPR.2010.5539838", si_hks,
-        (SiHksConfig(frequencies=12), SiHksConfig()), (False,),
+        "si-hks",
+        "scale-invariant HKS",
+        "Bronstein and Kokkinos 2010, doi:10.1109/CVPR.2010.5539838",
+        si_hks,
+        (SiHksConfig(frequencies=12), SiHksConfig()),
+        (False,),
     ),
     _spectral_method(
-        "wks", "wave kernel signature", "Aubry et al. 2011, doi:10.1109/ICCVW.2011.6130444", wks,
-        (WksConfig(width_steps=3.0), WksConfig()), (False, True),
+        "wks",
+        "wave kernel signature",
+        "Aubry et al. 2011, doi:10.1109/ICCVW.2011.6130444",
+        wks,
+        (WksConfig(width_steps=3.0), WksConfig()),
+        (False, True),
     ),
-)  # fmt: skip
+)
 
 
 _SHOT = next(method for method in LOCAL if method.key == "shot")

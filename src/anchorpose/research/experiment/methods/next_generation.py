@@ -108,11 +108,7 @@ Nodes = tuple[np.ndarray, np.ndarray]
 
 @njit(cache=True)
 def most_similar(
-    local: np.ndarray,
-    seen: Nodes,
-    others: Nodes,
-    subsets: np.ndarray,
-    per2: tuple[float, float],
+    local: np.ndarray, seen: Nodes, others: Nodes, subsets: np.ndarray, per2: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """(k, s) int32 most similar node of the other frame under each subset, and (k, s) float32 its squared deviations.
 

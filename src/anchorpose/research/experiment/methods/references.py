@@ -45,11 +45,25 @@ def _nearest(setting: Any) -> Associate:
 
 
 BASELINES = (
-    Method(key="none", title="no association: prediction and ICP", family=Family.NONE, source="",
-           associate=_none, anchored=False, frame_ms=1.0),
-    Method(key="nearest", title="the node nearest to where the node was", family=Family.NONE, source="",
-           associate=_nearest, anchored=False, frame_ms=3.0),
-)  # fmt: skip
+    Method(
+        key="none",
+        title="no association: prediction and ICP",
+        family=Family.NONE,
+        source="",
+        associate=_none,
+        anchored=False,
+        frame_ms=1.0,
+    ),
+    Method(
+        key="nearest",
+        title="the node nearest to where the node was",
+        family=Family.NONE,
+        source="",
+        associate=_nearest,
+        anchored=False,
+        frame_ms=3.0,
+    ),
+)
 
 
 def _gmds(setting: Any) -> Associate:
@@ -81,22 +95,19 @@ GLOBAL = (
 
 
 ABLATION: Final[Mapping[str, tuple[str, TrackConfig]]] = {
-    "own-no-descriptor": (
-        "without the descriptor", TrackConfig(hypotheses=HypothesisConfig(feature=Feature.POSITION)),
-    ),
+    "own-no-descriptor": ("without the descriptor", TrackConfig(hypotheses=HypothesisConfig(feature=Feature.POSITION))),
     "own-no-subsets": ("without subsets of anchors", TrackConfig(hypotheses=HypothesisConfig(subset_size=5))),
     "own-no-tree": ("without the tree", TrackConfig(follow=FollowConfig(look_ahead=1))),
-    "own-no-movements": (
-        "without reference movements", TrackConfig(motion=MotionConfig(rule=MotionRule.VELOCITY)),
-    ),
+    "own-no-movements": ("without reference movements", TrackConfig(motion=MotionConfig(rule=MotionRule.VELOCITY))),
     "own-best-movement": (
-        "with the one best movement, as in the paper", TrackConfig(motion=MotionConfig(rule=MotionRule.BEST_SUBLIST)),
+        "with the one best movement, as in the paper",
+        TrackConfig(motion=MotionConfig(rule=MotionRule.BEST_SUBLIST)),
     ),
     "own-standstill": ("without any prediction", TrackConfig(motion=MotionConfig(rule=MotionRule.STANDSTILL))),
     "own-raw-mesh": ("without closing and cutting the mesh", TrackConfig(surface=SurfaceConfig(by_body=False))),
     "own-mean-body": ("without the learnt body", TrackConfig(learning=LearningConfig(own_shape=False))),
     "own-parts": ("every part by itself", TrackConfig(method=Registration.PARTS)),
-}  # fmt: skip
+}
 """The tracker without one of its components at a time: title and configuration."""
 
 

@@ -43,9 +43,14 @@ MARKS: Final = "osD^vP*X"
 """For the methods of one kind, in their order."""
 
 FAMILY_NAMES: Final = {
-    Family.PROPOSED: "anchor geodesics", Family.LOCAL: "local", Family.SPECTRAL: "spectral", Family.MESH: "on the mesh",
-    Family.GLOBAL: "global", Family.NONE: "no feature", Family.TRACKER: "anchorpose",
-}  # fmt: skip
+    Family.PROPOSED: "anchor geodesics",
+    Family.LOCAL: "local",
+    Family.SPECTRAL: "spectral",
+    Family.MESH: "on the mesh",
+    Family.GLOBAL: "global",
+    Family.NONE: "no feature",
+    Family.TRACKER: "anchorpose",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,12 +102,26 @@ def _settings(salt: str) -> Any:
     plain.pop("backend", None)  # not needed: no window is opened
     plain.pop("backend_fallback", None)
     plain |= {
-        "svg.hashsalt": f"anchorpose {salt}", "svg.fonttype": "none", "font.size": 9.0, "axes.spines.top": False,
-        "axes.spines.right": False, "axes.grid": True, "grid.color": LINE, "grid.linewidth": 0.6,
-        "axes.edgecolor": FAINT, "axes.labelcolor": INK, "text.color": INK, "xtick.color": INK, "ytick.color": INK,
-        "axes.axisbelow": True, "axes.titlesize": 9.5, "axes.titlelocation": "left", "legend.frameon": False,
-        "legend.fontsize": 8.0, "text.parse_math": False,
-    }  # fmt: skip
+        "svg.hashsalt": f"anchorpose {salt}",
+        "svg.fonttype": "none",
+        "font.size": 9.0,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "grid.color": LINE,
+        "grid.linewidth": 0.6,
+        "axes.edgecolor": FAINT,
+        "axes.labelcolor": INK,
+        "text.color": INK,
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "axes.axisbelow": True,
+        "axes.titlesize": 9.5,
+        "axes.titlelocation": "left",
+        "legend.frameon": False,
+        "legend.fontsize": 8.0,
+        "text.parse_math": False,
+    }
     return mpl.rc_context(plain)
 
 
@@ -112,10 +131,15 @@ def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
     alike = [one.key for one in methods if one.family is method.family]
     strong = method.key == PROPOSED or method.family is Family.TRACKER
     return {
-        "color": colour, "linestyle": line, "marker": MARKS[alike.index(method.key) % len(MARKS)], "markersize": 4.5,
-        "linewidth": 2.2 if strong else 1.2, "zorder": 4 if strong else 3,
-        "markerfacecolor": colour if strong else GROUND, "markeredgecolor": colour,
-    }  # fmt: skip
+        "color": colour,
+        "linestyle": line,
+        "marker": MARKS[alike.index(method.key) % len(MARKS)],
+        "markersize": 4.5,
+        "linewidth": 2.2 if strong else 1.2,
+        "zorder": 4 if strong else 3,
+        "markerfacecolor": colour if strong else GROUND,
+        "markeredgecolor": colour,
+    }
 
 
 def bounds_of(values: Sequence[Estimate]) -> np.ndarray:

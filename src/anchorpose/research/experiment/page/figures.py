@@ -29,9 +29,12 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.tracking_tables import OTHER_HOLES
 
 PANELS = (
-    (Family.PROPOSED,), (Family.LOCAL,), (Family.SPECTRAL,), (Family.MESH, Family.GLOBAL),
+    (Family.PROPOSED,),
+    (Family.LOCAL,),
+    (Family.SPECTRAL,),
+    (Family.MESH, Family.GLOBAL),
     (Family.NONE, Family.TRACKER),
-)  # fmt: skip
+)
 
 
 def _draw_by_joint(tables: Sequence[Table], what: str) -> Any:
@@ -188,8 +191,9 @@ def _draw_scenes(tables: Sequence[Table]) -> Any:
     wide = min(len(columns), 5)
     tall = -(-len(columns) // wide)
     height = (0.24 * len(methods) + 0.7) * tall + 0.3
-    canvas, grid = new_figure(max(4.6, 2.2 + 1.65 * wide), height, nrows=tall, ncols=wide, sharey=True, sharex=True,
-                              squeeze=False)  # fmt: skip
+    canvas, grid = new_figure(
+        max(4.6, 2.2 + 1.65 * wide), height, nrows=tall, ncols=wide, sharey=True, sharex=True, squeeze=False
+    )
     for axes, column in zip(grid.flat, columns, strict=False):
         draw_dots(axes, table, column.key, methods)
         axes.set_title(column.label.replace(", ", "\n"))
@@ -258,9 +262,15 @@ TIMES_FIGURES = (
 
 
 FIGURES: tuple[FigureSpec, ...] = (
-    *BY_SIZE_FIGURES, *RATIO_FIGURES, *BY_JOINT_FIGURES, *REGIONS_FIGURES, *PRINCETON_FIGURES, *TIMES_FIGURES,
-    *SCENES_FIGURES, *OTHERS,
-)  # fmt: skip
+    *BY_SIZE_FIGURES,
+    *RATIO_FIGURES,
+    *BY_JOINT_FIGURES,
+    *REGIONS_FIGURES,
+    *PRINCETON_FIGURES,
+    *TIMES_FIGURES,
+    *SCENES_FIGURES,
+    *OTHERS,
+)
 
 
 def draw_all(tables: Sequence[Table]) -> list[DrawnFigure]:

@@ -85,17 +85,29 @@ def _gap_tables(results: ExperimentResults) -> list[Table]:
         return lambda match: np.where(np.isfinite(take(match)), take(match) < WITHIN_MM, False).astype(float)
 
     wanted: list[tuple[str, str, Unit, Callable[..., Estimate], Take]] = [
-        ("gaps_within", f"Share of nodes whose match lies within {WITHIN_MM:.0f} mm", Unit.SHARE, mean_over,
-         share(every_mm)),
+        (
+            "gaps_within",
+            f"Share of nodes whose match lies within {WITHIN_MM:.0f} mm",
+            Unit.SHARE,
+            mean_over,
+            share(every_mm),
+        ),
         ("gaps_median", "Median error of the matches, mm", Unit.MM, median_over, every_mm),
         ("gaps_mean", "Mean error of the matches, mm", Unit.MM, mean_over, every_mm),
-        ("moved_within", f"Nodes that moved over 3 cm: share within {WITHIN_MM:.0f} mm", Unit.SHARE, mean_over,
-         of_moved(share(every_mm))),
+        (
+            "moved_within",
+            f"Nodes that moved over 3 cm: share within {WITHIN_MM:.0f} mm",
+            Unit.SHARE,
+            mean_over,
+            of_moved(share(every_mm)),
+        ),
         ("moved_median", "Nodes that moved over 3 cm: median error, mm", Unit.MM, median_over, of_moved(every_mm)),
         ("moved_mean", "Nodes that moved over 3 cm: mean error, mm", Unit.MM, mean_over, of_moved(every_mm)),
-    ]  # fmt: skip
-    return [_by_gap(results, key, title, unit, partial(summarise, resamples=resamples), take)
-            for key, title, unit, summarise, take in wanted]  # fmt: skip
+    ]
+    return [
+        _by_gap(results, key, title, unit, partial(summarise, resamples=resamples), take)
+        for key, title, unit, summarise, take in wanted
+    ]
 
 
 def _by_gap(results: ExperimentResults, key: str, title: str, unit: Unit, summarise: Summary, take: Take) -> Table:
@@ -124,8 +136,13 @@ def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable
             value = mean_over([take(one - other) for one, other in pairs], results.config.resamples)
             rows.setdefault(method.key, []).append(Row(method, column, value))
     note = "Below 0: the next generation is better. Paired: the same frames, intervals over recordings."
-    return Table(key, f"Joint error of the next generation minus that of each row, {what}, mm", "form", note,
-                 tuple(row for own in rows.values() for row in own))  # fmt: skip
+    return Table(
+        key,
+        f"Joint error of the next generation minus that of each row, {what}, mm",
+        "form",
+        note,
+        tuple(row for own in rows.values() for row in own),
+    )
 
 
 def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
@@ -157,13 +174,19 @@ def _minus(results: ExperimentResults, key: str, what: str, take: Take) -> Table
         for method in _others(matching.methods):
             for hole in dict.fromkeys((*matching.holes()[:1], *matching.holes()[-1:])):
                 ones, others = (_window_means(matching, name, take, hole) for name in (NEXT, method.key))
-                value = mean_over([one - other for one, other in zip(ones, others, strict=True)],
-                                  results.config.resamples)  # fmt: skip
+                value = mean_over(
+                    [one - other for one, other in zip(ones, others, strict=True)], results.config.resamples
+                )
                 column = Column(f"{gap_s:g} {hole:g}", f"{gap_s:g} s, {f'{hole:.2f} m' if hole else 'none'}")
                 rows.setdefault(method.key, []).append(Row(method, column, value))
     note = "Mean error of a pair of frames, paired by pair. Below 0: the next generation is better."
-    return Table(key, f"Error of the next generation’s matches minus that of each row, {what}, mm", "gap", note,
-                 tuple(row for own in rows.values() for row in own))  # fmt: skip
+    return Table(
+        key,
+        f"Error of the next generation’s matches minus that of each row, {what}, mm",
+        "gap",
+        note,
+        tuple(row for own in rows.values() for row in own),
+    )
 
 
 def _window_means(matching: Matching, method: str, take: Take, hole_m: float) -> list[np.ndarray]:

@@ -44,8 +44,15 @@ class MatchingClaims:
 
     def all(self) -> list[Claim]:
         """All claims about matches, in the order of the page."""
-        return [self.local_distinctive(), self.best_in_head(), self.swapped(), self.inaccurate_elsewhere(),
-                self.spectral_inaccurate(), self.like_gmds(), self.dijkstra_suffices()]  # fmt: skip
+        return [
+            self.local_distinctive(),
+            self.best_in_head(),
+            self.swapped(),
+            self.inaccurate_elsewhere(),
+            self.spectral_inaccurate(),
+            self.like_gmds(),
+            self.dijkstra_suffices(),
+        ]
 
     def local_distinctive(self) -> Claim:
         """Fig. result2: judged by the matches, since the surface corrects joints whatever the feature says."""
@@ -58,13 +65,16 @@ class MatchingClaims:
                 list(self._matching.values(method.key, in_regions(take, part)).values()) for part in (inside, outside)
             )
             value = ratio_of(above, below, self._resamples)
-            checks.append(Check(f"{method.title}, head and neck over the rest", value, Unit.RATIO,
-                                at_most(value, CLEARLY_LESS)))  # fmt: skip
+            checks.append(
+                Check(f"{method.title}, head and neck over the rest", value, Unit.RATIO, at_most(value, CLEARLY_LESS))
+            )
         return Claim(
-            "local-distinctive", "Fig. “result2” and its caption",
+            "local-distinctive",
+            "Fig. “result2” and its caption",
             "Local features are accurate only at distinctive places, such as head and neck.",
-            f"Mean error of the matches at head and neck at most {CLEARLY_LESS} times that elsewhere.", tuple(checks),
-        )  # fmt: skip
+            f"Mean error of the matches at head and neck at most {CLEARLY_LESS} times that elsewhere.",
+            tuple(checks),
+        )
 
     def best_in_head(self) -> Claim:
         """Section V-A."""
@@ -72,13 +82,18 @@ class MatchingClaims:
         for method in self._of(*RIVALS):
             parts = [(name, self._region_ratio(method, name)) for name in NAMES if name != "head"]
             closest, value = max(parts, key=lambda part: -1.0 if np.isnan(part[1].mean) else part[1].mean)
-            checks.append(Check(f"{method.title}, head over {closest}, its next best region", value, Unit.RATIO,
-                                at_most(value, 1.0)))  # fmt: skip
+            checks.append(
+                Check(
+                    f"{method.title}, head over {closest}, its next best region", value, Unit.RATIO, at_most(value, 1.0)
+                )
+            )
         return Claim(
-            "best-in-head", "Section V-A, Figs. “appearance” and “mesh”",
+            "best-in-head",
+            "Section V-A, Figs. “appearance” and “mesh”",
             "Shape features match best at the head, whose curvature is stable.",
-            "The mean error in the head over that in the next best region is at most 1.", tuple(checks),
-        )  # fmt: skip
+            "The mean error in the head over that in the next best region is at most 1.",
+            tuple(checks),
+        )
 
     def _region_ratio(self, method: Method, name: str) -> Estimate:
         take = error_of(self._matching, method.key)
@@ -98,31 +113,36 @@ class MatchingClaims:
                 what = f"{method.title}, {name} matched on the other side"
                 checks.append(Check(what, value, Unit.SHARE, at_least(value, OFTEN)))
         return Claim(
-            "swapped", "Section V-A",
+            "swapped",
+            "Section V-A",
             "Hands and feet are distinctive too, but left and right are often confused.",
-            f"At least {100 * OFTEN:.0f} % of their matches are on the other hand or foot.", tuple(checks),
-        )  # fmt: skip
+            f"At least {100 * OFTEN:.0f} % of their matches are on the other hand or foot.",
+            tuple(checks),
+        )
 
     def inaccurate_elsewhere(self) -> Claim:
         """Section V-A."""
         elsewhere = [index for index, name in enumerate(NAMES) if name not in ("head", *SYMMETRIC)]
         return Claim(
-            "inaccurate-elsewhere", "Section V-A",
+            "inaccurate-elsewhere",
+            "Section V-A",
             "On the rest of the body these features are inaccurate: it deforms, and its curvature is similar.",
             f"Median error outside head, hands and feet at least {INACCURATE_MM:.0f} mm.",
             tuple(self._inaccuracy(self._of(*RIVALS), elsewhere)),
-        )  # fmt: skip
+        )
 
     def spectral_inaccurate(self) -> Claim:
         """Section II."""
         proposed = [self._methods[PROPOSED]] if PROPOSED in self._methods else []
         context = [check.text() for check in self._inaccuracy(proposed, range(len(NAMES)))]
         return Claim(
-            "spectral-inaccurate", "Section II",
+            "spectral-inaccurate",
+            "Section II",
             "Features from the surface’s spectrum are robust in theory, but give many inaccurate matches in practice.",
             f"Median error at least {INACCURATE_MM:.0f} mm.",
-            tuple(self._inaccuracy(self._of(Family.SPECTRAL), range(len(NAMES)))), tuple(context),
-        )  # fmt: skip
+            tuple(self._inaccuracy(self._of(Family.SPECTRAL), range(len(NAMES)))),
+            tuple(context),
+        )
 
     def _inaccuracy(self, methods: Sequence[Method], regions: Sequence[int]) -> list[Check]:
         checks = []
@@ -135,22 +155,24 @@ class MatchingClaims:
     def like_gmds(self) -> Claim:
         """Section III-A."""
         return Claim(
-            "like-gmds", "Section III-A",
+            "like-gmds",
+            "Section III-A",
             "Distances to a few anchors can replace all distances: the feature approximates GMDS.",
             f"Mean error of the matches, and of the joints, at most {CONSTANT} times GMDS’s.",
             tuple(self._against(PROPOSED, "gmds", "anchor geodesics over GMDS")),
             self._matched_shares([PROPOSED, "gmds"]),
-        )  # fmt: skip
+        )
 
     def dijkstra_suffices(self) -> Claim:
         """Section V."""
         return Claim(
-            "dijkstra-suffices", "Section III and V",
+            "dijkstra-suffices",
+            "Section III and V",
             "Shortest paths along the mesh’s edges (Dijkstra) are accurate enough for the feature.",
             f"Mean error of the matches, and of the joints, at most {CONSTANT} times that by fast marching.",
             tuple(self._against("anchors-dijkstra", PROPOSED, "Dijkstra over fast marching")),
             self._matched_shares(["anchors-dijkstra", PROPOSED]),
-        )  # fmt: skip
+        )
 
     def _against(self, one: str, other: str, what: str) -> list[Check]:
         checks = []
@@ -217,8 +239,9 @@ def paper_times(results: ExperimentResults) -> Claim:
             answer = measured(seconds, bound) if enough else Answer.OPEN
             checks.append(Check(f"{what}, {times.nodes} nodes (paper: {bound} s)", value, Unit.SECONDS, answer))
     return Claim(
-        "times", "Section V-B",
+        "times",
+        "Section V-B",
         "One core builds a mesh of 15,549 nodes in 0.72 s, and the feature of five anchors in 0.23 s.",
         f"No longer than the paper’s, on a mesh of at least {COMPARABLE:g} times as many nodes; another processor.",
         tuple(checks),
-    )  # fmt: skip
+    )

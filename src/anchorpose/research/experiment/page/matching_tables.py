@@ -49,18 +49,45 @@ def matching_tables(results: ExperimentResults) -> list[Table]:
         return []
     return [
         _overall(matching, resamples),
-        _by_region(matching, resamples, "matching_by_region", "Median error of the matches by region, mm",
-                   median_over, Unit.MM, None),
-        _by_region(matching, resamples, "mirrored_by_region", "Matches on the same part of the other side by region",
-                   mean_over, Unit.SHARE, mirrored_of),
+        _by_region(
+            matching,
+            resamples,
+            "matching_by_region",
+            "Median error of the matches by region, mm",
+            median_over,
+            Unit.MM,
+            None,
+        ),
+        _by_region(
+            matching,
+            resamples,
+            "mirrored_by_region",
+            "Matches on the same part of the other side by region",
+            mean_over,
+            Unit.SHARE,
+            mirrored_of,
+        ),
         _by_size(matching, resamples, "matching_by_size", "Median error of the matches by size of hole, mm", None),
-        _by_size(matching, resamples, "matching_by_size_tree",
-                 "Median error after the tree by size of hole, mm", tree_mm),
-        _curve(matching, resamples, "princeton_mm", "Share of nodes matched within a distance along the skin, mm",
-               CURVE_MM, by_height=False),
-        _curve(matching, resamples, "princeton_height", "Share of nodes matched within a share of the body’s height",
-               CURVE_SHARES, by_height=True),
-    ]  # fmt: skip
+        _by_size(
+            matching, resamples, "matching_by_size_tree", "Median error after the tree by size of hole, mm", tree_mm
+        ),
+        _curve(
+            matching,
+            resamples,
+            "princeton_mm",
+            "Share of nodes matched within a distance along the skin, mm",
+            CURVE_MM,
+            by_height=False,
+        ),
+        _curve(
+            matching,
+            resamples,
+            "princeton_height",
+            "Share of nodes matched within a share of the body’s height",
+            CURVE_SHARES,
+            by_height=True,
+        ),
+    ]
 
 
 def _overall(matching: Matching, resamples: int) -> Table:
@@ -166,8 +193,13 @@ def paper_time_lines(times: PaperTimes) -> list[tuple[str, str, str]]:
 def _matching_rows(results: ExperimentResults) -> list[Row]:
     matching, column = Matching(results), Column("describe", "descriptors and matches", Unit.SECONDS)
     return [
-        Row(method, column, mean_over(
-            list(matching.values(method.key, lambda match: np.array([match.describe_s])).values()),
-            results.config.resamples))
+        Row(
+            method,
+            column,
+            mean_over(
+                list(matching.values(method.key, lambda match: np.array([match.describe_s])).values()),
+                results.config.resamples,
+            ),
+        )
         for method in matching.methods
-    ]  # fmt: skip
+    ]

@@ -41,9 +41,17 @@ from anchorpose.results.web_page import render_page
 NO_DATA = "<p class='hint'>No data: nothing of this was run.</p>"
 
 UNFOLDED = (
-    "result1", "forms", "forms_body", "next_joints", "gaps_within", "moved_within", "matching", "times", "scenes",
+    "result1",
+    "forms",
+    "forms_body",
+    "next_joints",
+    "gaps_within",
+    "moved_within",
+    "matching",
+    "times",
+    "scenes",
     "ablation",
-)  # fmt: skip
+)
 """Tables that are open from the start."""
 
 MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
@@ -74,27 +82,53 @@ def compose_page(
         "run": run_html(results),
         "tracking": part(
             ("result1", "sd1", "ratio", "result2", "sd2"),
-            ("result1", "median", "body", "sd1", "result1_occluded", "known", "ratio", "ratio_occluded", "result2",
-             "sd2"),
+            (
+                "result1",
+                "median",
+                "body",
+                "sd1",
+                "result1_occluded",
+                "known",
+                "ratio",
+                "ratio_occluded",
+                "result2",
+                "sd2",
+            ),
             ("tracked", "hypotheses", "regions"),
         ),
         "forms": part((), ("forms", "forms_median", "forms_body", "next_joints", "next_body")),
         "gaps": part(
             (),
-            ("gaps_within", "gaps_median", "gaps_mean", "moved_within", "moved_median", "moved_mean", "next_matches",
-             "next_matches_rejected", "next_matches_moved"),
+            (
+                "gaps_within",
+                "gaps_median",
+                "gaps_mean",
+                "moved_within",
+                "moved_median",
+                "moved_mean",
+                "next_matches",
+                "next_matches_rejected",
+                "next_matches_moved",
+            ),
         ),
         "matching": part(
             ("matching", "princeton"),
-            ("matching", "matching_by_region", "mirrored_by_region", "matching_by_size", "matching_by_size_tree",
-             "princeton_mm", "princeton_height"),
+            (
+                "matching",
+                "matching_by_region",
+                "mirrored_by_region",
+                "matching_by_size",
+                "matching_by_size_tree",
+                "princeton_mm",
+                "princeton_height",
+            ),
             ("matches",),
         ),
         "times": _paper_times(results) + part(("times",), ("times",)),
         "more": part(("scenes", *MORE, "ablation"), ("scenes", *MORE, "ablation"), ("other",)),
         "limits": limits_html(results),
         "again": again_html(results),
-    }  # fmt: skip
+    }
     title = "The paper’s experiment, repeated"
     package = "anchorpose.research.experiment.page"
     return render_page(package, "page.html", title=title, **{name: Markup(html) for name, html in parts.items()})
@@ -120,9 +154,7 @@ def write_results(results: ExperimentResults, out: Path) -> None:
     shows the pictures of ``out / pictures``. Raises MissingPackage without matplotlib and InputError for unusable
     captions, both before anything is written.
     """
-    tables = [
-        *tracking_tables(results), *form_tables(results), *matching_tables(results), *time_tables(results)
-    ]  # fmt: skip
+    tables = [*tracking_tables(results), *form_tables(results), *matching_tables(results), *time_tables(results)]
     claims, figures, shown = judge_claims(results), draw_all(tables), read_pictures(out)
     page = compose_page(results, tables, claims, figures, shown)
     _write_tables(tables, results, out / TABLES_FOLDER)

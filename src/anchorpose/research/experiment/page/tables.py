@@ -205,9 +205,16 @@ def csv_text(table: Table) -> str:
         value = row.value
         numbers = [_number(each) for each in (value.mean, value.low, value.high)]
         lines.writerow(
-            [row.method.key, cell_text(row.method.title), row.method.family, row.column.key, row.column.unit, *numbers,
-             value.count]
-        )  # fmt: skip
+            [
+                row.method.key,
+                cell_text(row.method.title),
+                row.method.family,
+                row.column.key,
+                row.column.unit,
+                *numbers,
+                value.count,
+            ]
+        )
     return out.getvalue()
 
 

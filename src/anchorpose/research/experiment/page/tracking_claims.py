@@ -50,20 +50,22 @@ class TrackingClaims:
     def proposed_constant(self) -> Claim:
         """Fig. result1."""
         return Claim(
-            "proposed-constant", "Fig. “result1” and its caption",
+            "proposed-constant",
+            "Fig. “result1” and its caption",
             "The proposed feature with the tree has almost the same error whatever the size of the hole.",
             f"Error at the largest hole at most {CONSTANT} times that without, in the same frames.",
             tuple(self._constancy([m for m in self._methods if m.key == PROPOSED], at_most)),
-        )  # fmt: skip
+        )
 
     def local_constant(self) -> Claim:
         """Fig. result1."""
         return Claim(
-            "local-constant", "Fig. “result1” and its caption",
+            "local-constant",
+            "Fig. “result1” and its caption",
             "Local features are insensitive to occlusions: their errors are almost the same at every size.",
             f"Error at the largest hole within {CONSTANT} times that without, either way, in the same frames.",
             tuple(self._constancy(self._of(Family.LOCAL), lambda value, top: between(value, 1 / top, top))),
-        )  # fmt: skip
+        )
 
     def _constancy(self, methods: Sequence[Method], judged: Callable[[Estimate, float], Answer]) -> list[Check]:
         if len(self._holes) < 2:
@@ -80,30 +82,33 @@ class TrackingClaims:
         """Fig. result1, Section V-B."""
         others = self._of(*families)
         return Claim(
-            f"proposed-below-{name}", "Fig. “result1”, Section V-B",
+            f"proposed-below-{name}",
+            "Fig. “result1”, Section V-B",
             f"At every size of hole the proposed feature with the tree is more accurate than every {name} feature.",
             "The proposed method’s error minus the other’s, in the same frames, is below 0.",
             tuple(self._below(PROPOSED, others)),
-        )  # fmt: skip
+        )
 
     def helps_at_all(self) -> Claim:
         """What the framework does without any feature."""
         return Claim(
-            "helps-at-all", "this project’s own question",
+            "helps-at-all",
+            "this project’s own question",
             "The proposed feature tracks better than the framework without any feature.",
             "The proposed method’s error minus the other’s, in the same frames, is below 0.",
             tuple(self._below(PROPOSED, self._of(Family.NONE))),
-        )  # fmt: skip
+        )
 
     def filter_instead(self) -> Claim:
         """Section III: "an EKF, UKF, or particle tracking filter"."""
         others = [method for method in self._methods if method.key == "anchors-filter"]
         return Claim(
-            "tree-below-filter", "Section III (commented out)",
+            "tree-below-filter",
+            "Section III (commented out)",
             "The track tree is more accurate than a Kalman filter on the same matches.",
             "The proposed method’s error minus that with the filter, in the same frames, is below 0.",
             tuple(self._below(PROPOSED, others)),
-        )  # fmt: skip
+        )
 
     def next_below_all(self) -> Claim:
         """The paper's future work."""
@@ -113,41 +118,46 @@ class TrackingClaims:
             others = [m for m in self._methods if m.family is not Family.TRACKER and m.key != NEXT]
             checks += self._below(NEXT, others, tracking=tracking, after=f", {FORM_NAMES[form]}")
         return Claim(
-            "next-below-all", "Section VI (future work)",
+            "next-below-all",
+            "Section VI (future work)",
             "Anchors together with a local descriptor are more accurate than every other method in the framework, at "
             "every size of hole and in every form.",
-            "Its error minus the other’s, in the same frames, is below 0.", tuple(checks),
-        )  # fmt: skip
+            "Its error minus the other’s, in the same frames, is below 0.",
+            tuple(checks),
+        )
 
     def next_constant(self) -> Claim:
         """The paper's future work: "greater invariance"."""
         return Claim(
-            "next-constant", "Section VI (future work)",
+            "next-constant",
+            "Section VI (future work)",
             "Anchors together with a local descriptor have almost the same error whatever the size of the hole.",
             f"Error at the largest hole at most {CONSTANT} times that without, in the same frames.",
             tuple(self._constancy([m for m in self._methods if m.key == NEXT], at_most)),
-        )  # fmt: skip
+        )
 
     def own_below_all(self) -> Claim:
         """This project's tracker."""
         others = [method for method in self._methods if method.key != OWN]
         return Claim(
-            "own-below-all", "this project’s own",
+            "own-below-all",
+            "this project’s own",
             "anchorpose’s tracker is more accurate than every method in the paper’s framework, at every size of hole.",
             "Its error minus the other’s, in the same frames, is below 0.",
             tuple(self._below(OWN, others)),
-        )  # fmt: skip
+        )
 
     def tree_helps(self) -> Claim:
         """Section IV."""
         others = [method for method in self._methods if method.key == "anchors-no-tree"]
         return Claim(
-            "tree-helps", "Section IV and abstract",
+            "tree-helps",
+            "Section IV and abstract",
             "Hypotheses from subsets of anchors, chosen by a tree over several frames, make tracking better under "
             "occlusion.",
             "In frames with a hole, the error with the tree less that without is below 0.",
             tuple(self._below(PROPOSED, others, occluded=True)),
-        )  # fmt: skip
+        )
 
     def proposed_similar(self) -> Claim:
         """Fig. result2."""
@@ -158,11 +168,13 @@ class TrackingClaims:
             for what, value in [self._spread(method)]
         ]
         return Claim(
-            "proposed-similar", "Fig. “result2” and its caption",
+            "proposed-similar",
+            "Fig. “result2” and its caption",
             "The proposed feature has similar errors at all joints.",
             f"The worst joint’s error at most {SIMILAR:g} times the best one’s, over all sizes.",
-            tuple(checks), self._spread_lines(self._of(Family.LOCAL, Family.SPECTRAL)),
-        )  # fmt: skip
+            tuple(checks),
+            self._spread_lines(self._of(Family.LOCAL, Family.SPECTRAL)),
+        )
 
     def _spread(self, method: Method) -> tuple[str, Estimate]:
         errors = list(errors_of_all_sizes(self._tracking, method.key).values())
@@ -184,11 +196,12 @@ class TrackingClaims:
             what = f"mean joint error, {_hole_text(hole)}"
             checks.append(Check(what, value, Unit.MM, at_most(value, ADEQUATE_MM)))
         return Claim(
-            "proposed-adequate", "Fig. “mhtjoints”, Section V-A",
+            "proposed-adequate",
+            "Fig. “mhtjoints”, Section V-A",
             "Some matches are wrong under occlusion, yet the joints are found well enough.",
             f"Mean joint error at most {ADEQUATE_MM:.0f} mm, a forearm’s width; the paper gives no bound.",
             tuple(checks),
-        )  # fmt: skip
+        )
 
     def _below(
         self,

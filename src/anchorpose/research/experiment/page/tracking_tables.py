@@ -10,14 +10,7 @@ import numpy as np
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.research.experiment.config import Scene
 from anchorpose.research.experiment.method import Method
-from anchorpose.research.experiment.page.selection import (
-    Kept,
-    Tracking,
-    ablated,
-    compared,
-    frame_means,
-    without_hands,
-)
+from anchorpose.research.experiment.page.selection import Kept, Tracking, ablated, compared, frame_means, without_hands
 from anchorpose.research.experiment.page.tables import (
     Column,
     Estimate,
@@ -63,23 +56,57 @@ def _paper_tables(results: ExperimentResults, tracking: Tracking) -> list[Table]
     return [
         Table("result1", "Mean joint error by size of hole, mm (r_or)", "hole_m", note, by_size(mean)),
         Table("median", "Median joint error by size of hole, mm", "hole_m", note, by_size(median)),
-        Table("body", "Mean error of the joints but hands and wrists by size of hole, mm", "hole_m",
-              f"{note} {BODY_NOTE}", by_size(of_body(mean))),
-        Table("sd1", "Standard deviation over frames of a frame’s mean error, mm", "hole_m", note,
-              by_size(lambda groups: deviation([frame_means(group) for group in groups]))),
-        Table("result1_occluded", "Mean joint error by size of hole, mm, only frames with a hole", "hole_m", note,
-              by_size(mean, occluded=True)),
-        Table("known", "Share of joints with an error", "hole_m",
-              f"{note} Joints that a method or the reference lacks do not count in any mean.",
-              by_size(lambda groups: mean([np.isfinite(group).astype(float) for group in groups]), unit=Unit.SHARE)),
-        Table("ratio", "Mean error with a hole over that without, in the same frames", "hole_m", note,
-              _ratios(tracking, methods, kept, resamples, False)),
-        Table("ratio_occluded", "Mean error with a hole over that without, only frames with a hole", "hole_m", note,
-              _ratios(tracking, methods, kept, resamples, True)),
+        Table(
+            "body",
+            "Mean error of the joints but hands and wrists by size of hole, mm",
+            "hole_m",
+            f"{note} {BODY_NOTE}",
+            by_size(of_body(mean)),
+        ),
+        Table(
+            "sd1",
+            "Standard deviation over frames of a frame’s mean error, mm",
+            "hole_m",
+            note,
+            by_size(lambda groups: deviation([frame_means(group) for group in groups])),
+        ),
+        Table(
+            "result1_occluded",
+            "Mean joint error by size of hole, mm, only frames with a hole",
+            "hole_m",
+            note,
+            by_size(mean, occluded=True),
+        ),
+        Table(
+            "known",
+            "Share of joints with an error",
+            "hole_m",
+            f"{note} Joints that a method or the reference lacks do not count in any mean.",
+            by_size(lambda groups: mean([np.isfinite(group).astype(float) for group in groups]), unit=Unit.SHARE),
+        ),
+        Table(
+            "ratio",
+            "Mean error with a hole over that without, in the same frames",
+            "hole_m",
+            note,
+            _ratios(tracking, methods, kept, resamples, False),
+        ),
+        Table(
+            "ratio_occluded",
+            "Mean error with a hole over that without, only frames with a hole",
+            "hole_m",
+            note,
+            _ratios(tracking, methods, kept, resamples, True),
+        ),
         Table("result2", "Mean error by joint over all sizes of hole, mm (r_i)", "joint", note, by_joint(mean)),
-        Table("sd2", "Standard deviation of the error by joint over all sizes of hole, mm", "joint", note,
-              by_joint(deviation)),
-    ]  # fmt: skip
+        Table(
+            "sd2",
+            "Standard deviation of the error by joint over all sizes of hole, mm",
+            "joint",
+            note,
+            by_joint(deviation),
+        ),
+    ]
 
 
 def of_body(summarise: Summary) -> Summary:
@@ -99,8 +126,9 @@ def _other_holes(results: ExperimentResults, tracking: Tracking, scene: Scene) -
     methods = tracking.ran(scene, compared(results.methods))
     kept = tracking.shared(scene, methods)
     rows = by_size_rows(tracking, methods, kept, partial(mean_over, resamples=results.config.resamples), scene=scene)
-    return Table(f"{scene}_by_size", f"Mean joint error by size of hole, mm, scene “{scene}”", "hole_m",
-                 note_on(kept), rows)  # fmt: skip
+    return Table(
+        f"{scene}_by_size", f"Mean joint error by size of hole, mm, scene “{scene}”", "hole_m", note_on(kept), rows
+    )
 
 
 def hole_column(hole_m: float, unit: Unit = Unit.MM) -> Column:
@@ -119,12 +147,15 @@ def by_size_rows(
 ) -> tuple[Row, ...]:
     """A row for every method and size of hole of a scene."""
     return tuple(
-        Row(method, hole_column(hole, unit),
-            summarise(list(tracking.errors(scene, method.key, hole, kept, occluded).values())))
+        Row(
+            method,
+            hole_column(hole, unit),
+            summarise(list(tracking.errors(scene, method.key, hole, kept, occluded).values())),
+        )
         for method in methods
         for hole in tracking.holes(scene)
         if hole > 0 or not occluded
-    )  # fmt: skip
+    )
 
 
 def _by_joint(tracking: Tracking, methods: Sequence[Method], kept: Kept, summarise: Summary) -> tuple[Row, ...]:
@@ -179,10 +210,13 @@ def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept, resa
     """Without a hole and, where holes are cut, with the largest."""
     holes = tracking.holes(scene)
     return [
-        Row(method, Column(f"{scene} {hole:g}", f"{scene}, {hole:.2f} m" if hole else str(scene)),
-            mean_over(list(tracking.errors(scene, method.key, hole, kept).values()), resamples))
+        Row(
+            method,
+            Column(f"{scene} {hole:g}", f"{scene}, {hole:.2f} m" if hole else str(scene)),
+            mean_over(list(tracking.errors(scene, method.key, hole, kept).values()), resamples),
+        )
         for hole in dict.fromkeys((holes[0], holes[-1]))
-    ]  # fmt: skip
+    ]
 
 
 def _ablation_table(results: ExperimentResults, tracking: Tracking) -> Table:
@@ -196,5 +230,4 @@ def _ablation_table(results: ExperimentResults, tracking: Tracking) -> Table:
                     kept = tracking.shared(scene, together)
                     rows += _in_scene(tracking, scene, method, kept, results.config.resamples)
     note = "The tracker without one component at a time; the same frames for all variants."
-    return Table("ablation", "Ablation of anchorpose’s tracker: mean joint error, mm", "scene", note,
-                 tuple(rows))  # fmt: skip
+    return Table("ablation", "Ablation of anchorpose’s tracker: mean joint error, mm", "scene", note, tuple(rows))

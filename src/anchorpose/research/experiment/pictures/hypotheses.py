@@ -22,10 +22,24 @@ NODES: Final = 5  # of which every possible match is drawn
 DRAW_SEED: Final = 23
 MISSED: Final = "#b8b8b8"
 COLOURS: Final = (
-    *(as_hex(colour) for colour in (colours.ORANGE, colours.SKY, colours.GREEN, colours.YELLOW, colours.BLUE,
-                                    colours.VERMILLION, colours.PURPLE, colours.BLACK)),
-    "#882255", "#999933", "#117733", "#aa4499",
-)  # fmt: skip
+    *(
+        as_hex(colour)
+        for colour in (
+            colours.ORANGE,
+            colours.SKY,
+            colours.GREEN,
+            colours.YELLOW,
+            colours.BLUE,
+            colours.VERMILLION,
+            colours.PURPLE,
+            colours.BLACK,
+        )
+    ),
+    "#882255",
+    "#999933",
+    "#117733",
+    "#aa4499",
+)
 """Okabe and Ito's, and two of Paul Tol's muted ones: ten subsets of three of five anchors, and two behind a cut."""
 MARKERS: Final = "os^vD<>PX*ph"
 SHORT: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left foot", "right foot"), strict=True))
@@ -80,8 +94,14 @@ def draw_chosen(axes: Axes, view: View, moment: Moment, found: Matches) -> None:
         by = tree.subset == number
         places = np.concatenate([start[node[by]], end[tree.match[by]]])
         label = f"{name_subset(subset)} ({100 * by.sum() / max(len(node), 1):.0f} %)"
-        axes.plot(*places.T, MARKERS[number % len(MARKERS)], color=COLOURS[number % len(COLOURS)], markersize=2.6,
-                  markeredgewidth=0, label=label)  # fmt: skip
+        axes.plot(
+            *places.T,
+            MARKERS[number % len(MARKERS)],
+            color=COLOURS[number % len(COLOURS)],
+            markersize=2.6,
+            markeredgewidth=0,
+            label=label,
+        )
     frame_axes(axes, view, [(before, 0.0), (after, shift_m)])
 
 
