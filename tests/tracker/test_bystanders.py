@@ -13,7 +13,7 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.mesh import build_surface
-from anchorpose.tracker import bystanders, isolating
+from anchorpose.tracker import bystanders, observing
 from anchorpose.tracker.bystanders import (
     COARSE,
     GROWTH_M_S,
@@ -166,7 +166,7 @@ def test_unconnected_nodes_are_those_of_every_cameras_sheet():
 def test_following_can_be_switched_off():
     """Without bodies of their own, bystanders are only remembered where they were seen."""
     run = Run(SimpleNamespace(cameras=CAMERAS), TrackConfig(follow=FollowConfig(bystanders=False)))
-    assert not isolating.see_bystanders(Bystanders(), views_of(posed("upright", 0.0)), A_FRAME_S, run).followed
+    assert not observing.see_bystanders(Bystanders(), views_of(posed("upright", 0.0)), A_FRAME_S, run).followed
 
 
 def test_two_arms_are_no_person():
