@@ -150,7 +150,7 @@ def test_who_has_left_and_a_room_with_nobody_have_no_body():
     assert len(bystander_likelihood(Bystanders(), points(), 0.0)) == 0
 
 
-def test_unconnected_nodes_are_those_of_every_cameras_sheet():
+def test_the_nodes_of_pixels_are_those_of_every_cameras_sheet():
     views = views_of(posed("upright", 0.0))
     loose = nodes_of_pixels([v.depth_m for v in views], [v.labels == LABEL for v in views], CAMERAS)
     for number, (view, camera) in enumerate(zip(views, CAMERAS, strict=True)):
@@ -158,8 +158,6 @@ def test_unconnected_nodes_are_those_of_every_cameras_sheet():
         mine = loose.camera == number
         np.testing.assert_array_equal(loose.points_m[mine], sheet.points_m)
         np.testing.assert_array_equal(loose.normals[mine], sheet.normals)
-    assert (loose.ring == -1).all()
-    assert len(loose.link_node) == 0
     assert len(nodes_of_pixels([None], [None], [FRONT])) == 0
 
 
