@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -16,30 +15,7 @@ from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import write_contacts
 from anchorpose.results.run_record import DroppedFrame, RunRecord, hash_files, write_run_record
 from anchorpose.results.tables import JointFrame, write_joints
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StageConfig:
-    gate_m: float = 0.05
-    steps: int = 3
-
-    def __post_init__(self) -> None:
-        if not self.gate_m > 0:
-            raise ValueError(f"gate_m must be positive, got {self.gate_m}")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrackConfig:
-    association: StageConfig = field(default_factory=StageConfig)
-    height_m: float | None = None
-    patient_xz_m: tuple[float, float] | None = None
-    patient_frame: int | None = None
-    start: int = 0
-    stop: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.start < 0:
-            raise ValueError(f"start must not be negative, got {self.start}")
+from anchorpose.tracker.config import TrackConfig
 
 
 def track_recording(
@@ -54,7 +30,7 @@ def track_recording(
     blank, state = np.full((JOINT_COUNT, 3), np.nan), (JointState.LOST,) * JOINT_COUNT
     dropped, count = [], 0
     with write_joints(results / "joints.parquet") as joints:
-        for frame in read_frames(opened, config.start, config.stop):
+        for frame in read_frames(opened, config.start or 0, config.stop):
             joints.append(
                 JointFrame(
                     frame=frame.frame, time_s=frame.time_s, position_m=blank, state=state, sigma_m=blank[:, 0].copy()

@@ -77,11 +77,11 @@ def test_one_damaged_picture_is_reported_and_the_rest_is_tracked(tmp_path, capsy
 
 def test_options_reach_the_tracker_on_top_of_the_file(tmp_path):
     recording = write_recording(tmp_path / "r", frames=5)
-    (tmp_path / "c.toml").write_text("start = 2\n[association]\ngate_m = 0.07\n")
+    (tmp_path / "c.toml").write_text("start = 2\n[gate]\nsearch_radius_m = 0.07\n")
     command = ["track", str(recording), "-o", str(tmp_path / "out"), "--config", str(tmp_path / "c.toml")]
     assert main([*command, "--patient", "-0.5,1.25@3", "--height", "1.72", "--stop", "4"]) == 0
     config = json.loads((tmp_path / "out" / "run.json").read_text())["config"]
-    assert config["association"] == {"gate_m": 0.07, "steps": 3}
+    assert config["gate"]["search_radius_m"] == 0.07
     assert (config["patient_xz_m"], config["patient_frame"]) == ([-0.5, 1.25], 3)
     assert (config["start"], config["stop"]) == (2, 4)
     assert config["height_m"] == 1.72
@@ -116,6 +116,7 @@ def test_a_signal_leaves_nothing_or_says_how_to_go_on(tmp_path, monkeypatch, cap
 
     def stopped(path, results, config, progress, calibration, corrections):
         (results / "journal").mkdir()
+        (results / "journal" / "begun.json").write_text('{"identity": "1"}')
         (results / "journal" / "learnt").write_bytes(b"1")
         try:
             os.kill(os.getpid(), number)

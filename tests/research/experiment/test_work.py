@@ -474,7 +474,7 @@ def test_what_is_no_skeleton_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "skeleton.npz", names=np.array(["Tail"]), xyz=np.zeros((1, 1, 4)))
     with pytest.raises(InputError, match="do not fit the 21 joints"):
         reference_joints(tmp_path / "skeleton.npz", np.eye(4))
-    with pytest.raises(InputError, match="not a reference skeleton"):
+    with pytest.raises(InputError, match="there is no such file"):
         reference_joints(tmp_path / "nowhere.npz", np.eye(4))
 
 
