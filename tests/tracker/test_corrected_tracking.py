@@ -197,8 +197,8 @@ def test_corrections_of_another_recording_are_refused(review, tmp_path):
 
 def test_corrections_in_another_world_are_refused(review, tmp_path):
     given = read_corrections(review.file)
-    poses = {name: np.eye(4) for name in given.recording.poses}
-    refused(review, tmp_path, replace(given, recording=replace(given.recording, T_world_camera=poses)), "another world")
+    cameras = tuple(replace(camera, camera_to_world=np.eye(4)) for camera in given.recording.cameras)
+    refused(review, tmp_path, replace(given, recording=replace(given.recording, cameras=cameras)), "another world")
 
 
 def test_a_frame_that_there_is_not_is_refused(review, tmp_path):

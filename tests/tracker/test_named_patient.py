@@ -156,8 +156,12 @@ def test_clocks_and_floor_are_those_of_the_corrected_results(reviewed: Reviewed)
 
 def test_poses_that_the_recording_has_must_be_the_same(reviewed: Reviewed) -> None:
     held = read_corrections(reviewed.file)
-    moved = {name: pose + np.eye(4, k=3) * 0.01 for name, pose in held.recording.poses.items() if pose is not None}
-    write_corrections(reviewed.file, replace(held, recording=replace(held.recording, T_world_camera=moved)))
+    cameras = tuple(
+        replace(camera, camera_to_world=camera.camera_to_world + np.eye(4, k=3) * 0.01)
+        for camera in held.recording.cameras
+        if camera.camera_to_world is not None
+    )
+    write_corrections(reviewed.file, replace(held, recording=replace(held.recording, cameras=cameras)))
     with pytest.raises(InputError, match="another world"):
         reviewed.read()
 
