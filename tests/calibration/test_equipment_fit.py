@@ -155,7 +155,7 @@ def test_rays_distinguish_a_real_part_from_one_that_is_not_there():
 
 
 def test_a_region_without_extent_is_refused():
-    with pytest.raises(ValueError, match="greater than 0"):
+    with pytest.raises(ValueError, match="greater than or equal to"):
         Region(radius_m=0.0)
 
 

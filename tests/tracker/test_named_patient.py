@@ -137,9 +137,9 @@ def test_poses_that_the_recording_lacks_are_those_of_the_corrected_results(revie
 def test_clocks_and_floor_are_those_of_the_corrected_results(reviewed: Reviewed) -> None:
     held = read_corrections(reviewed.file)
     known = {"front": Clock(), "right": Clock(ahead_s=0.02, at_s=1.0)}
-    write_corrections(
-        reviewed.file, replace(held, recording=replace(held.recording, clocks=known, floor_height_m=0.03))
-    )
+    cameras = tuple(replace(camera, clock=known[camera.name]) for camera in held.recording.cameras)
+    recording = replace(held.recording, cameras=cameras, floor_height_m=0.03)
+    write_corrections(reviewed.file, replace(held, recording=recording))
     found = reviewed.read()
     settled = settle(found.recording, found.config, found.review)
     assert settled.clocks.clocks == tuple(known.values())
