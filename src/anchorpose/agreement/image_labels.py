@@ -99,7 +99,7 @@ def _views(results: Path, recording: Recording) -> dict[str, _View]:
         record = records.get(camera.name, {})
         if record.get("camera_to_world") is not None:
             placed = replace(camera, T_world_camera=np.array(record["camera_to_world"], dtype=np.float64))
-            clock = Clock(**record.get("clock", {}))
+            clock = Clock(**(record.get("clock") or {}))
             found[camera.name] = _View(placed, clock.reference_s(stream.time_s), stream.frame)
     return found
 
