@@ -21,6 +21,7 @@ PACKAGE = ROOT / "src" / "anchorpose"
 FLOW = (
     "recording",
     "calibration",
+    "descriptor",
     "isolation",
     "surface",
     "geodesics",
@@ -53,7 +54,19 @@ BESIDE_THE_FLOW = (
 )
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
-HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "embreex", "pydantic", "jinja2", "dask", "distributed"}
+HEAVY = {
+    "numpy",
+    "scipy",
+    "numba",
+    "cv2",
+    "pyarrow",
+    "embreex",
+    "pydantic",
+    "jinja2",
+    "dask",
+    "distributed",
+    "onnxruntime",
+}
 
 # Put together from pieces, so that this file does not hold what it forbids.
 MACHINE_PATH = re.compile(r"(?<![\w.~/])/(?:" + "|".join(("work", "root", "home", "Users", "opt", "tmp/lab")) + r")/")
