@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
+from shutil import which
 from typing import TYPE_CHECKING, Any, Final
 
 from anchorpose.batch.worker import Outcome, run_apart, stop_children
@@ -136,6 +137,9 @@ def _slurm(place: Place, jobs: int) -> Any:
         cluster = SLURMCluster(**{"cores": 1, "processes": 1, "memory": "2GB", **place.slurm})
     except (TypeError, ValueError) as error:
         raise AnchorposeError(f"The settings for SLURM cannot be used ({error}); correct the file.") from None
+    if which("sbatch") is None:
+        cluster.close()
+        raise AnchorposeError("--scheduler slurm needs SLURM's program sbatch; run this where jobs can be submitted.")
     cluster.scale(jobs=min(place.workers or jobs, jobs))
     return cluster
 
