@@ -147,8 +147,10 @@ LONGEST = 255  # bytes of a name; some verbs work in a folder with a longer one 
 
 @pytest.mark.parametrize(
     ("verb", "length"),
-    [*((verb, LONGEST - 4) for verb in ("track", "calibrate", "simulate", "live")), ("export", LONGEST + 1)]
-    + [("record", LONGEST + 1), ("batch", LONGEST + 1)],
+    [
+        *((verb, LONGEST - 4) for verb in ("track", "calibrate", "simulate", "live")),
+        *((verb, LONGEST + 1) for verb in ("export", "record", "batch")),
+    ],
 )
 def test_a_name_that_is_too_long_leaves_no_folder_above_it(verb, length, places, capsys):
     _refused(FOLDERS[verb], places, "a\nb/c\x1b[31m/" + length * "x", capsys)

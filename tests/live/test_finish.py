@@ -141,8 +141,11 @@ def _patient(store: SessionStore) -> None:
 
 
 SPOILT: dict[str, tuple[Callable[[Path], object], str]] = {
-    "begun.json is gone": (lambda journal: (journal / "begun.json").unlink(), "recording.json"),
-    "begun.json is damaged": (lambda journal: (journal / "begun.json").write_text("{"), "recording.json"),
+    "begun.json is gone": (lambda journal: (journal / "begun.json").unlink(), "start-1: there is no such folder"),
+    "begun.json is damaged": (
+        lambda journal: (journal / "begun.json").write_text("{"),
+        "start-1: there is no such folder",
+    ),
     "session.json is a pipe": (
         lambda journal: ((journal / SESSION_FILE).unlink(), os.mkfifo(journal / SESSION_FILE)),
         "session.json: is a named pipe",

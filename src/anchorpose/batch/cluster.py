@@ -69,6 +69,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     jobs: no more workers than that are started. Raises AnchorposeError where the scheduler cannot be reached.
     """
     import dask
+    import distributed  # noqa: F401  its defaults: those that come while others are set go with them
 
     with dask.config.set(SCHEDULING):
         logging.getLogger("distributed").setLevel(logging.ERROR)  # what matters comes back with the outcomes
