@@ -163,7 +163,7 @@ def test_the_verb_refuses_in_one_sentence_and_leaves_what_is_there(tmp_path, cap
     (tmp_path / "text.npz").write_text("no archive")
     refusals = {
         (str(out), str(run)): "--overwrite",
-        (str(out), str(out), "--overwrite"): "is one of the sources",
+        (str(out), str(out), "--overwrite"): "is given twice",
         (str(tmp_path / "m.json"), str(run)): "does not end in .npz",
         (str(tmp_path / "n.npz"),): "No sources are given",
         (str(tmp_path / "n.npz"), str(tmp_path)): "there is no such file",

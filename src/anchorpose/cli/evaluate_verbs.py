@@ -143,7 +143,7 @@ def print_image_errors(errors: tuple[ImageErrors, ...]) -> None:
 
 
 def _with_truth(results: Path, truth: Path, json: Path | None, skip: float) -> None:
-    from anchorpose.recording.writable import check_file
+    from anchorpose.recording.writable import check_file, new_folder
     from anchorpose.results.evaluate import evaluate as evaluate_results
     from anchorpose.results.evaluation_file import MARK, write_evaluation
 
@@ -151,7 +151,8 @@ def _with_truth(results: Path, truth: Path, json: Path | None, skip: float) -> N
         check_file(json, MARK, results, truth)
     evaluation = evaluate_results(results, truth, skip)
     if json is not None:
-        write_evaluation(json, evaluation)
+        with new_folder(json.resolve().parent, json):
+            write_evaluation(json, evaluation)
     print_evaluation(evaluation)
 
 
@@ -212,14 +213,15 @@ def reliability(sessions: Path, /, *, out: Annotated[Path | None, Parameter(name
     from rich.table import Table
 
     from anchorpose.agreement.reliability import HEAD, reliability_text, session_reliability
-    from anchorpose.recording.writable import check_file
+    from anchorpose.recording.writable import check_file, new_folder
     from anchorpose.results.folder import write_text_whole
 
     if out is not None:
         check_file(out, HEAD, sessions)
     rows = session_reliability(sessions)
     if out is not None:
-        write_text_whole(out, reliability_text(rows))
+        with new_folder(out.resolve().parent, out):
+            write_text_whole(out, reliability_text(rows))
     table = Table("measure", "n", "ICC(2,1)", "ICC(3,1)", "SEM", "MDC95", "unit", "why not")
     for row in rows:
         name = row.measure if row.side is None else f"{row.measure}, {row.side}"

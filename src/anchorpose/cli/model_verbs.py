@@ -55,7 +55,7 @@ def fit(
     from anchorpose.pages.stage_drawing import draw_model
     from anchorpose.recording.equipment_file import read_equipment, write_equipment
     from anchorpose.recording.reader import open_recording
-    from anchorpose.recording.writable import check_file, whole_file
+    from anchorpose.recording.writable import check_file, new_folder, whole_file
     from anchorpose.results.folder import naming_place
 
     check_file(out, '"equipment-model"', of_recording=True)
@@ -66,7 +66,7 @@ def fit(
     for picture in pictures:
         if picture.exists() and not overwrite:
             raise InputError(picture, "exists already", "choose another name, or give --overwrite to replace it")
-    with naming_place(out):
+    with new_folder(out.resolve().parent, out), naming_place(out):
         write_equipment(out, fitted.proposal.model)
         model = read_equipment(out)
         for picture, view, room in zip(pictures, fitted.cameras, fitted.rooms_m, strict=True):

@@ -150,7 +150,7 @@ def score(
     """
     import json as text
 
-    from anchorpose.recording.writable import check_file
+    from anchorpose.recording.writable import check_file, new_folder
     from anchorpose.results.folder import write_text_whole
 
     target = json or answers / ("score.json" if real is None else "real.json")
@@ -161,7 +161,8 @@ def score(
         raise InputError(answers, "can be scored only with the recordings", "name the benchmark's folder after it")
     else:
         document = _simulated(answers, folder, part, against)
-    write_text_whole(target, text.dumps(document, indent=1, allow_nan=False) + "\n")
+    with new_folder(target.resolve().parent, target):
+        write_text_whole(target, text.dumps(document, indent=1, allow_nan=False) + "\n")
     say(f"All figures are in {target}.")
 
 

@@ -39,6 +39,8 @@ def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) ->
         if not of_recording and any(os.path.isfile(folder / mark) for mark in RECORDING_MARKS):
             raise InputError(path, f"lies inside the recording {folder}", "choose a place outside of it")
     for source in (given.resolve() for given in inputs if given is not None):
+        if target == source:
+            raise InputError(path, "is given twice", "choose another name for what is written")
         if target.is_relative_to(source):
             raise InputError(path, f"lies inside {source}, which is used", "choose a place outside of it")
         if source.is_relative_to(target):
@@ -49,8 +51,6 @@ def check_file(path: Path, mark: str, *inputs: Path | None, of_recording: bool =
     """Raises InputError where no file may be written: as ``check_place``, or where something stands there that does not
     begin as what this verb writes, with ``mark`` in its first 4,096 bytes."""
     check_place(path, *inputs, of_recording=of_recording)
-    if not path.resolve().parent.is_dir():
-        raise InputError(path, "would lie in a folder that is not there", "make that folder, or choose another name")
     if os.path.lexists(path) and not _begins_with(path, mark):
         raise InputError(path, "exists already, with other content", "choose another name; nothing was changed")
 

@@ -19,7 +19,7 @@ from markupsafe import Markup
 
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_rows, require_distinct
-from anchorpose.recording.writable import check_file
+from anchorpose.recording.writable import check_file, new_folder
 from anchorpose.report.comparable import differences, require_comparable, unlike_time
 from anchorpose.report.measure_section import (
     grouped_measures,
@@ -63,7 +63,9 @@ def write_comparison(
     sessions = [read_session(folder, f"s{number}") for number, folder in enumerate(folders, 1)]
     require_comparable(sessions)
     detectable = {} if reliability is None else read_detectable(reliability)
-    write_text_whole(page, _page(sessions, _labels(sessions, labels), detectable))
+    text = _page(sessions, _labels(sessions, labels), detectable)
+    with new_folder(page.resolve().parent, page):
+        write_text_whole(page, text)
     return page
 
 

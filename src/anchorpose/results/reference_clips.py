@@ -18,7 +18,7 @@ from anchorpose.motion.database_file import (
     write_motions,
 )
 from anchorpose.recording.regular_file import read_arrays
-from anchorpose.recording.writable import check_file
+from anchorpose.recording.writable import check_file, new_folder
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own
 
@@ -40,7 +40,8 @@ def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, ove
     if out.exists() and not overwrite:
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
     clips = join_clips([_read(source, rate_hz) for source in sources])
-    write_motions(out, clips)
+    with new_folder(out.resolve().parent, out):
+        write_motions(out, clips)
     return clips
 
 
