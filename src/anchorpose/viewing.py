@@ -10,6 +10,7 @@ from html import escape
 from pathlib import Path
 
 from anchorpose.errors import InputError
+from anchorpose.recording.writable import check_place
 from anchorpose.results.corrections import corrections_beside, corrections_of_run
 from anchorpose.results.run_record import RUN_FILE
 from anchorpose.viewer.api import ViewerApi
@@ -30,6 +31,8 @@ def open_viewer(
     if not results.is_dir():
         raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
     review = open_review(results, recording)
+    if corrections is not None and not corrections.exists():
+        check_place(corrections, results, recording)
     path = corrections if corrections is not None else corrections_beside(results)
     initial = corrections_of_run(results / RUN_FILE, review.run)
     api = ViewerApi(review, CorrectionFile(path, initial, review.overview), who)

@@ -20,6 +20,7 @@ from anchorpose.batch.sessions import Session
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, read_whole
+from anchorpose.recording.writable import new_folder
 from anchorpose.results.folder import write_text_whole
 
 BATCH_FILE: Final = "batch.json"
@@ -67,11 +68,7 @@ def open_folder(out: Path, sessions: Sequence[Session]) -> tuple[Session, ...]:
         raise InputError(out, f"lies inside the recording {inside[0].recording}", "choose a folder outside of it")
     before = _read(mark)
     _named(sessions, before, out)  # what is refused leaves no folder
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(out, f"cannot be made ({error.strerror})", "choose a place that you may write to") from None
-    with FileLock(out / LOCK_FILE):
+    with new_folder(out.resolve(), out), FileLock(out / LOCK_FILE):
         before = _read(mark)
         named = _named(sessions, before, out)
         _write(mark, (*(one for one in before if one.session not in {new.session for new in named}), *named))

@@ -106,6 +106,8 @@ def _read_table(path: Path, options: TrackOptions) -> Iterator[Session]:
             near = get_close_matches(name, COLUMNS, 1)
             remedy = f"is '{near[0]}' meant?" if near else f"the columns may be {', '.join(COLUMNS)}"
             raise InputError(path, f"has a column '{name}', which is unknown", remedy)
+    if len(lines) < 2:
+        raise InputError(path, "names no recording", "add a line for each below the names of the columns")
     for number, cells in lines[1:]:
         if len(cells) > len(names):
             raise InputError(path, f"line {number} has more cells than columns", "put quotes around cells with commas")

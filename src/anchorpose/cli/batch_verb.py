@@ -59,16 +59,15 @@ def batch(
     smooth
         Track all recordings backward in time as well, as 'anchorpose track --smooth'.
     """
-    from anchorpose.batch.cluster import Place
+    from anchorpose.batch.cluster import CONNECT_S, SLURM, Place
     from anchorpose.batch.sessions import find_sessions
     from anchorpose.batch.tracking import run_batch, run_one, summarise
     from anchorpose.cli.config_file import read_toml
     from anchorpose.cli.console import progress_bar
     from anchorpose.cli.track_verbs import TrackOptions
-    from anchorpose.remote import is_address
+    from anchorpose.recording.writable import check_place
 
-    if is_address(str(out).replace(":/", "://", 1)):
-        raise InputError(out, "is an address", "write the batch to a local folder, and copy it when it is done")
+    check_place(out)
     if not recordings:
         raise InputError(out, "is to hold no session", "give recordings, folders, patterns or a .csv table")
     place = Place(workers, scheduler, {} if slurm is None else read_toml(slurm))
@@ -82,6 +81,8 @@ def batch(
         say(f"{row.session}: {row.state}. {row.why or ''}".strip())
         return EXIT_FAILED if row.why else 0
     try:
+        if place.scheduler is not None and place.scheduler != SLURM:
+            say(f"Asking the scheduler at {place.scheduler}, for {CONNECT_S:g} s at most.")
         with progress_bar("Sessions") as progress:
             rows = run_batch(sessions, out, place, progress)
     except KeyboardInterrupt as stopped:

@@ -88,10 +88,13 @@ def evaluate(
 
 def _with_reference(results: tuple[Path, ...], options: ReferenceOptions, reading: ReferenceSettings) -> None:
     from anchorpose.agreement.evaluating import compare_with_reference
-    from anchorpose.agreement.writing import check_place, write_comparison
+    from anchorpose.agreement.writing import COMPARISON, write_comparison
+    from anchorpose.recording.writable import check_place
+    from anchorpose.results.folder import check_results_path
 
     if options.output is not None:
-        check_place(options.output, options.overwrite)
+        check_place(options.output, *results, *(options.reference or []))
+        check_results_path(options.output, None, options.overwrite, COMPARISON)
     comparison = compare_with_reference(results, options.reference or [], options.subject or [], reading)
     if options.output is not None:
         write_comparison(options.output, comparison, options.overwrite)
@@ -140,12 +143,16 @@ def print_image_errors(errors: tuple[ImageErrors, ...]) -> None:
 
 
 def _with_truth(results: Path, truth: Path, json: Path | None, skip: float) -> None:
+    from anchorpose.recording.writable import check_file, new_folder
     from anchorpose.results.evaluate import evaluate as evaluate_results
-    from anchorpose.results.evaluation_file import write_evaluation
+    from anchorpose.results.evaluation_file import MARK, write_evaluation
 
+    if json is not None:
+        check_file(json, MARK, results, truth)
     evaluation = evaluate_results(results, truth, skip)
     if json is not None:
-        write_evaluation(json, evaluation)
+        with new_folder(json.resolve().parent, json):
+            write_evaluation(json, evaluation)
     print_evaluation(evaluation)
 
 
@@ -205,12 +212,16 @@ def reliability(sessions: Path, /, *, out: Annotated[Path | None, Parameter(name
     """
     from rich.table import Table
 
-    from anchorpose.agreement.reliability import reliability_text, session_reliability
+    from anchorpose.agreement.reliability import HEAD, reliability_text, session_reliability
+    from anchorpose.recording.writable import check_file, new_folder
     from anchorpose.results.folder import write_text_whole
 
+    if out is not None:
+        check_file(out, HEAD, sessions)
     rows = session_reliability(sessions)
     if out is not None:
-        write_text_whole(out, reliability_text(rows))
+        with new_folder(out.resolve().parent, out):
+            write_text_whole(out, reliability_text(rows))
     table = Table("measure", "n", "ICC(2,1)", "ICC(3,1)", "SEM", "MDC95", "unit", "why not")
     for row in rows:
         name = row.measure if row.side is None else f"{row.measure}, {row.side}"

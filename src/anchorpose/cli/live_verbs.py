@@ -106,6 +106,7 @@ def live(
     from anchorpose.live.first_seconds import LiveOptions, User
     from anchorpose.live.session import track_live
     from anchorpose.live.source import about_folder
+    from anchorpose.recording.writable import check_place
     from anchorpose.results.unfinished import unfinished_results
 
     given = options or LiveGiven()
@@ -123,6 +124,8 @@ def live(
         seconds=given.seconds,
     )
     opened = open_sources(sources, given.like)
+    if given.record is not None:
+        check_place(given.record, about_folder(opened), results)
     with (
         stop_on_signals() as stop,
         unfinished_results(results, about_folder(opened), given.overwrite) as folder,

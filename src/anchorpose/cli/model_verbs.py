@@ -55,8 +55,10 @@ def fit(
     from anchorpose.pages.stage_drawing import draw_model
     from anchorpose.recording.equipment_file import read_equipment, write_equipment
     from anchorpose.recording.reader import open_recording
+    from anchorpose.recording.writable import check_file, new_folder, whole_file
     from anchorpose.results.folder import naming_place
 
+    check_file(out, '"equipment-model"', of_recording=True)
     if out.exists() and not overwrite:
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
     fitted = fit_equipment(open_recording(recording), camera, _region(around, radius))
@@ -64,12 +66,12 @@ def fit(
     for picture in pictures:
         if picture.exists() and not overwrite:
             raise InputError(picture, "exists already", "choose another name, or give --overwrite to replace it")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with naming_place(out):
+    with new_folder(out.resolve().parent, out), naming_place(out):
         write_equipment(out, fitted.proposal.model)
         model = read_equipment(out)
         for picture, view, room in zip(pictures, fitted.cameras, fitted.rooms_m, strict=True):
-            picture.write_bytes(as_png(draw_model(view, room, model)))
+            with whole_file(picture) as partial:
+                partial.write_bytes(as_png(draw_model(view, room, model)))
     _print_parts(fitted)
     say(f"{out} is a proposal: compare it with {out.stem}_<camera>.png beside it before you use it.")
 

@@ -150,16 +150,19 @@ def score(
     """
     import json as text
 
+    from anchorpose.recording.writable import check_file, new_folder
     from anchorpose.results.folder import write_text_whole
 
+    target = json or answers / ("score.json" if real is None else "real.json")
+    check_file(target, '"anchorpose-benchmark-score"' if real is None else '"recordings"', folder, real, labels)
     if real is not None:
         document = _real(answers, real, labels)
     elif folder is None:
         raise InputError(answers, "can be scored only with the recordings", "name the benchmark's folder after it")
     else:
         document = _simulated(answers, folder, part, against)
-    target = json or answers / ("score.json" if real is None else "real.json")
-    write_text_whole(target, text.dumps(document, indent=1, allow_nan=False) + "\n")
+    with new_folder(target.resolve().parent, target):
+        write_text_whole(target, text.dumps(document, indent=1, allow_nan=False) + "\n")
     say(f"All figures are in {target}.")
 
 

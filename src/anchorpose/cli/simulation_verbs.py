@@ -204,6 +204,9 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
     quick
         One second of recording only, to check an installation.
     """
+    from anchorpose.recording.writable import check_place
+
+    check_place(out)
     if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
         raise InputError(out, "exists already", "choose another name or remove it first")
     seconds = QUICK_SECONDS if quick else DEMO_SECONDS

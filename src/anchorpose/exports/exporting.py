@@ -20,6 +20,7 @@ from anchorpose.exports.formats import ExportConfig, Format, Product, Source, re
 from anchorpose.exports.opensim_coordinates import write_mot
 from anchorpose.exports.opensim_trc import write_trc
 from anchorpose.recording.document import read_json
+from anchorpose.recording.writable import check_place
 from anchorpose.results.folder import whole_or_nothing
 from anchorpose.results.run_record import hash_files
 
@@ -72,6 +73,7 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 
 def _check_place(folder: Path, results: Path, overwrite: bool) -> None:
+    check_place(folder)
     if folder.resolve() == results.resolve():
         raise InputError(folder, "is the results folder itself", "choose another folder with -o")
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):

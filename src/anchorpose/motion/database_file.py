@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.motion.database import MotionDatabase
 from anchorpose.motion.prediction import MotionConfig, joint_database
 from anchorpose.recording.regular_file import read_arrays
+from anchorpose.recording.writable import whole_file
 
 SHIPPED: Final = Path(__file__).parent / "data" / "motions.npz"
 """Movements of stand training by the simulator's people; made by ``tools/build_motion_database.py``."""
@@ -84,22 +84,16 @@ def write_motions(path: Path, clips: ReferenceClips) -> None:
     """Writes the clips to the millimetre, each beside the origin; ``path`` is whole or as it was before."""
     root = JOINT_INDEX["SpineBase"]
     millimetres = [np.rint(1000.0 * (clip - clip[0, root])).astype(np.int16) for clip in clips.joints_m]
-    partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
-    try:
-        with partial.open("wb") as stream:
-            np.savez_compressed(
-                stream,
-                format=np.array(FORMAT),
-                joints_mm=np.concatenate(millimetres),
-                start=np.cumsum([0, *(len(clip) for clip in millimetres)]),
-                names=np.array(clips.names),
-                rate_hz=np.array(clips.rate_hz, dtype=np.float64),
-                notes=np.array(clips.notes, dtype=np.str_),
-            )
-        partial.replace(path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+    with whole_file(path) as partial, partial.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            format=np.array(FORMAT),
+            joints_mm=np.concatenate(millimetres),
+            start=np.cumsum([0, *(len(clip) for clip in millimetres)]),
+            names=np.array(clips.names),
+            rate_hz=np.array(clips.rate_hz, dtype=np.float64),
+            notes=np.array(clips.notes, dtype=np.str_),
+        )
 
 
 def read_motions(path: Path) -> ReferenceClips:

@@ -15,6 +15,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.document import Entry, FileInFolder, Text, Version, is_rotation, numbers, read_document
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, EquipmentPart, Mesh
 from anchorpose.recording.regular_file import read_whole
+from anchorpose.recording.writable import whole_file
 from anchorpose.settings import Unfit
 
 SMALLEST_M, LARGEST_M = 1e-4, 20.0  # a sheet of metal, and a room
@@ -103,7 +104,8 @@ def equipment_files(path: Path) -> tuple[Path, ...]:
 def write_equipment(path: Path, equipment: EquipmentModel) -> None:
     """Writes boxes and cylinders as an equipment.json; raises TypeError on a mesh, which is a file of its own."""
     document = {"format": "equipment-model", "version": 1, "parts": [_part_entry(part) for part in equipment.parts]}
-    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    with whole_file(path) as partial:
+        partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
 def _part(path: Path, place: str, entry: BoxEntry | CylinderEntry | MeshEntry) -> EquipmentPart:

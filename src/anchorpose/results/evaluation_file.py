@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.results.evaluate import ContactEvaluation, ErrorSummary, Evaluation
 from anchorpose.results.evaluate_confidence import CONFIDENT_SIGMAS, FAR_M, WRONG_M
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import as_json
+
+MARK: Final = '"matched_frames"'
+"""Stands in the beginning of every file of this kind."""
 
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:

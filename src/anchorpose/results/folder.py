@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.errors import InputError
+from anchorpose.recording.writable import check_place, new_folder, whole_file
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,17 +69,15 @@ def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
     if path.is_symlink():
         raise InputError(path, "is a link", "choose another name; nothing was touched")
     target = path.resolve()
-    made = [folder for folder in target.parents if not folder.exists()]
     partial = target.parent / f".{target.name}.partial-{secrets.token_hex(4)}"
-    make_folder(partial, path)
-    try:
-        with naming_place(path):
-            yield partial
-            publish(partial, path, own)
-    except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
-        _remove_empty(made)
-        raise
+    with new_folder(partial, path):
+        try:
+            with naming_place(path):
+                yield partial
+                publish(partial, path, own)
+        except BaseException:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
 
 
 @contextmanager
@@ -91,14 +90,6 @@ def naming_place(place: Path) -> Iterator[None]:
         if error.filename is None and error.errno in DISK_ERRORS:
             error.filename = str(place)
         raise
-
-
-def make_folder(folder: Path, path: Path) -> None:
-    """Makes a folder and its parents; raises InputError about ``path``, which the user named, where that fails."""
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(path, f"cannot be made ({error.strerror})", "choose a place that you may write to") from None
 
 
 def publish(made: Path, path: Path, own: Sequence[str] = ()) -> None:
@@ -162,25 +153,16 @@ def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
 
 def write_text_whole(path: Path, text: str) -> None:
     """Writes a text file in UTF-8 so that ``path`` holds all of it, or what it held before."""
-    partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
-    try:
-        with naming_place(path):
-            partial.write_text(text, encoding="utf-8")
-            partial.replace(path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+    with whole_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind: FolderKind = RESULTS) -> None:
     """Raises InputError unless results of ``recording`` (None: of cameras) may be written to ``path``."""
-    target, source = path.resolve(), None if recording is None else recording.resolve()
+    check_place(path, recording)
+    target = path.resolve()
     if not path.is_symlink():
         _restore_replaced(target, kind)
-    if source is not None and target.is_relative_to(source):
-        raise InputError(path, "lies inside the recording", "choose a results folder outside of it")
-    if source is not None and source.is_relative_to(target):
-        raise InputError(path, "holds the recording itself", "choose another results folder")
     if path.is_symlink() or (path.exists() and not path.is_dir()):
         raise InputError(path, "is a file or a link", "choose another name for the results folder")
     if os.path.ismount(target):
@@ -191,9 +173,3 @@ def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind
         raise InputError(path, "exists and is not a results folder", "choose another name; nothing in it was touched")
     if not overwrite:
         raise InputError(path, "exists already", "choose another name, or give --overwrite to replace it")
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    with suppress(OSError):  # someone else has put something there: then it stays
-        for folder in folders:
-            folder.rmdir()

@@ -18,11 +18,13 @@ from anchorpose.motion.database_file import (
     write_motions,
 )
 from anchorpose.recording.regular_file import read_arrays
+from anchorpose.recording.writable import check_file, new_folder
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own
 
 SUFFIX = ".npz"
 SHORTEST_S: Final = 0.5  # the motion history, the frames that check it and one predicted step, at 30 Hz
+MOTIONS_MARK: Final = "format.npy"  # the first array of a file of movements
 _GAP: Final = 1.5  # periods between two frames; in a longer gap a frame is missing
 
 
@@ -34,13 +36,12 @@ def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, ove
     """
     if out.suffix != SUFFIX:
         raise InputError(out, f"does not end in {SUFFIX}", f"call it {out.name}{SUFFIX}")
-    if any(source.resolve() == out.resolve() for source in sources):
-        raise InputError(out, "is one of the sources", "choose another name")
+    check_file(out, MOTIONS_MARK, *sources)
     if out.exists() and not overwrite:
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
     clips = join_clips([_read(source, rate_hz) for source in sources])
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_motions(out, clips)
+    with new_folder(out.resolve().parent, out):
+        write_motions(out, clips)
     return clips
 
 
