@@ -28,16 +28,17 @@ def _write(path, frames):
 
 @st.composite
 def joint_frames(draw):
-    frames = []
+    frames, rate_hz = [], draw(st.sampled_from([15, 30]))
     for number in range(draw(st.integers(1, 4))):
         state = draw(st.lists(st.sampled_from(list(JointState)), min_size=JOINT_COUNT, max_size=JOINT_COUNT))
         position = draw(hnp.arrays(np.float64, (JOINT_COUNT, 3), elements=st.floats(-9, 9)))
         sigma = draw(hnp.arrays(np.float64, JOINT_COUNT, elements=st.floats(1e-4, 1)))
         lost = np.array([s is JointState.LOST for s in state])
         position[lost], sigma[lost] = np.nan, np.nan
-        time_s = number / draw(st.sampled_from([15, 30]))
         frames.append(
-            JointFrame(frame=number * 2, time_s=time_s, position_m=position, state=tuple(state), sigma_m=sigma)
+            JointFrame(
+                frame=number * 2, time_s=number / rate_hz, position_m=position, state=tuple(state), sigma_m=sigma
+            )
         )
     return frames
 

@@ -123,6 +123,8 @@ def _require_own(
     """Raises InputError where another session of this call has the name, or is of the same recording without a name of
     its own, or the name belongs to another recording."""
     remedy = "name them in a table with a column 'session'"
+    if not unnamed:
+        remedy = "give them other names in the column 'session'; capitals and the form of accents make no difference"
     for other in others:
         if _key(other.session) == _key(one.session) or (unnamed and other.recording == one.recording):
             raise InputError(other.recording, f"and {one.recording} are both called {other.session}", remedy)

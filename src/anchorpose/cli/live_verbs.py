@@ -223,8 +223,9 @@ def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
             raise AnchorposeError(f"--osc is '{osc}'; write host and port, for example 127.0.0.1:9000.")
         try:
             outputs.append(OscOutput(host.removeprefix("[").removesuffix("]"), int(port)))
-        except OSError as error:
-            raise AnchorposeError(f"--osc is '{osc}', and there is no such host ({error.strerror}).") from None
+        except (OSError, UnicodeError) as error:
+            why = getattr(error, "strerror", None) or "no host has such a name"
+            raise AnchorposeError(f"--osc is '{osc[:60]}', and there is no such host ({why}).") from None
     return outputs
 
 

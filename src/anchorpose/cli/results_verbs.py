@@ -236,9 +236,7 @@ def verify(results: Path, recording: Path | None = None, /) -> int:
     _print_files("results", found.results)
     if found.recording is not None:
         _print_files("recording", found.recording)
-    if found.log is None:
-        say("There is no log.jsonl: what was done with the results is not known.")
-    done = (event.sentence for event in found.log or ())
+    done = (event.sentence for event in found.log)
     for sentence in (*found.broken, *found.program, *found.corrected, *done):
         say(f"{sentence}.")
     say("Every file is as it was." if found.is_right else "Not every file is as it was.")

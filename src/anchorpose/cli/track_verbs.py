@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say
-from anchorpose.cli.limits import MOST_FRAMES, TALLEST_M, positive, whole
+from anchorpose.cli.limits import FARTHEST_M, MOST_FRAMES, TALLEST_M, plain_number, positive, whole
 from anchorpose.errors import AnchorposeError
 
 if TYPE_CHECKING:
@@ -145,11 +145,14 @@ def parse_patient(text: str) -> tuple[tuple[float, float], int | None]:
 
 
 def parse_place(text: str, option: str = "--patient") -> tuple[float, float]:
-    """``x,z`` as two finite numbers; raises AnchorposeError otherwise."""
+    """``x,z`` as two numbers of metres; raises AnchorposeError otherwise."""
     try:
-        x, z = (float(part) for part in text.split(","))
+        x, z = (plain_number(part) for part in text.split(","))
     except ValueError:
         x = z = math.nan
-    if not (math.isfinite(x) and math.isfinite(z)):
-        raise AnchorposeError(f"{option} is '{text}'; write two numbers in metres with a comma, for example 0.1,-0.2.")
+    if not (abs(x) <= FARTHEST_M and abs(z) <= FARTHEST_M):
+        raise AnchorposeError(
+            f"{option} is '{text[:60]}'; write two numbers in metres with a comma, up to {FARTHEST_M:g}, "
+            "for example 0.1,-0.2."
+        )
     return x, z

@@ -93,12 +93,10 @@ class Source:
 def read_source(folder: Path, kind: Format) -> Source:
     """Joints, and angles where there are any and the format has them.
 
-    Raises InputError for tables that cannot be read and for times that go back.
+    Raises InputError for tables that cannot be read.
     """
-    require_own(folder, (JOINTS_FILE, ANGLES_FILE))
+    require_own(folder, [table.name for table in folder.glob("*.parquet")])
     joints = read_joints(folder / JOINTS_FILE)
-    if not (np.isfinite(joints.time_s).all() and (np.diff(joints.time_s) > 0).all()):
-        raise InputError(folder / JOINTS_FILE, "its times do not increase from frame to frame", "track again")
     angles = _no_angles(joints) if kind in WITHOUT_ANGLES else _angles(folder / ANGLES_FILE, joints)
     samples = Samples(joints.time_s, joints.position_m, joints.sigma_m, joints.state_code, *angles)
     return Source(folder, joints.frame, samples)

@@ -24,6 +24,7 @@ from anchorpose.results.evaluate_confidence import (
 )
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
+from anchorpose.results.sides import require_not_mirrored
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.truth import TrueTouch, Truth, read_true_touch, read_truth
 from anchorpose.results.uncertainty import NORMAL_95
@@ -147,6 +148,7 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     _require_compared(truth, known, match, frames)
     joints = joints.frames(match[match >= 0])
     known = known.frames(match >= 0)
+    require_not_mirrored(truth, joints.position_m, known.position_m)
     evaluation = compare(joints, known, truth_frames=len(match), results_frames=frames)
     touch = read_true_touch(truth)
     if touch is None or not (results / CONTACTS_FILE).exists():

@@ -40,7 +40,7 @@ class GuardedServer(ThreadingHTTPServer):
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             super().__init__((host, port), handler)
-        except (OSError, OverflowError) as error:
+        except (OSError, OverflowError, TypeError, UnicodeError) as error:
             why = getattr(error, "strerror", None) or error
             sentence = f"Cannot listen on {host}, port {port} ({why}); choose another --host or --port."
             raise AnchorposeError(sentence) from None
