@@ -32,7 +32,7 @@ def open_viewer(
     review = open_review(results, recording)
     path = corrections if corrections is not None else corrections_beside(results)
     initial = corrections_of_run(results / RUN_FILE, review.run)
-    api = ViewerApi(review, CorrectionFile(path, initial, review.overview), who)
+    api = ViewerApi(review, CorrectionFile(path, initial, review.joints), who)
     return ViewerServer(api, host, port)
 
 

@@ -101,7 +101,7 @@ class ViewerApi:
         position, frames = int(body["position"]), self._depth_frames()
         if not 0 <= position < len(frames.frame):
             raise ValueError(f"there is no frame {position}")
-        place = self.review.joints.rows(position, position + 1).position_m[0, JOINT_INDEX["SpineBase"]]
+        place = self.review.joints.position_m[position, JOINT_INDEX["SpineBase"]]
         xz_m = (float(place[0]), float(place[2])) if np.isfinite(place).all() else None
         self.worker.start(position, frames.recording, int(frames.frame[position]), xz_m)
         return json_response(as_json(self.worker.status))
