@@ -244,7 +244,7 @@ def page_output(given: LiveGiven) -> Iterator[PageOutput | None]:
         return
     from anchorpose.live.page_server import PageOutput
     from anchorpose.viewer.access import is_loopback
-    from anchorpose.viewing import opened_page
+    from anchorpose.viewer.guarded_server import opened_page
 
     page = PageOutput(given.host, given.port)
     try:

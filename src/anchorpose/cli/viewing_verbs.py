@@ -55,7 +55,8 @@ def view(results: Path, recording: Path | None = None, /, *, options: ViewOption
 
     from anchorpose.cli.recording_verbs import as_recording
     from anchorpose.viewer.access import is_loopback
-    from anchorpose.viewing import open_viewer, opened_page
+    from anchorpose.viewer.guarded_server import opened_page
+    from anchorpose.viewer.server import open_viewer
 
     given = options or ViewOptions()
     recording = None if recording is None else as_recording(recording)
@@ -118,8 +119,7 @@ def inspect(
     from anchorpose.cli.console import counter
     from anchorpose.cli.recording_verbs import as_recording
     from anchorpose.cli.track_verbs import parse_patient
-    from anchorpose.inspecting import inspect_recording
-    from anchorpose.pages.inspection_page import INSPECTION, PAGE_FILE
+    from anchorpose.pages.inspection_page import INSPECTION, PAGE_FILE, inspect_recording
     from anchorpose.results.folder import check_results_path, new_results_folder
 
     given = options or InspectOptions()
