@@ -30,7 +30,7 @@ FLOW = (
     "results",
     "report",
 )
-VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings", "threads")
+VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings", "options", "threads")
 BESIDE_THE_FLOW = (
     "simulate",
     "tracker",
