@@ -19,7 +19,7 @@ from anchorpose.calibration.calibration import Calibration, PoseSource
 from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.pages.frame_pictures import draw_chosen, save_pictures
+from anchorpose.pages.overlay import draw_chosen, save_pictures
 from anchorpose.recording.pairing import CameraGaps, find_gaps
 from anchorpose.recording.recording import CoveredPart
 from anchorpose.report.page import REPORT_FILE, write_report

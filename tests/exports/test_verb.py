@@ -13,7 +13,8 @@ from exports_builder import times, true_joints, write_true_results
 from anchorpose import __version__
 from anchorpose.cli import main
 from anchorpose.exports import exporting
-from anchorpose.exports.formats import ExportConfig, Format
+from anchorpose.exports.formats import Format
+from anchorpose.options import ExportConfig
 
 
 @pytest.fixture

@@ -11,7 +11,6 @@ import numpy as np
 
 from anchorpose.agreement.matching import Match, match_results
 from anchorpose.agreement.reference import exchanged, read_reference
-from anchorpose.agreement.reference_settings import ReferenceSettings
 from anchorpose.agreement.rows import (
     ALL,
     AS_MEASURED,
@@ -25,6 +24,7 @@ from anchorpose.agreement.rows import (
 from anchorpose.agreement.statistics import LEAST_SAMPLES
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_NAMES, JointState
+from anchorpose.options import ReferenceSettings
 from anchorpose.recording.document import read_json, require_rigid
 from anchorpose.settings import Unfit
 

@@ -19,9 +19,9 @@ from anchorpose.agreement.joint_centres import (
     other_side,
     with_sides_exchanged,
 )
-from anchorpose.agreement.reference_settings import HipCentre
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.options import HipCentre
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
 
 _OPENSIM: Final = {

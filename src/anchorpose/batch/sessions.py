@@ -9,9 +9,9 @@ from glob import glob, has_magic
 from pathlib import Path
 from typing import Any, Final
 
-from anchorpose.cli.limits import MOST_FRAMES, plain_number
 from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.errors import InputError, without_password
+from anchorpose.options import MOST_FRAMES, plain_number
 from anchorpose.recording.document import read_rows, require_distinct
 from anchorpose.remote import is_address, parts_of
 

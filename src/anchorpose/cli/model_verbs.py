@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from anchorpose.cli.console import say, show
-from anchorpose.cli.limits import FASTEST_HZ, positive
+from anchorpose.cli.console import say, show_table
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.options import FASTEST_HZ, OUTPUT, SIGNED, positive
 
 if TYPE_CHECKING:
     from anchorpose.calibration.proposal import FittedRoom
@@ -24,9 +24,9 @@ def fit(
     recording: Path,
     /,
     *,
-    out: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("equipment.json"),
+    out: Annotated[Path, OUTPUT] = Path("equipment.json"),
     camera: str | None = None,
-    around: Annotated[str, Parameter(allow_leading_hyphen=True)] = "0,0",
+    around: Annotated[str, SIGNED] = "0,0",
     radius: Annotated[float, positive(20.0)] = 1.0,
     overwrite: bool = False,
 ) -> None:
@@ -87,11 +87,9 @@ def _region(around: str, radius: float) -> Region:
 
 
 def _print_parts(fitted: FittedRoom) -> None:
-    from rich.table import Table
-
     from anchorpose.recording.equipment import Box
 
-    table = Table("part", "shape", "size mm", "off by mm", "pixels", "a guess")
+    rows = list[tuple[str, ...]]()
     for proposed in fitted.proposal.parts:
         part = proposed.part
         box = isinstance(part, Box)
@@ -99,8 +97,8 @@ def _print_parts(fitted: FittedRoom) -> None:
         size = " x ".join(f"{1000 * length:.0f}" for length in lengths)
         shape, size = ("box", size) if box else ("tube", f"ø {size}")
         off, guessed = f"{1000 * proposed.residual_m:.1f}", ", ".join(proposed.guessed)
-        table.add_row(part.name, shape, size, off, str(proposed.readings), guessed)
-    show(table)
+        rows.append((part.name, shape, size, off, str(proposed.readings), guessed))
+    show_table(("part", "shape", "size mm", "off by mm", "pixels", "a guess"), rows)
     for note in fitted.notes:
         say(f"{note[0].upper()}{note[1:]}.")
     share = 100 * fitted.proposal.explained_share

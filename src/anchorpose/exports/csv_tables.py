@@ -10,8 +10,9 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
-from anchorpose.exports.formats import STATES, ExportConfig, Product, Source, number_text
+from anchorpose.exports.formats import STATES, Product, Source, number_text
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.options import ExportConfig
 from anchorpose.recording.document import cell_text
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.parquet import opened_parquet, pieces

@@ -16,9 +16,10 @@ from anchorpose.exports.bids import write_bids
 from anchorpose.exports.bvh import write_bvh
 from anchorpose.exports.c3d import write_c3d
 from anchorpose.exports.csv_tables import write_csv
-from anchorpose.exports.formats import ExportConfig, Format, Product, Source, read_source
+from anchorpose.exports.formats import Format, Product, Source, read_source
 from anchorpose.exports.opensim_coordinates import write_mot
 from anchorpose.exports.opensim_trc import write_trc
+from anchorpose.options import ExportConfig
 from anchorpose.recording.document import read_json
 from anchorpose.recording.writable import check_place
 from anchorpose.results.folder import whole_or_nothing

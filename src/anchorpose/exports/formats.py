@@ -35,29 +35,6 @@ WITHOUT_ANGLES: Final = frozenset({Format.TRC, Format.MOT, Format.BVH})
 """Formats that follow from joints and poses alone."""
 
 
-class CoordinateModel(StrEnum):
-    """The OpenSim models whose coordinates a MOT can follow; they differ in the sign of the knee."""
-
-    RAJAGOPAL = "rajagopal"
-    GAIT2392 = "gait2392"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExportConfig:
-    """What the user chooses. subject, session, task: labels of BIDS, letters and digits only; a session is optional."""
-
-    subject: str = "01"
-    session: str | None = None
-    task: str = "standing"
-    model: CoordinateModel = CoordinateModel.RAJAGOPAL
-
-    def __post_init__(self) -> None:
-        for name in ("subject", "session", "task"):
-            label = getattr(self, name)
-            if label is not None and not (label.isascii() and label.isalnum()):
-                raise ValueError(f"{name} is '{label}', and BIDS allows letters and digits only")
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """Joints and angles of every frame.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
@@ -229,42 +229,3 @@ def _codes(path: Path, column: pa.ChunkedArray, what: str, texts: Sequence[str],
         if text not in index:
             raise InputError(path, f"holds the unknown {what} '{text}'", remedy)
     return np.array([index[text] for text in found], dtype=np.int64)[encoded.indices.to_numpy()]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StoredFrames(Generic[Frames]):
-    """A table in memory of which some frames are taken at a time."""
-
-    whole: Frames
-
-    @property
-    def frame(self) -> np.ndarray:
-        """(n,) int32."""
-        return np.asarray(self.whole.frame)  # type: ignore[attr-defined]
-
-    @property
-    def time_s(self) -> np.ndarray:
-        """(n,) float64."""
-        return np.asarray(self.whole.time_s)  # type: ignore[attr-defined]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The things in each frame, where each file has its own."""
-        return tuple(getattr(self.whole, "names", ()))
-
-    def rows(self, first: int, stop: int) -> Frames:
-        """Return the frames from row ``first`` to row ``stop``."""
-        arrays = {each.name: getattr(self.whole, each.name) for each in fields(self.whole)}  # type: ignore[arg-type]
-        some = {name: array[first:stop] for name, array in arrays.items() if isinstance(array, np.ndarray)}
-        return replace(self.whole, **some)  # type: ignore[type-var]
-
-    def blocks(self, frames: int) -> Iterator[tuple[slice, Frames]]:
-        """Yield all frames, so many at a time, with their rows."""
-        for first in range(0, len(self.frame), frames):
-            rows = slice(first, min(first + frames, len(self.frame)))
-            yield rows, self.rows(rows.start, rows.stop)
-
-
-def open_frames(table: FrameTable[Frames], path: Path) -> StoredFrames[Frames]:
-    """Read a table to take frames from; raises InputError for another table."""
-    return StoredFrames(table.read(path))

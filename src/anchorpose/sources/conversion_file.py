@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from anchorpose import __version__
+from anchorpose.options import ConvertOptions
 from anchorpose.recording.document import LARGEST_BYTES, parse_json
 from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 from anchorpose.results.run_record import hash_files
-from anchorpose.sources.plan import ConvertOptions
 
 RECORDING_FILE: Final = "recording.json"
 CONVERSION_FILE: Final = "conversion.json"

@@ -15,6 +15,7 @@ from typing import Any, Final
 from filelock import FileLock, Timeout
 
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.options import ConvertOptions
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.results.folder import write_text_whole
 from anchorpose.sources.camera_writer import CameraWriter
@@ -27,7 +28,7 @@ from anchorpose.sources.conversion_file import (
     is_untouched,
     read_conversion,
 )
-from anchorpose.sources.plan import CameraPlan, ConvertOptions, Plan, make_plan, turn_image
+from anchorpose.sources.plan import CameraPlan, Plan, make_plan, turn_image
 from anchorpose.sources.source import Source, find_reader, open_source
 from anchorpose.threads import one_thread
 

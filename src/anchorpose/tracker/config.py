@@ -17,6 +17,7 @@ from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.people import IsolationConfig
 from anchorpose.motion.database_file import SHIPPED
 from anchorpose.motion.prediction import MotionConfig
+from anchorpose.recording.document import load_config
 from anchorpose.results.contact_intervals import ContactConfig
 from anchorpose.results.reviewed_recording import FARTHEST_M
 from anchorpose.settings import Count, Positive, settings
@@ -91,3 +92,8 @@ class TrackConfig:
     def motion_file(self) -> Path:
         """The file of reference movements."""
         return SHIPPED if self.motions is None else Path(self.motions)
+
+
+def load_track_config(path: Path | None) -> TrackConfig:
+    """Return the settings of ``anchorpose track``; see ``load_config``. None = the defaults."""
+    return TrackConfig() if path is None else load_config(path, TrackConfig)
