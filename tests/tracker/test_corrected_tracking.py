@@ -143,9 +143,7 @@ def test_the_record_names_the_file_and_what_it_says(review):
     assert record["unusable"][0]["who"] == "AB"
 
 
-def test_smoothing_keeps_what_is_corrected_and_begins_elsewhere_if_the_first_frame_is_unusable(
-    review, tmp_path
-):
+def test_smoothing_keeps_what_is_corrected_and_begins_elsewhere_if_the_first_frame_is_unusable(review, tmp_path):
     given = read_corrections(review.file)
     file, results = tmp_path / "c.json", tmp_path / "results"
     write_corrections(file, replace(given, unusable=(unusable(0, 1), *given.unusable)))
