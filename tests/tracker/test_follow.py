@@ -198,13 +198,6 @@ def test_a_body_found_by_itself_is_kept_when_he_is_found_again(course):
     assert all(shape is shapes[0] for shape in shapes)
 
 
-def test_following_from_the_middle_is_following(course):
-    frames = read_frames(course.room.recording, APPEARS, APPEARS + 2)
-    estimates = list(follow_patient(Run(course.room, CONFIG), frames, course.shape))
-    assert [estimate.frame_set.frame for estimate in estimates] == [APPEARS, APPEARS + 1]
-    assert not any(lost(estimate) for estimate in estimates)
-
-
 def test_the_papers_own_parts_follow_roughly(course):
     config = replace(CONFIG, method=Method.PARTS)
     frames = read_frames(course.room.recording, APPEARS, VANISHES)
@@ -231,13 +224,15 @@ def test_no_frames_give_no_estimates(course):
     assert list(follow_patient(Run(course.room, CONFIG), [], course.shape)) == []
 
 
-def test_a_frame_that_the_body_explains_pays_for_no_matches(course):
+def test_following_from_the_middle_is_following_and_a_frame_that_the_body_explains_pays_for_no_matches(course):
     easy = course.estimates[APPEARS + 1 : VANISHES]
     assert all(estimate.matched_share is None for estimate in easy)
     watch = Stopwatch()
     frames = read_frames(course.room.recording, APPEARS, APPEARS + 3)
-    list(follow_patient(Run(course.room, CONFIG, stopwatch=watch), frames, course.shape))
+    estimates = list(follow_patient(Run(course.room, CONFIG, stopwatch=watch), frames, course.shape))
     assert "association" not in watch.seconds
+    assert [estimate.frame_set.frame for estimate in estimates] == [APPEARS, APPEARS + 1, APPEARS + 2]
+    assert not any(lost(estimate) for estimate in estimates)
 
 
 def test_every_frame_is_matched_and_every_stage_timed_where_the_settings_say_so_with_nearly_the_same_joints(course):
