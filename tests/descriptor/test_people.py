@@ -1,0 +1,64 @@
+"""People in simulated images, each found once by the votes of the pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from anchorpose.descriptor.learnt import Described, describe
+from anchorpose.descriptor.people import find_people
+from anchorpose.simulate.clinic import draw_clinic
+from anchorpose.simulate.config import SimulationConfig, clinic, single
+from anchorpose.simulate.render import PATIENT
+from anchorpose.simulate.shoot import set_up
+
+SURE = 0.85
+
+
+def test_one_person_in_an_empty_room_is_one() -> None:
+    pytest.importorskip("onnxruntime", reason="the learnt descriptor needs onnxruntime")
+    found, labels = found_in(single(seed=23, seconds=1.0), camera=0)
+    assert len(found) == 1
+    assert found[0].certainty > SURE
+    assert (labels[found[0].rays] == PATIENT).mean() > 0.95  # pixels at edges may look a pixel aside
+
+
+def test_a_patient_and_those_who_hold_are_told_apart() -> None:
+    pytest.importorskip("onnxruntime", reason="the learnt descriptor needs onnxruntime")
+    config = clinic(seed=31, seconds=2.0)
+    for camera in range(3):
+        found, labels = found_in(config, camera, frame=config.frames // 2)
+        shown = {label: int((labels == label).sum()) for label in np.unique(labels) if label >= PATIENT}
+        plain = [label for label, pixels in shown.items() if pixels > 400]
+        owners = [int(np.bincount(labels[person.rays]).argmax()) for person in found if person.certainty > SURE]
+        assert sorted(owner for owner in owners if owner in plain) == sorted(plain)
+
+
+def test_nobody_is_found_where_nothing_is_a_person() -> None:
+    nothing = np.zeros((4, 4))
+    unknown = np.full((4, 4, 3), np.nan)
+    index = nothing.astype(np.int64)
+    said = Described(index, index, nothing > 0, nothing, unknown, unknown[..., 0], unknown)
+    assert find_people(said, np.ones((4, 4))) == ()
+
+
+def test_votes_for_two_places_are_two_people_and_a_few_pixels_nobody() -> None:
+    row, column = np.indices((40, 40))
+    person, votes = np.ones((40, 40)), np.zeros((40, 40, 3))
+    votes[:, 20:, 0] = 0.5  # side by side
+    votes[:2, :2] = [0.0, 0.0, 3.0]
+    said = Described(row, column, person > 0, person, votes, person, votes)
+    found = find_people(said, np.full((40, 40), 2.0))
+    assert [person.pelvis_m.tolist() for person in found] == [[0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    assert found[0].rays[:, 20:].all()
+    assert not found[0].rays[:, :20].any()
+    assert found[1].area_m2 == pytest.approx(796 * 0.02**2)
+
+
+def found_in(config: SimulationConfig, camera: int, frame: int = 0) -> tuple[tuple, np.ndarray]:
+    """The people that are found in one image, and the true label of each ray."""
+    studio = set_up(draw_clinic(config))
+    shot = studio.shoot(frame)
+    depth_m = shot.depths_mm[camera] * np.float32(0.001)
+    said = describe(depth_m, studio.clinic.cameras[camera])
+    return find_people(said, depth_m), shot.images[camera].label[said.row, said.column].astype(int)
