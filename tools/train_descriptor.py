@@ -2,7 +2,7 @@
 
 Needs PyTorch, which users never need (``pip install torch onnx``). Images are drawn as they are needed, and no scene
 is seen twice. A run that was stopped goes on from STATE. The rate of learning falls with the share of the images that
-were seen. ``--export FILE.onnx`` writes the network with its weights as halves.
+were seen. ``--export FILE.weights`` writes the network with its weights as halves.
 """
 
 from __future__ import annotations

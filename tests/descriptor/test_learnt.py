@@ -126,26 +126,40 @@ def test_an_image_of_a_few_degrees_is_refused() -> None:
         describe(np.ones((424, 512), np.float32), camera(focal_px=4000.0))
 
 
+def test_an_image_of_another_size_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"\(400, 512\) pixels, the camera \(424, 512\)"):
+        describe(np.ones((400, 512), np.float32), camera())
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0, 1e6])
+def test_what_is_no_depth_is_no_reading(value: float) -> None:
+    said = describe(np.full((424, 512), value, np.float32), camera())
+    assert not said.read.any()
+
+
 def weights_file() -> Path:
     import anchorpose.descriptor as package
 
-    return Path(package.__path__[0]) / "data" / "learnt.onnx"
+    return Path(package.__path__[0]) / "data" / "learnt.weights"
 
 
 def test_the_weights_say_where_they_are_from_and_are_small() -> None:
-    about = stored_weights().session.get_modelmeta().custom_metadata_map
-    assert int(about["images"]) > 1_000_000
+    about = stored_weights().about
+    assert about["images"] > 1_000_000
     assert re.fullmatch("[0-9a-f]{64}", about["script_sha256"])
     assert weights_file().stat().st_size < 5_000_000
 
 
-@pytest.mark.parametrize("spoil", ["absent", "empty", "text", "cut"])
+@pytest.mark.parametrize("spoil", ["absent", "empty", "text", "cut", "bit", "network"])
 def test_a_file_that_is_no_network_is_one_sentence_with_its_name(tmp_path: Path, spoil: str) -> None:
-    path = tmp_path / "other.onnx"
+    path = tmp_path / "other.weights"
     whole = weights_file().read_bytes()
     if spoil != "absent":
-        path.write_bytes({"empty": b"", "text": b"not a network", "cut": whole[: len(whole) // 2]}[spoil])
-    with pytest.raises(InputError, match=r"other\.onnx: .*; .*\.$"):
+        bit = whole[:-1000] + bytes([whole[-1000] ^ 1]) + whole[-999:]
+        network = whole.partition(b"\n")[2]
+        content = {"empty": b"", "text": b"no network", "cut": whole[:1_000_000], "bit": bit, "network": network}
+        path.write_bytes(content[spoil])
+    with pytest.raises(InputError, match=r"other\.weights: .*; .*\.$"):
         read_weights(path)
 
 

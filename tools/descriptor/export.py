@@ -1,15 +1,17 @@
-"""Write a trained network as the package reads it: ONNX with halves, and where it came from."""
+"""Write a trained network as the package reads it: a line that says what it is, then ONNX with halves."""
 
 from __future__ import annotations
 
 import hashlib
+import io
+import json
 from pathlib import Path
 from typing import Final
 
 import torch
 from network import FEATURES, INPUTS, Network
 
-FORMAT: Final = "anchorpose learnt descriptor 1"
+FORMAT: Final = "anchorpose-learnt-descriptor"
 SCRIPT: Final = ("network.py", "people.py", "scenes.py", "sensors.py", "../train_descriptor.py")
 SMALL: Final = 64  # arrays up to this size stay as they are
 
@@ -19,16 +21,17 @@ def export(network: Network, centres: torch.Tensor, images: int, path: Path) -> 
     import onnx
     from onnx import TensorProto, helper, numpy_helper
 
+    file = io.BytesIO()
     torch.onnx.export(
         network.eval().cpu(),
         (torch.rand(1, INPUTS, 64, 96),),
-        path,
+        file,
         dynamo=False,
         input_names=["depth"],
         output_names=["said"],
         dynamic_axes={"depth": {2: "h", 3: "w"}, "said": {2: "h", 3: "w"}},
     )
-    model = onnx.load(path)
+    model = onnx.load_from_string(file.getvalue())
     places = network.places
     constant = {"slope": places.weight.reshape(-1, 3, FEATURES), "base": places.bias.reshape(-1, 3), "centres": centres}
     for name, values in constant.items():
@@ -48,9 +51,11 @@ def export(network: Network, centres: torch.Tensor, images: int, path: Path) -> 
     del model.graph.initializer[:], model.graph.node[:]
     model.graph.initializer.extend(stored)
     model.graph.node.extend(nodes)
-    helper.set_model_props(model, {"format": FORMAT, "images": str(images), "script_sha256": script_hash()})
     onnx.checker.check_model(model)
-    onnx.save(model, path)
+    content = model.SerializeToString(deterministic=True)
+    network_sha256 = hashlib.sha256(content).hexdigest()
+    head = {"format": FORMAT, "images": images, "script_sha256": script_hash(), "network_sha256": network_sha256}
+    path.write_bytes(json.dumps(head).encode() + b"\n" + content)
 
 
 def script_hash() -> str:

@@ -7,6 +7,8 @@ images names the place on the complete body's skin, where the distances are know
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib import resources
@@ -21,6 +23,7 @@ from anchorpose.lens import Intrinsics, lens_array, project, rays_of_pixels
 from anchorpose.recording.regular_file import read_whole
 
 FOCAL_PX: Final = 200.0  # of the images that the network was trained on
+INPUTS: Final = 5  # layers of ``inputs_of``
 STEP: Final = 2  # the network answers for each second pixel
 MULTIPLE: Final = 32  # the network halves its image five times
 SMALLEST_PX: Final = 32
@@ -30,7 +33,9 @@ NEAREST_M: Final = 0.3
 WINDOWS: Final = ((9, 0.15), (33, 0.5))  # pixels around which relief is taken, and the largest relief in metres
 OFFSET: Final = 0.1  # of stature: the unit in which the network gives places within a patch
 LARGEST_BYTES: Final = 64_000_000  # of a file of weights; the package's has 4
-FORMAT: Final = "anchorpose learnt descriptor 1"
+LONGEST_LINE: Final = 4096
+FORMAT: Final = "anchorpose-learnt-descriptor"
+REMEDY: Final = "export it by tools/train_descriptor.py, or use the weights of the package"
 
 
 class Described(NamedTuple):
@@ -57,51 +62,64 @@ class Described(NamedTuple):
 class Weights:
     """A trained network: its session, and how it says where within a patch a pixel is (``tools/train_descriptor.py``).
 
-    slope (p, 3, f), base (p, 3): from the f features of a pixel to its offset from centres (p, 3).
+    slope (p, 3, f), base (p, 3): from the f features of a pixel to its offset from centres (p, 3). about: how many
+    images it was trained on, and the hashes of the scripts and of the network.
     """
 
     session: Any
     slope: np.ndarray
     base: np.ndarray
     centres: np.ndarray
+    about: dict[str, Any]
 
 
 @cache
 def stored_weights() -> Weights:
     """The weights that ship with the package."""
-    with resources.as_file(resources.files("anchorpose.descriptor").joinpath("data/learnt.onnx")) as path:
+    with resources.as_file(resources.files("anchorpose.descriptor").joinpath("data/learnt.weights")) as path:
         return read_weights(path)
 
 
 def read_weights(path: Path) -> Weights:
-    """Read weights that ``tools/train_descriptor.py`` exported.
+    """Read weights that ``tools/train_descriptor.py`` exported: a line of JSON, then the network in ONNX.
 
-    Raises InputError for a file that is none, and MissingPackage without onnxruntime.
+    Raises InputError for a file that is none or is damaged, and MissingPackage without onnxruntime.
     """
     try:
         import onnxruntime
     except ModuleNotFoundError as error:
         raise MissingPackage("the learnt descriptor", "onnxruntime", "descriptor") from error
+    head, network = _parts(path)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1  # one order of sums: the same bytes on each run
-    options.log_severity_level = 4  # what is wrong is said by the exception
-    content = read_whole(path, LARGEST_BYTES, "install anchorpose again, or give another file")
+    session = onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
+    nothing = np.zeros((1, INPUTS, MULTIPLE, MULTIPLE), np.float32)
+    slope, base, centres = session.run(["slope", "base", "centres"], {"depth": nothing})
+    return Weights(session, slope, base, centres, head)
+
+
+def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
+    """What the file says of itself, and the network, which is what was exported."""
+    line, _, network = read_whole(path, LARGEST_BYTES, REMEDY).partition(b"\n")
     try:
-        session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-        known = session.get_modelmeta().custom_metadata_map.get("format") == FORMAT
-    except Exception as error:  # onnxruntime's own, which derive from no common class
-        raise InputError(path, "no network can be read from it", "export it by tools/train_descriptor.py") from error
-    if not known:
-        raise InputError(path, "it holds another network", "export it by tools/train_descriptor.py")
-    slope, base, centres = session.run(["slope", "base", "centres"], {"depth": np.zeros((1, 5, 32, 32), np.float32)})
-    return Weights(session, slope, base, centres)
+        head = json.loads(line) if len(line) < LONGEST_LINE else None
+    except ValueError:
+        head = None
+    if not isinstance(head, dict) or head.get("format") != FORMAT:
+        raise InputError(path, "holds no weights of the learnt descriptor", REMEDY)
+    if head.get("network_sha256") != hashlib.sha256(network).hexdigest():
+        raise InputError(path, "is damaged: its network is not what was exported", REMEDY)
+    return head, network
 
 
 def describe(depth_m: np.ndarray, camera: Camera, weights: Weights | None = None) -> Described:
     """Describe one depth image (height, width), metres, 0 without a reading; ``weights``: those of the package.
 
-    Raises ValueError for an image that shows less than 9 degrees: nothing can be told from so little.
+    What is not a number, negative or farther than ``FARTHEST_M`` is no reading. Raises ValueError for an image of
+    another size than the camera's, or that shows less than 9 degrees.
     """
+    if depth_m.shape != (camera.height, camera.width):
+        raise ValueError(f"the image has {depth_m.shape} pixels, the camera ({camera.height}, {camera.width})")
     weights = stored_weights() if weights is None else weights
     row, column, inside = _sampling(camera.intrinsics, camera.width, camera.height)
     seen_m = np.where(inside, depth_m[row, column], 0.0).astype(np.float32)
