@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Final, get_args
 
 import numpy as np
-from recordings import MOVEMENTS, Drawn, Simulated
+from recordings import MOVEMENTS, Drawn, Real, Simulated
 from suite import Case, Probe, Use
 
 from anchorpose.simulate import config as presets
@@ -73,6 +73,8 @@ def descriptor(use: Use, quick: bool) -> Iterator[Case]:
             (f"rooms, depth {filtered}", room),
         ):
             yield Case(title, Drawn(f"descriptor-{title[:4]}-{seed}", config), probe=Probe("descriptor"))
+    for folder in ("people_in_line", "five_people", "realsense_board", "iit_rehab_room"):
+        yield Case(f"real: {folder}", Real(folder), probe=Probe("people_found"))
 
 
 def equipment(use: Use, quick: bool) -> Iterator[Case]:
