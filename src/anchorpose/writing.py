@@ -214,8 +214,8 @@ def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
 
 
 def _depth(scene: Scene) -> DepthRecord:
-    model = scene.background
-    return DepthRecord(model.noise, model.step_per_m, model.detail.edge_px)
+    sensor = scene.background.sensor
+    return DepthRecord(sensor.noise, sensor.step_per_m, sensor.edge_px)
 
 
 def _pose_residuals(calibration: Calibration) -> list[Residual]:
@@ -256,7 +256,7 @@ def _coarse_cameras(room: Room) -> list[str]:
         f"camera {scene.camera.name}: its filters draw depth edges out over {detail.edge_px:.0f} pixels: farther than "
         f"{detail.limbs_until_m:.1f} m from it an arm cannot be told from what is beside it"
         for scene in room.scenes
-        if (detail := scene.background.detail).filtered
+        if (detail := scene.background.sensor).filtered
     ]
 
 
@@ -266,7 +266,7 @@ def _unmeasured_cameras(room: Room) -> list[str]:
         f"camera {scene.camera.name}: no still background is seen to measure its noise on; what neighbouring readings "
         "differ by is used, without the errors that they share, so sigma may be too small"
         for scene in room.scenes
-        if not scene.background.noise.measured
+        if not scene.background.sensor.noise.measured
     ]
 
 

@@ -96,9 +96,7 @@ def agreement(
             points = points[np.isfinite(points[:, 2])].astype(np.float64)
             world = transform_points(cameras[here].require_pose(), points)
             world = world[world[:, 1] > floor_height_m + ABOVE_FLOOR_M]
-            seen = transform_points(invert_rigid(other.require_pose()), world)
-            column, row, inside = other.pixel_of(seen)
-            reading, z = pair[there][row, column], seen[:, 2]
+            z, reading, inside = other.look(world, pair[there])
             margin = APART_M + NOISE_GATE * noise_per_m * np.square(z)
             usable = inside & (reading > 0) & (z > 0)
             tested += int(np.count_nonzero(usable & (reading > z - margin)))

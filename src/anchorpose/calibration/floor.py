@@ -151,13 +151,10 @@ def _vote(
 
     Depth noise a z^2 along a ray that meets the floor at a grazing angle is a z h across it, h the camera's height.
     """
-    corners = points_m[rng.integers(0, len(points_m), (TRIALS, 3))]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    normals = normals / np.maximum(length, 1e-12)[:, None]
-    normals *= np.where(normals @ up < 0.0, -1.0, 1.0)[:, None]
-    heights = -np.einsum("ij,ij->i", normals, corners[:, 0])
-    possible = (normals @ up > np.cos(WORST_TILT_RAD)) & (heights > LEAST_HEIGHT_M) & (length > 1e-6)
+    normals, offsets = drawn_planes(points_m, TRIALS, rng)
+    sign = np.where(normals @ up < 0.0, -1.0, 1.0)
+    normals, heights = normals * sign[:, None], -offsets * sign
+    possible = (normals @ up > np.cos(WORST_TILT_RAD)) & (heights > LEAST_HEIGHT_M)
     best, best_votes = None, LEAST_SHARE * len(points_m)
     for normal, height in zip(normals[possible], heights[possible], strict=True):
         distance = points_m @ normal + height
@@ -170,6 +167,18 @@ def _vote(
         if sunk <= MOST_SUNK * len(standing_m):
             best, best_votes = np.append(normal, height), on_it - below
     return best
+
+
+def drawn_planes(points_m: np.ndarray, trials: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Draw planes through three of the points (n, 3): unit normals (k, 3) and offsets (k,), ``normal @ p = offset``.
+
+    Triples on a line are left out.
+    """
+    corners = points_m[rng.integers(0, len(points_m), (trials, 3))]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    normals = normals[length > 1e-6] / length[length > 1e-6, None]
+    return normals, np.einsum("ij,ij->i", normals, corners[length > 1e-6, 0])
 
 
 def _refined(plane: np.ndarray, points_m: np.ndarray, tolerance_m: float, noise_per_m: float) -> FloorPlane | NoFloor:

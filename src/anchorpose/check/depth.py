@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 
 from anchorpose.body.visibility import MOST_MISSING
-from anchorpose.calibration.first_frames import USUAL_DISTANCE_M, noise_per_m, people_only, step_per_m
+from anchorpose.calibration.first_frames import USUAL_DISTANCE_M, noise_per_m, people_only
 from anchorpose.calibration.floor import FloorPlane, find_floor, up_of
 from anchorpose.camera import Camera
 from anchorpose.check.material import Finding, Level, Material, OfCamera, level_of, of_cameras
 from anchorpose.isolation.background import BackgroundModel
-from anchorpose.isolation.depth_noise import LIMB_M, SHARP_EDGE_PX, DepthDetail, smear_px
+from anchorpose.isolation.depth_noise import LIMB_M, measure_detail
 from anchorpose.isolation.room_planes import find_planes
 from anchorpose.isolation.view import View
 
@@ -65,8 +65,7 @@ def _noise(camera: Camera, frames_m: Sequence[np.ndarray], at_m: float) -> OfCam
 
 
 def _detail(camera: Camera, frames_m: Sequence[np.ndarray], at_m: float) -> OfCamera:
-    edge_px = max(float(smear_px(frames_m)), SHARP_EDGE_PX)
-    detail = DepthDetail(edge_px, camera.intrinsics.fx, step_per_m(frames_m))
+    detail = measure_detail(frames_m, camera)
     edge_m, step_m = detail.edge_m(at_m), detail.step_m(at_m)
     drawn_out = max(level_of(edge_m, LIMB_M, LIMB_M), Level.YELLOW if detail.filtered else Level.GREEN)
     coarse = level_of(step_m, COARSE_M, LIMB_M)
@@ -189,7 +188,7 @@ def _room_through_lens(material: Material) -> list[Finding]:
     flat, upright = list[OfCamera](), list[OfCamera]()
     for scene in material.floor_scenes:
         room, camera = scene.background, scene.camera
-        floor = find_floor(room.depth_m, camera, room.noise_per_m, up=up_of(camera))
+        floor = find_floor(room.depth_m, camera, room.sensor.noise_per_m, up=up_of(camera))
         if not isinstance(floor, FloorPlane):
             continue
         bend_m, lean_deg = _bend_m(room.depth_m, camera, floor), _lean_deg(room, camera, floor)
@@ -228,7 +227,7 @@ def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float
     parallel to the image stays so whatever the lens is, and where the sensor's range cuts a wall off, the strip that is
     left of it looks like one.
     """
-    planes = find_planes(room.depth_m, camera, room.noise_per_m, most_beyond=1.0)
+    planes = find_planes(room.depth_m, camera, room.sensor.noise_per_m, most_beyond=1.0)
     facing = [plane[:3] for plane in planes if FACING < plane[2] < PARALLEL]
     leans = [abs(float(np.degrees(np.arcsin(np.clip(normal @ floor.up, -1.0, 1.0))))) for normal in facing]
     return min((lean for lean in leans if lean < UPRIGHT_DEG), default=float("nan"))
