@@ -11,12 +11,11 @@ from laboratory_builder import Laboratory, make_laboratory, missed
 
 from anchorpose.agreement.captured import read_captured
 from anchorpose.agreement.clock import Clock
-from anchorpose.agreement.evaluating import compare_with_reference
+from anchorpose.agreement.evaluating import ALL, AS_MEASURED, OFFSET_REMOVED, agreement_rows, compare_with_reference
 from anchorpose.agreement.matching import Match, match_results
 from anchorpose.agreement.placement import moved
 from anchorpose.agreement.reference import exchanged, read_reference
 from anchorpose.agreement.reference_settings import ReferenceSettings
-from anchorpose.agreement.rows import ALL, AS_MEASURED, OFFSET_REMOVED, agreement_rows
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.results import frame_time
-from anchorpose.results.evaluate import evaluate
-from anchorpose.results.evaluate_confidence import LIMBS_JUDGED
+from anchorpose.results.evaluate import LIMBS_JUDGED, evaluate
 from anchorpose.results.evaluation_file import (
     compared_sentence,
     confidence_sentences,

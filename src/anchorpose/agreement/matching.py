@@ -9,10 +9,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from anchorpose.agreement.clock import Clock, NoCommonMovement, find_clock, refine_clock
+from anchorpose.agreement.clock import (
+    Clock,
+    NoCommonMovement,
+    common_signals,
+    find_clock,
+    position_signals,
+    refine_clock,
+    resampled,
+)
 from anchorpose.agreement.placement import Placement, moved, place, residual, segment_axes
 from anchorpose.agreement.reference import Reference, exchanged
-from anchorpose.agreement.signals import common_signals, position_signals, resampled
 from anchorpose.errors import DegenerateGeometry, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.kinematics.joint_angles import joint_angles

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from anchorpose.joints import JOINT_COUNT
-from anchorpose.results.evaluate import ContactEvaluation, ErrorSummary, Evaluation
-from anchorpose.results.evaluate_confidence import CONFIDENT_SIGMAS, FAR_M, WRONG_M
+from anchorpose.results.evaluate import CONFIDENT_SIGMAS, FAR_M, WRONG_M, ContactEvaluation, ErrorSummary, Evaluation
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import as_json
 

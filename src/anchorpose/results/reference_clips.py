@@ -9,14 +9,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.motion.database_file import (
-    FORMAT,
-    ReferenceClips,
-    join_clips,
-    read_motions,
-    read_skeletons,
-    write_motions,
-)
+from anchorpose.motion.database import FORMAT, ReferenceClips, join_clips, read_motions, read_skeletons, write_motions
 from anchorpose.recording.regular_file import read_arrays
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own

@@ -13,7 +13,7 @@ from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.calibration.equipment_pose import EquipmentPoseConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.people import IsolationConfig
-from anchorpose.motion.database_file import SHIPPED
+from anchorpose.motion.database import SHIPPED
 from anchorpose.motion.prediction import MotionConfig
 from anchorpose.results.contact_intervals import ContactConfig
 from anchorpose.settings import Count, Positive, settings
