@@ -20,12 +20,10 @@ from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pages.frame_pictures import draw_chosen, save_pictures
-from anchorpose.recording.pairing import CameraGaps, find_gaps
-from anchorpose.recording.recording import CoveredPart
+from anchorpose.recording.recording import CameraGaps, CoveredPart, find_gaps
 from anchorpose.report.page import REPORT_FILE, write_report
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.corrections import CorrectionsRecord, JointCorrection
-from anchorpose.results.event_log import add_event
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedSummary, read_explained, summarise, write_explained
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.people_labels import PEOPLE_FILE, write_people
@@ -60,6 +58,7 @@ from anchorpose.results.tables import (
     write_joints,
     write_poses,
 )
+from anchorpose.results.verify import add_event
 from anchorpose.track_inputs import ReviewFile, TrackInputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_record import TrackedFrame

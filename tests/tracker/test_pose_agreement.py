@@ -104,7 +104,7 @@ def test_surfaces_in_common_view_decide_and_without_them_what_is_seen_past(
 def test_people_are_no_evidence_where_a_camera_draws_their_outlines_out():
     scenes, pair = agree([camera("front", 0.0), camera("left", 0.7)], smear_px=10)
     assert pair.past.measured == "see past 0 % of the room"
-    assert all(one.background.detail.filtered for one in scenes)
+    assert all(one.background.sensor.filtered for one in scenes)
 
 
 def test_cameras_that_share_nothing_are_not_judged():

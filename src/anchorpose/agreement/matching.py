@@ -22,7 +22,7 @@ from anchorpose.agreement.placement import Placement, moved, place, residual, se
 from anchorpose.agreement.reference import Reference, exchanged
 from anchorpose.errors import DegenerateGeometry, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.tables import JOINTS_FILE, AngleTable, JointTable, read_joints
 from anchorpose.results.verify import require_own
 from anchorpose.rotations import fit_rigid_transform

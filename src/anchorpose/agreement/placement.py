@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.results.kinematics.definition import Axes, pelvis_axes, trunk_axes
+from anchorpose.results.angle_definition import Axes, pelvis_axes, trunk_axes
 from anchorpose.rotations import fit_rigid_transform, rotation_matrices, rotation_vectors, unit
 
 ROUNDS: Final = 15

@@ -21,7 +21,7 @@ from anchorpose.agreement.reference_settings import HipCentre
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.recording.document import read_rows
-from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
+from anchorpose.results.joint_angles import ANGLE_NAMES
 from anchorpose.rotations import unit
 
 SIDES: Final = {"L": "Left", "R": "Right"}

@@ -106,7 +106,7 @@ def live(
     from anchorpose.live.first_seconds import LiveOptions, User
     from anchorpose.live.session import track_live
     from anchorpose.live.source import about_folder
-    from anchorpose.results.unfinished import unfinished_results
+    from anchorpose.results.folder import unfinished_results
 
     given = options or LiveGiven()
     if given.finish:

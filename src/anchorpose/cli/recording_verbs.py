@@ -182,8 +182,7 @@ def calibrate(
     """
     from anchorpose.cli.config_file import load_track_config
     from anchorpose.pipeline import calibrate_recording
-    from anchorpose.results.calibration_file import CALIBRATION
-    from anchorpose.results.folder import check_results_path, new_results_folder
+    from anchorpose.results.folder import CALIBRATION, check_results_path, new_results_folder
 
     settings = load_track_config(config)
     source = recording.resolve()
@@ -199,7 +198,7 @@ def calibrate(
 def _print_poses(found: Calibration) -> None:
     from rich.table import Table
 
-    from anchorpose.results.calibration_file import calibration_rows
+    from anchorpose.calibration.calibration import calibration_rows
 
     table = Table("camera", "pose", "± mm", "± degrees", "surface rms mm", "outline rms px")
     for row in calibration_rows(found):

@@ -19,7 +19,7 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.formats import CoordinateModel, ExportConfig, Product, Source, rounded_text, write_rows
 from anchorpose.exports.regular_time import near_in_time, stretch_name, stretches_of
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.kinematics.joint_angles import SOLE_SLOPE_DEG, knee_flexion
+from anchorpose.results.joint_angles import SOLE_SLOPE_DEG, knee_flexion
 from anchorpose.results.tables import POSES_FILE, PoseTable, read_poses
 from anchorpose.rotations import unit
 

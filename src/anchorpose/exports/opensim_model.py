@@ -12,7 +12,7 @@ import numpy as np
 from anchorpose import __version__
 from anchorpose.exports.formats import CoordinateModel
 from anchorpose.exports.opensim_coordinates import SIDES, in_axes, joint, pelvis_axes, torso_axes
-from anchorpose.results.kinematics.joint_angles import SOLE_SLOPE_DEG
+from anchorpose.results.joint_angles import SOLE_SLOPE_DEG
 
 
 @dataclass(frozen=True, slots=True, eq=False)

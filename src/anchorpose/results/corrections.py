@@ -20,7 +20,7 @@ from pydantic import AfterValidator, ConfigDict, Discriminator, Field, StringCon
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.document import Text, Version, Whole, numbers, read_document, validate
-from anchorpose.recording.timestamps import Seconds
+from anchorpose.recording.recording_file import Seconds
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.reviewed_recording import FARTHEST_M, ReviewedRecording, recording_of_run, same_world
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown

@@ -12,8 +12,8 @@ import numpy as np
 from anchorpose.body.contact_regions import REGION_BONES, REGIONS
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
-from anchorpose.recording.pairing import half_period_s, nearest_within
-from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES, joint_angles
+from anchorpose.recording.recording import half_period_s, nearest_within
+from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.truth import TrueTouch, Truth, read_true_touch, read_truth

@@ -13,8 +13,7 @@ from pydantic import AfterValidator, ConfigDict, Field
 from anchorpose.camera import Camera
 from anchorpose.recording.document import Text
 from anchorpose.recording.recording import Clock
-from anchorpose.recording.recording_file import CameraPose
-from anchorpose.recording.timestamps import FARTHEST_TIME_S
+from anchorpose.recording.recording_file import FARTHEST_TIME_S, CameraPose
 from anchorpose.settings import STRICT, Unfit
 
 FARTHEST_M: Final = 100.0

@@ -10,8 +10,8 @@ import numpy as np
 from anchorpose.body.contact_regions import REGION_BONES
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
+from anchorpose.recording.recording_file import FARTHEST_TIME_S
 from anchorpose.recording.regular_file import read_arrays
-from anchorpose.recording.timestamps import FARTHEST_TIME_S
 from anchorpose.results.reviewed_recording import FARTHEST_M
 
 _READ = ("joints", "names", "time", "occluded", "seen_share")

@@ -23,8 +23,7 @@ from anchorpose.recording.document import LARGEST_BYTES, parse_json
 from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import hash_files
-from anchorpose.sources.camera_writer import CameraWriter
-from anchorpose.sources.plan import CameraPlan, ConvertOptions, Plan, make_plan, turn_image
+from anchorpose.sources.plan import CameraPlan, CameraWriter, ConvertOptions, Plan, make_plan, turn_image
 from anchorpose.sources.source import Source, find_reader, open_source
 from anchorpose.threads import one_thread
 
