@@ -183,7 +183,7 @@ class Sensor(DepthDetail):
 
 def measure_detail(frames_m: Sequence[np.ndarray], camera: Camera) -> DepthDetail:
     """Measure edges and steps on frames (height, width) float32 metres of one camera, 0 = no reading."""
-    return DepthDetail(max(float(smear_px(frames_m)), SHARP_EDGE_PX), camera.intrinsics.fx, step_per_m(frames_m))
+    return DepthDetail(max(smear_px(frames_m), SHARP_EDGE_PX), camera.intrinsics.fx, step_per_m(frames_m))
 
 
 def measure_noise(
