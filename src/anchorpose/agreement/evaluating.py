@@ -29,7 +29,6 @@ from anchorpose.joints import JOINT_NAMES, LOST, JointState
 from anchorpose.recording.document import read_json, require_rigid
 from anchorpose.settings import Unfit
 
-MM: Final = 1000.0
 AXES: Final = ("x", "y", "z")
 AS_MEASURED, OFFSET_REMOVED = "as_measured", "offset_removed"
 ALL, INFERRED = "all", "inferred"
@@ -248,10 +247,10 @@ def _joint(match: Match, joint: int, axis: int) -> Compared | None:
     offset_m = (match.axes[:, joint] @ match.placement.offset_m[joint])[:, axis]
     joints = match.joints
     return Compared(
-        MM * joints.position_m[:, joint, axis],
-        MM * match.theirs_m[:, joint, axis],
-        MM * joints.sigma_m[:, joint],
-        MM * offset_m,
+        1000.0 * joints.position_m[:, joint, axis],
+        1000.0 * match.theirs_m[:, joint, axis],
+        1000.0 * joints.sigma_m[:, joint],
+        1000.0 * offset_m,
         joints.state_code[:, joint],
         joints.time_s,
     )
@@ -358,7 +357,7 @@ def _distance(match: Match, column: int | None, state: str, offset: str) -> np.n
     away = match.joints.position_m - match.theirs_m
     if offset == OFFSET_REMOVED:
         away = away - np.einsum("njik,jk->nji", match.axes, match.placement.offset_m)
-    length = MM * np.linalg.norm(away, axis=2)
+    length = 1000.0 * np.linalg.norm(away, axis=2)
     chosen = np.isfinite(length) & in_state(match.joints.state_code.ravel(), state).reshape(length.shape)
     picked = slice(None) if column is None else slice(column, column + 1)
     return np.asarray(length[:, picked][chosen[:, picked]])

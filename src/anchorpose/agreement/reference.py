@@ -142,8 +142,6 @@ def _thigh(own: dict[str, str], midpoints: dict[str, tuple[str, ...]], side: str
     return (*sorted(cluster), *midpoints.get(f"Knee{name}", ()))
 
 
-MM: Final = 0.001
-
 LEAST_SWING: Final = 0.02
 """Least ratio of the smallest to the largest singular value of the spheres' equations: below it the thigh moved in a
 plane or hardly at all, and the centre is not determined along one direction."""
@@ -220,7 +218,7 @@ def pelvis_frame(
 
 def harrington_hip(width_m: float, depth_m: float) -> np.ndarray:
     """(3,) metres of the right hip centre in ``pelvis_frame``: x forward, y up, z right; the left one has -z."""
-    return np.array([-0.24 * depth_m - 9.9 * MM, -0.30 * width_m - 10.9 * MM, 0.33 * width_m + 7.3 * MM])
+    return np.array([-0.24 * depth_m - 0.0099, -0.30 * width_m - 0.0109, 0.33 * width_m + 0.0073])
 
 
 def functional_centre(markers_m: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.first_frames import MAD_OF_NORMAL, noise_per_m
+from anchorpose.calibration.first_frames import MAD_OF_NORMAL, NEARER_M, noise_per_m
 from anchorpose.camera import Camera
 
 LEAST_READINGS: Final = 1000  # a hundredth of the smallest depth image
@@ -24,7 +24,6 @@ LEAST_HEIGHT_M: Final = 0.3  # of the camera above its floor; nearer planes are 
 MOST_BELOW: Final = 0.1  # points below the floor, as a share of those on it: mirrors and flying pixels
 MOST_SUNK: Final = 0.05  # share of what moves that may lie below: legs beside a table top are a third of a person
 SUNK_M: Final = 0.10  # below the plane: a shoe's height, and what a tilted plane may be off
-MOVED_M: Final = 0.15  # nearer than the room: a body is thicker
 LEAST_SHARE: Final = 0.02  # of the readings: the direction of a smaller patch is uncertain
 LEAST_EXTENT_M: Final = 0.5  # in its narrower direction, for the same reason
 TRIALS: Final = 300  # with 10 % of inliers, three good points are drawn once in 1000; planes here hold 20 to 50 %
@@ -105,7 +104,7 @@ def _is_stood_on(floor: FloorPlane | NoFloor, people_m: np.ndarray) -> bool:
 
 def _before(room_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
     """(n, 3) camera points of what stands before the room, ``SAMPLE`` of them at most."""
-    nearer = [np.where((room_m <= 0) | (depth < room_m - MOVED_M), depth, 0.0) for depth in frames_m]
+    nearer = [np.where((room_m <= 0) | (depth < room_m - NEARER_M), depth, 0.0) for depth in frames_m]
     found = [points[np.isfinite(points[..., 2])] for points in map(camera.back_project, nearer)]
     points = np.concatenate([np.zeros((0, 3)), *found])
     return np.asarray(points[:: max(1, len(points) // SAMPLE)])

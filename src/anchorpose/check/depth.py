@@ -18,10 +18,7 @@ from anchorpose.isolation.depth_noise import LIMB_M, measure_detail
 from anchorpose.isolation.room_planes import find_planes
 from anchorpose.isolation.view import View
 
-KINECT_V1_PER_M: Final = 1.425e-3  # Khoshelham and Elberink 2012: the noisiest camera that is common in clinics
-NOISY: Final = 2.0  # times that
-LIMB_LOST_M: Final = LIMB_M / 2  # one sigma as large as a limb's radius: its surface is in the noise
-COARSE_M: Final = LIMB_M / 4  # steps: a limb shows in four of them
+NOISY_PER_M: Final = 2 * 1.425e-3  # of a Kinect v1, the noisiest common camera: Khoshelham and Elberink 2012
 SOME_GONE, MOST_GONE = 0.40, 0.70  # of the image: 0.05 to 0.35 indoors, where windows and far walls return nothing
 HOLED: Final = 0.15  # of the patient's outline: hair and shoes are less
 BURST: Final = 1.3  # of the usual noise in a single frame: within 10 % from frame to frame of undisturbed cameras
@@ -59,7 +56,7 @@ def _noise(camera: Camera, frames_m: Sequence[np.ndarray], at_m: float) -> OfCam
     except ValueError:
         return OfCamera(camera.name, Level.RED, "too few readings to measure", "look at the depth images")
     sigma_m = noise * at_m**2
-    level = max(level_of(noise, NOISY * KINECT_V1_PER_M, np.inf), level_of(sigma_m, np.inf, LIMB_LOST_M))
+    level = max(level_of(noise, NOISY_PER_M, np.inf), level_of(sigma_m, np.inf, LIMB_M / 2))
     remedy = "move the camera nearer to the patient, keep sunlight out, and choose its mode of high accuracy"
     return OfCamera(camera.name, level, f"{1000 * sigma_m:.0f} mm (one sigma) at {at_m:.1f} m", remedy)
 
@@ -68,7 +65,7 @@ def _detail(camera: Camera, frames_m: Sequence[np.ndarray], at_m: float) -> OfCa
     detail = measure_detail(frames_m, camera)
     edge_m, step_m = detail.edge_m(at_m), detail.step_m(at_m)
     drawn_out = max(level_of(edge_m, LIMB_M, LIMB_M), Level.YELLOW if detail.filtered else Level.GREEN)
-    coarse = level_of(step_m, COARSE_M, LIMB_M)
+    coarse = level_of(step_m, LIMB_M / 4, LIMB_M)
     edges = f"edges {100 * edge_m:.0f} cm wide" if detail.filtered else "sharp edges"
     measured, remedies = f"steps of {1000 * step_m:.0f} mm, {edges} at {at_m:.1f} m", list[str]()
     if drawn_out > Level.GREEN:

@@ -9,6 +9,7 @@ import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, DoubtSource, FloorResidual, PoseDoubt, PoseSource
 from anchorpose.calibration.clocks import clock_notes
+from anchorpose.calibration.floor import TOLERANCES_M
 from anchorpose.calibration.world import TILTED_RAD, WORST_FLOOR_TILT_RAD
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.check.depth import check_depth, check_lens
@@ -114,7 +115,6 @@ def _clocks(material: Material) -> Finding:
 
 
 SOURCES: Final = {PoseSource.FLOOR: "not given; found from floor and patient"}
-UNEVEN_M: Final = 0.02  # floors are flat to that; cameras that smooth make waves
 
 
 def check_poses(material: Material) -> list[Finding]:
@@ -170,7 +170,7 @@ def _floor(material: Material) -> Finding:
 
 def _one_floor(floor: FloorResidual) -> OfCamera:
     tilted = level_of(floor.tilt_rad, TILTED_RAD, WORST_FLOOR_TILT_RAD)
-    uneven = level_of(floor.residual_m, UNEVEN_M, np.inf)
+    uneven = level_of(floor.residual_m, TOLERANCES_M[0], np.inf)
     measured, remedies = f"seen, even to {1000 * floor.residual_m:.0f} mm", list[str]()
     if tilted > Level.GREEN:
         measured += f", {np.degrees(floor.tilt_rad):.1f} degrees off the given pose"

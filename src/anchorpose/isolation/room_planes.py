@@ -11,7 +11,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.calibration.floor import drawn_planes
+from anchorpose.calibration.floor import NOISE_GATE, TOLERANCES_M, drawn_planes
 from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
@@ -19,8 +19,6 @@ from anchorpose.rotations import UP
 PLANES: Final = 6  # floor, ceiling and the walls in view
 TRIALS: Final = 200  # a plane with a fifth of the points is drawn once in 125
 VOTERS: Final = 5000  # points that vote on a plane
-TOLERANCE_M: Final = 0.02  # walls and floors are flat to that
-NOISE_GATE: Final = 3.0  # sigmas
 LEAST_SHARE: Final = 0.03  # of the image: a smaller plane is furniture, or a person's back
 MOST_BEYOND: Final = 0.02  # of the readings on the far side: nothing is behind a wall
 
@@ -97,7 +95,7 @@ def _best(
 
 def off_plane_m(depth_m: np.ndarray, noise_per_m: float) -> np.ndarray:
     """How far readings at a depth may be from the plane that they show."""
-    return np.asarray(TOLERANCE_M + NOISE_GATE * noise_per_m * depth_m**2)
+    return np.asarray(TOLERANCES_M[0] + NOISE_GATE * noise_per_m * depth_m**2)
 
 
 def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np.ndarray:

@@ -31,7 +31,7 @@ from anchorpose.recording.document import (
     require_file_name,
     require_rigid,
 )
-from anchorpose.recording.recording import CoveredPart, MissingPart, Recording, Subject
+from anchorpose.recording.recording import USUAL_PERIOD_S, CoveredPart, MissingPart, Recording, Subject
 from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.settings import LARGEST, Unfit, shown
 
@@ -50,7 +50,6 @@ FARTHEST_TIME_S: Final = 1e11
 Seconds = Annotated[float, Field(ge=-FARTHEST_TIME_S, le=FARTHEST_TIME_S, description="a time in seconds")]
 
 _UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
-_USUAL_STEP_S: Final = 1.0 / 30.0
 
 
 def read_timestamps(path: Path) -> dict[int, float]:
@@ -92,7 +91,7 @@ def _require_seconds(path: Path, time_s: np.ndarray) -> None:
         step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if step > LONGEST_STEP_S:
         problem = f"has times that are {step:.6g} s apart"
-        unit = min(_UNITS, key=lambda name: abs(np.log(step / _UNITS[name] / _USUAL_STEP_S)))
+        unit = min(_UNITS, key=lambda name: abs(np.log(step / _UNITS[name] / USUAL_PERIOD_S)))
         if SHORTEST_STEP_S < step / _UNITS[unit] <= LONGEST_STEP_S:
             problem += f", as if they were {unit}"
             raise InputError(path, problem, f"write seconds: divide the times by {_UNITS[unit]:,.0f}")
