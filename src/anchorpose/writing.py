@@ -26,9 +26,8 @@ from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.corrections import CorrectionsRecord, JointCorrection
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedSummary, read_explained, summarise, write_explained
 from anchorpose.results.measuring import MeasureConfig, write_measured
-from anchorpose.results.people_labels import PEOPLE_FILE, write_people
 from anchorpose.results.processing import ProcessingConfig
-from anchorpose.results.records import CONTACTS_FILE, write_contacts
+from anchorpose.results.records import CONTACTS_FILE, PEOPLE_FILE, write_contacts, write_people
 from anchorpose.results.run_record import (
     RUN_FILE,
     BodyRecord,

@@ -17,7 +17,7 @@ import numpy as np
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.live.source import LiveCamera, LiveImage
 from anchorpose.recording.document import read_document, read_json, read_text
-from anchorpose.recording.equipment_file import equipment_files
+from anchorpose.recording.equipment import equipment_files
 from anchorpose.recording.recording_file import RecordingDocument
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
 from anchorpose.results.folder import naming_place, write_text_whole
