@@ -127,7 +127,7 @@ ANCHORS_FILE, read_anchors, write_anchors = ANCHORS.file, ANCHORS.read, ANCHORS.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AngleTable:
-    """frame (n,) int32, time_s (n,) float64, names (a,) of docs/angles.md; ``kinematics`` defines the angles.
+    """frame (n,) int32, time_s (n,) float64, names (a,) of docs/angles.md; ``angle_definition`` says how.
 
     degrees and sigma_deg (n, a) float64, NaN where a joint is lost or the pose leaves the angle undetermined;
     state_code (n, a) int8 index into ``JointState``, the worst of the joints involved.
