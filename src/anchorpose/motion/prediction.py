@@ -1,7 +1,4 @@
-"""Predict the next joints by scaled motion dynamics: the most similar movements at any speed (paper, Section IV).
-
-The search for the most similar sub-lists is exact.
-"""
+"""Predict the next joints by scaled motion dynamics: the most similar movements (paper, Section IV), found exactly."""
 
 from __future__ import annotations
 
