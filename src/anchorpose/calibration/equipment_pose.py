@@ -24,7 +24,7 @@ from anchorpose.calibration.equipment_refine import (
     standing_prior,
 )
 from anchorpose.calibration.equipment_search import search_floor
-from anchorpose.calibration.floor import NOISE_GATE
+from anchorpose.calibration.first_frames import NOISE_GATE
 from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 

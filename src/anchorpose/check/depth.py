@@ -9,8 +9,14 @@ import cv2
 import numpy as np
 
 from anchorpose.body.visibility import MOST_MISSING
-from anchorpose.calibration.first_frames import USUAL_DISTANCE_M, noise_per_m, people_only
-from anchorpose.calibration.floor import FloorPlane, find_floor, up_of
+from anchorpose.calibration.first_frames import (
+    USUAL_DISTANCE_M,
+    FloorPlane,
+    find_floor,
+    noise_per_m,
+    people_only,
+    up_of,
+)
 from anchorpose.camera import Camera
 from anchorpose.check.material import Finding, Level, Material, OfCamera, level_of, of_cameras
 from anchorpose.isolation.background import BackgroundModel

@@ -9,7 +9,7 @@ import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, DoubtSource, FloorResidual, PoseDoubt, PoseSource
 from anchorpose.calibration.clocks import clock_notes
-from anchorpose.calibration.floor import TOLERANCES_M
+from anchorpose.calibration.first_frames import TOLERANCES_M
 from anchorpose.calibration.world import TILTED_RAD, WORST_FLOOR_TILT_RAD
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.check.depth import check_depth, check_lens

@@ -11,7 +11,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.calibration.floor import NOISE_GATE, TOLERANCES_M, drawn_planes
+from anchorpose.calibration.first_frames import NOISE_GATE, TOLERANCES_M, drawn_planes
 from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
