@@ -154,9 +154,7 @@ OUTSIDE_POINTS: Final = 1000
 OUTSIDE_M: Final = (0.05, 0.09)  # beyond flying pixels, near enough that a wall behind would fill it
 
 STEP_DEG: Final = 5
-SAME_M: Final = (
-    0.012  # of a part from its place in equipment.json, measured by tape; two clinics' frames differ by more
-)
+SAME_M: Final = 0.012  # of a part from where equipment.json has it, by tape measure; two clinics' frames differ by more
 ALIKE_M: Final = 0.10  # near enough to be mistaken in a search
 TRIED_POINTS: Final = 400
 ROUND_SHARE: Final = 0.9  # of all turns

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from anchorpose.calibration.first_frames import FRAMES_NEEDED, MAD_OF_NORMAL, noise_per_m, people_only
+from anchorpose.calibration.first_frames import FRAMES_NEEDED, MAD_OF_NORMAL, SAME_M, noise_per_m, people_only
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.background import (
     EQUIPMENT_GATE,
@@ -41,7 +41,7 @@ BLOCK_PX: Final = 16  # noise changes slowly over the image: it is measured in b
 READINGS_NEEDED: Final = 32  # of one block, for a median good to a sixth of itself
 LEAST_READ: Final = 0.15  # of the frames that agree on a depth, for the room to be known there
 OFTEN_READ: Final = 0.5  # of the frames, whether they agree or not: people hide the room, they do not make it readable
-SAME_M, SAME_SIGMAS = 0.02, 6.0  # readings of one surface differ by less
+SAME_SIGMAS: Final = 6.0  # beyond ``SAME_M``: readings of one surface differ by less
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room where a pixel is free a fifth of the time
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # where these percentiles lie on a normal distribution
 MOVED_SIGMAS: Final = 5.0  # of a pixel's noise, over a dozen frames

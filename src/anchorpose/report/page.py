@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 import cv2
 import numpy as np
 
+from anchorpose.calibration.first_frames import USUAL_DISTANCE_M
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import LOST
 from anchorpose.recording.regular_file import read_image
@@ -30,7 +31,6 @@ MOST_LINES: Final = 60
 
 
 ALIKE_PX: Final = 1.5  # pixels across: less is hardly more than each its own
-AWAY_M: Final = 2.5  # as far as cameras are set up from a patient
 
 
 def problems(session: Session) -> list[str]:
@@ -160,14 +160,14 @@ def _depth(camera: dict[str, Any]) -> str:
     depth = camera.get("depth")
     if depth is None:
         return "not known"
-    step_mm = 1000 * AWAY_M**2 * depth["step_per_m"]
+    step_mm = 1000 * USUAL_DISTANCE_M**2 * depth["step_per_m"]
     noise = _noise(DepthNoise(**depth["noise"]))
     return f"{noise}; steps of {step_mm:.0f} mm, edges {depth['edge_px']:.0f} pixels wide"
 
 
 def _noise(noise: DepthNoise) -> str:
     """The random error of a camera in words."""
-    at_m = f"± {1000 * float(noise.sigma_m(np.array(AWAY_M))):.0f} mm (one sigma)"
+    at_m = f"± {1000 * float(noise.sigma_m(np.array(USUAL_DISTANCE_M))):.0f} mm (one sigma)"
     if not noise.measured:
         return f"{at_m} between neighbouring readings; no still background is seen to measure all of the noise on"
     known = zip(noise.slants, ("slanted", "steep"), strict=True)

@@ -14,6 +14,7 @@ import numpy as np
 
 from anchorpose.body.constraints import thin
 from anchorpose.body.skin_points import body_points
+from anchorpose.calibration.first_frames import SAME_M
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.background import BackgroundModel, BackgroundSource, RestingLayer, foreground
 from anchorpose.isolation.components import JUMP_GATE, label_components
@@ -30,7 +31,6 @@ from anchorpose.tracker.sighting import ONE_PERSON
 LEAST_S: Final = 1.0  # that an object rests: a person who turns back stands still for half a second
 LEAST_SAMPLES: Final = 6  # that show it at rest: its sway is measured on them
 SETTLING: Final = 2  # samples in which what was pushed or swung still moves by less than the noise
-SAME_M: Final = 0.02  # readings of one surface differ by less than this and ``JUMP_GATE`` sigmas
 WHOLE: Final = 0.8  # of the connected foreground: at rest; of the object: not there all the time
 SHOWN: Final = 33  # percent of the object's pixels: people may hide the others
 OFTEN: Final = 67  # percentile of the samples: in a third of them nobody touches the object
