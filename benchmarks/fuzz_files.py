@@ -19,10 +19,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "builders
 import sources_builder
 
 from anchorpose.errors import InputError
+from anchorpose.options import ConvertOptions
 from anchorpose.recording.reader import open_recording
 from anchorpose.sources import convert as convert_module
 from anchorpose.sources.convert import Converted, convert
-from anchorpose.sources.plan import ConvertOptions
 from anchorpose.sources.source import open_source
 
 PIECE: Final = 64  # bytes: half of all damage is in the first or last pieces of a file, with headers and indices

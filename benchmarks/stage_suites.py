@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Final, get_args
 
 import numpy as np
-from recordings import Drawn, Simulated
+from recordings import MOVEMENTS, Drawn, Simulated
 from suite import Case, Probe, Use
 
 from anchorpose.simulate import config as presets
@@ -22,6 +22,7 @@ FIRST_SEED: Final[dict[str, dict[Use, int]]] = {
     "given-poses": {"tuning": 61_000, "held-out": 61_200},
     "laboratory": {"tuning": 100, "held-out": 300},
     "live": {"tuning": 101, "held-out": 141},
+    "descriptor": {"tuning": 901, "held-out": 941},
 }
 
 
@@ -58,6 +59,20 @@ def isolation(use: Use, quick: bool) -> Iterator[Case]:
     for seed in _seeds("isolation", use, 1 if quick else 6):
         recording = Simulated(f"isolation-{seed}", presets.clinic(seed, 4.0))
         yield Case("clinic", recording, probe=Probe("isolation"))
+
+
+def descriptor(use: Use, quick: bool) -> Iterator[Case]:
+    """Yield people alone, clinics, and people in rooms, whose images the learnt descriptor never saw."""
+    movements = MOVEMENTS if MOVEMENTS.is_file() else None
+    for seed in _seeds("descriptor", use, 1 if quick else 8):
+        room = presets.room(seed, 6.0, 15.0, movements)
+        filtered = "filtered" if room.sensor.endswith("filtered") else "not filtered"
+        for title, config in (
+            ("one camera, nobody else", presets.single(seed, 6.0)),
+            ("clinic: three cameras, frame, two therapists", presets.clinic(seed, 6.0)),
+            (f"rooms, depth {filtered}", room),
+        ):
+            yield Case(title, Drawn(f"descriptor-{title[:4]}-{seed}", config), probe=Probe("descriptor"))
 
 
 def equipment(use: Use, quick: bool) -> Iterator[Case]:

@@ -11,7 +11,7 @@ import scores
 from captured import CapturedBody
 from recordings import DATA, MOVEMENTS, FrontAlone, Real, Simulated
 from room_suites import START_SEED, rooms, start_of, starts
-from stage_suites import calibration, clocks, equipment, given_poses, isolation, laboratory, live
+from stage_suites import calibration, clocks, descriptor, equipment, given_poses, isolation, laboratory, live
 from suite import Case, Probe, Suite, Use
 from tasks import tasks
 
@@ -282,6 +282,7 @@ SUITES: Final[dict[str, Suite]] = {
     "sensors": Suite("every camera, lens and size of hole that can be simulated", sensors),
     "kidnapped": Suite("wrong poses in mid-recording that the tracker must leave", kidnapped),
     "tasks": Suite("clinical measures, angles and centre of mass against those of the true joints", tasks),
+    "descriptor": Suite("people and places on the body by the learnt descriptor", descriptor),
     "isolation": Suite("person labels, pixel by pixel", isolation),
     "calibration": Suite("poses of cameras, found from the equipment or from people", calibration),
     "clocks": Suite("clocks of cameras over ten minutes", clocks),

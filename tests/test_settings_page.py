@@ -10,8 +10,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from anchorpose.cli.config_file import load_track_config
-from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.config import TrackConfig, load_track_config
 
 PAGE = (Path(__file__).parents[1] / "docs" / "settings.md").read_text(encoding="utf-8")
 ROW = re.compile(r"^\| `([a-z0-9_.]+)` \| `(.+?)` \| .+ \|$", re.MULTILINE)

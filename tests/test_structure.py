@@ -21,6 +21,7 @@ PACKAGE = ROOT / "src" / "anchorpose"
 FLOW = (
     "recording",
     "calibration",
+    "descriptor",
     "isolation",
     "surface",
     "geodesics",
@@ -30,12 +31,11 @@ FLOW = (
     "results",
     "report",
 )
-VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings", "threads")
+VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings", "options", "threads")
 BESIDE_THE_FLOW = (
     "simulate",
     "tracker",
     "pipeline",
-    "inspecting",
     "writing",
     "track_inputs",
     "cli",
@@ -45,7 +45,6 @@ BESIDE_THE_FLOW = (
     "exports",
     "pages",
     "viewer",
-    "viewing",
     "sources",
     "batch",
     "agreement",
@@ -53,7 +52,19 @@ BESIDE_THE_FLOW = (
 )
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
-HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "embreex", "pydantic", "jinja2", "dask", "distributed"}
+HEAVY = {
+    "numpy",
+    "scipy",
+    "numba",
+    "cv2",
+    "pyarrow",
+    "embreex",
+    "pydantic",
+    "jinja2",
+    "dask",
+    "distributed",
+    "onnxruntime",
+}
 
 # Put together from pieces, so that this file does not hold what it forbids.
 MACHINE_PATH = re.compile(r"(?<![\w.~/])/(?:" + "|".join(("work", "root", "home", "Users", "opt", "tmp/lab")) + r")/")
@@ -111,7 +122,7 @@ OPENS_ITSELF = {
     "live/recorder.py": "copies of files that require_regular asked about",
     "research/benchmark/make.py": "a file of the package, and copies of images that were just written",
     "body/asset.py": "a file of the package",
-    "viewer/page_files.py": "files of the package",
+    "viewer/guarded_server.py": "files of the package",
     "versions.py": "the code itself",
     "research/experiment/method.py": "a Python file of the user that was just run",
     "research/experiment/plan.py": "results that the experiment stored",
@@ -186,7 +197,7 @@ def test_value_modules_import_nothing_but_each_other(value: str) -> None:
 def test_nothing_that_tracks_can_reach_the_simulation_and_its_truth() -> None:
     assert forbidden_imports("tracker", {*FLOW, *VALUES, "tracker"}) == []
     assert forbidden_imports("check", {*FLOW, *VALUES, "tracker", "check"}) == []
-    ways = ("pipeline", "writing", "track_inputs", "inspecting")
+    ways = ("pipeline", "writing", "track_inputs", "pages")
     for way in ways:
         allowed = {*FLOW, *VALUES, "tracker", "pages", "track_inputs", "check", "writing"}
         assert forbidden_imports(way, allowed) == []

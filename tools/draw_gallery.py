@@ -24,7 +24,7 @@ from anchorpose.report.comparison import write_comparison
 from anchorpose.simulate.config import clinic
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.viewing import open_viewer
+from anchorpose.viewer.server import open_viewer
 
 SEED, SECONDS = 5, 12.0
 WEBP_QUALITY = 82

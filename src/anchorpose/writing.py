@@ -19,7 +19,7 @@ from anchorpose.calibration.calibration import Calibration, PoseSource
 from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.pages.frame_pictures import draw_chosen, save_pictures
+from anchorpose.pages.overlay import draw_chosen, save_pictures
 from anchorpose.recording.recording import CameraGaps, CoveredPart, find_gaps
 from anchorpose.report.page import REPORT_FILE, write_report
 from anchorpose.results.contact_intervals import ContactIntervals

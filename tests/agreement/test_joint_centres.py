@@ -17,9 +17,9 @@ from anchorpose.agreement.reference import (
     pelvis_frame,
     read_reference,
 )
-from anchorpose.agreement.reference_settings import HipCentre
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.options import HipCentre
 
 
 def test_the_hip_is_where_harrington_puts_it_in_any_pose():

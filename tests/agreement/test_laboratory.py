@@ -14,11 +14,11 @@ from anchorpose.agreement.clock import Clock
 from anchorpose.agreement.evaluating import ALL, AS_MEASURED, OFFSET_REMOVED, agreement_rows, compare_with_reference
 from anchorpose.agreement.matching import Match, match_results
 from anchorpose.agreement.reference import exchanged, read_reference
-from anchorpose.agreement.reference_settings import ReferenceSettings
 from anchorpose.camera import transform_points
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.options import ReferenceSettings
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -96,6 +97,51 @@ def test_a_folder_of_something_else_and_one_inside_a_recording_are_not_touched(t
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
     assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "a" / "out")]) == 2
     assert "lies inside the recording" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["sessions", "logs", "logs/one.log", "logs/two.json", "sessions.csv", "index.html"])
+@pytest.mark.parametrize("kind", ["a link", "of another kind"])
+def test_a_batch_writes_through_no_link_and_over_nothing_of_another_kind(three: Path, capsys, name, kind) -> None:
+    out, mine = three / "out", three / "mine"
+    place = out / name
+    if place.exists():
+        place.rename(mine)
+    else:
+        mine.write_text("years of work")
+    if kind == "a link":
+        place.symlink_to(mine)
+    elif "." in name:
+        place.mkdir()
+    else:
+        place.write_text("years of work")
+    before = sorted(path for path in three.rglob("*") if path.name != ".batch.lock")
+    assert main(["batch", str(three / "in"), "-o", str(out), "--summary"]) == 2
+    assert "move it away" in capsys.readouterr().err
+    assert sorted(path for path in three.rglob("*") if path.name != ".batch.lock") == before
+
+
+def test_a_session_whose_measures_are_a_pipe_is_not_done(three: Path, capsys) -> None:
+    measures = three / "out" / "sessions" / "one" / "measures.parquet"
+    measures.unlink()
+    os.mkfifo(measures)
+    assert main(["batch", str(three / "in" / "one"), "-o", str(three / "out"), "--summary"]) == 1
+    assert "is a named pipe" in capsys.readouterr().out
+
+
+def test_a_table_without_a_session_is_refused(tmp_path: Path, capsys) -> None:
+    (tmp_path / "t.csv").write_text("recording,subject\n")
+    assert main(["batch", str(tmp_path / "t.csv"), "-o", str(tmp_path / "b")]) == 2
+    assert "names no recording" in capsys.readouterr().err
+    assert not (tmp_path / "b").exists()
+
+
+def test_a_scheduler_that_is_asked_is_named_first(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr("anchorpose.batch.cluster.CONNECT_S", 0.5)
+    write_recording(tmp_path / "a", frames=2)
+    assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "b"), "--scheduler", "tcp://127.0.0.1:1"]) == 2
+    said = capsys.readouterr()
+    assert "Asking the scheduler at tcp://127.0.0.1:1" in said.out
+    assert "No scheduler answers" in said.err
 
 
 @pytest.mark.parametrize(("spoilt", "why"), [("logs/two.json", "is damaged"), ("sessions/one/measures.parquet", "")])

@@ -43,3 +43,11 @@ def test_settings_that_slurm_does_not_know_are_one_sentence() -> None:
     pytest.importorskip("dask_jobqueue", reason="slurm needs the package dask-jobqueue")
     with pytest.raises(AnchorposeError, match="settings for SLURM cannot be used"):
         list(run_jobs([Job("a", print)], Place(scheduler=SLURM, slurm={"quue": "clinic"})))
+
+
+def test_without_slurm_itself_the_verb_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("dask_jobqueue", reason="slurm needs the package dask-jobqueue")
+    monkeypatch.setattr("anchorpose.batch.cluster.which", lambda name: None)
+    place = Place(scheduler=SLURM, slurm={"interface": "lo"})
+    with pytest.raises(AnchorposeError, match="needs SLURM's program sbatch"):
+        list(run_jobs([Job("a", print)], place))

@@ -174,6 +174,7 @@ def test_an_image_that_was_not_recorded_is_a_fault(tmp_path):
         fuzz_files.file_outcome(tmp_path / "in", tmp_path / "out", [np.zeros(3).tobytes()])
 
 
+@pytest.mark.slow  # a stopped run of one kind goes on in every run of the tests
 def test_every_kind_runs_and_a_run_that_was_stopped_goes_on(tmp_path):
     kinds = (*QUICK, "recordings")
     program = [sys.executable, fuzz.__file__, *kinds, "--state", str(tmp_path / "states"), "--cases"]

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from anchorpose.options import ConvertOptions
 from anchorpose.sources.convert import Converted, convert
-from anchorpose.sources.plan import ConvertOptions
 
 WIDTH, HEIGHT, FRAMES = 32, 24, 7
 

@@ -38,8 +38,7 @@ from anchorpose.results.tables import (
     write_joints,
     write_poses,
 )
-from anchorpose.viewer.server import ViewerServer
-from anchorpose.viewing import open_viewer
+from anchorpose.viewer.server import ViewerServer, open_viewer
 
 WIDTH, HEIGHT, FRAMES, PERIOD_S = 96, 128, 45, 1.0 / 15.0
 FOCAL = 110.0

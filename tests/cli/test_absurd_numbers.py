@@ -9,8 +9,11 @@ from typing import Any, get_args
 import pytest
 
 from anchorpose.cli import app, main
+from anchorpose.errors import AnchorposeError
+from anchorpose.live.page_server import PageOutput
+from anchorpose.tracker.config import TrackConfig
 
-ABSURD = ("inf", "-inf", "nan", "1e308", "-1", "9" * 400, "0x", "")
+ABSURD = ("inf", "-inf", "nan", "1e308", "-1", "9" * 400, "0x", "1_0", "")
 ZERO_IS_FINE = {
     "--seed",
     "--therapists",
@@ -71,3 +74,23 @@ def test_a_fraction_is_no_whole_number(verb, option, capsys):
     output = ["-o", "out"] if verb[0] in NEED_OUTPUT else []
     assert main([*verb, "somewhere", "elsewhere", *output, f"{option}=1.7"]) == 2
     assert f'{option}: "1.7" is not a whole number' in capsys.readouterr().err
+
+
+def test_what_is_no_number_is_called_that(capsys):
+    assert main(["simulate", "out", "--fps", "nan"]) == 2
+    assert '"nan" is not a number' in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("place", ["1e300,0", "0,-101", "1_0,0"])
+def test_a_patient_is_nowhere_that_no_room_reaches(place, capsys):
+    assert main(["track", "somewhere", "-o", "out", "--patient", place]) == 2
+    assert "two numbers in metres with a comma, up to 100" in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(ValueError, match="patient_xz_m is in metres"):
+        TrackConfig(patient_xz_m=(1e300, 0.0))
+
+
+@pytest.mark.parametrize("host", ["\u0130" * 70, "a" * 300])
+def test_a_host_that_has_no_such_name_is_refused(host):
+    """By the page of ``live``; that of ``view`` is served by the same class."""
+    with pytest.raises(AnchorposeError, match="Cannot listen on"):
+        PageOutput(host, 0)

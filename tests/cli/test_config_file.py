@@ -9,8 +9,8 @@ from typing import Literal, get_type_hints
 
 import pytest
 
-from anchorpose.cli.config_file import load_config
 from anchorpose.errors import InputError
+from anchorpose.recording.document import load_config
 from anchorpose.research.experiment.config import ExperimentConfig
 from anchorpose.settings import Positive, settings
 from anchorpose.tracker.config import TrackConfig

@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 from recording_builder import write_recording
 from report_builder import squats, write_session
-from rich.table import Table
 
 from anchorpose.cli import main
-from anchorpose.cli.console import printable, progress_bar, say, show
+from anchorpose.cli.console import printable, progress_bar, say, show_table
 
 NASTY = "[/bold][red]x\x1b[31m\x07\x9b\r\u202e\u2066\u2028:smile:"
 SHOWN = r"[/bold][red]x\x1b[31m\x07\x9b\r\u202e\u2066\u2028:smile:"
@@ -44,9 +43,7 @@ def test_characters_that_act_are_written_as_escapes(text: str, shown: str, capsy
 
 def test_tables_and_progress_show_every_text_as_it_stands(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "200")
-    table = Table(NASTY, title=NASTY)
-    table.add_row(NASTY)
-    show(table)
+    show_table((NASTY,), [(NASTY,)], title=NASTY)
     with progress_bar(NASTY) as progress:
         progress(1, 2)
     printed, errors = capsys.readouterr()

@@ -16,9 +16,10 @@ from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.bvh import skeleton_of_joints
 from anchorpose.exports.exporting import export_results
-from anchorpose.exports.formats import ExportConfig, Format
+from anchorpose.exports.formats import Format
 from anchorpose.exports.opensim_coordinates import joint
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
+from anchorpose.options import ExportConfig
 from anchorpose.results.tables import POSES_FILE, BodyPose, write_poses
 from anchorpose.rotations import rotation_matrices
 

@@ -10,8 +10,9 @@ from anchorpose.agreement.reference import read_reference
 from anchorpose.exports import c3d
 from anchorpose.exports.c3d import add_events, read_events
 from anchorpose.exports.exporting import export_results
-from anchorpose.exports.formats import ExportConfig, Format
+from anchorpose.exports.formats import Format
 from anchorpose.joints import JointState
+from anchorpose.options import ExportConfig
 from anchorpose.results.records import (
     CONTACTS_FILE,
     EPISODES_FILE,

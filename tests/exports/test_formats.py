@@ -19,8 +19,9 @@ from scipy.spatial.transform import Rotation
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.exports import c3d, exporting
 from anchorpose.exports.exporting import export_results
-from anchorpose.exports.formats import STATES, ExportConfig, Format, rounded_text
+from anchorpose.exports.formats import STATES, Format, rounded_text
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.options import ExportConfig
 from anchorpose.results import frame_time
 from anchorpose.results.records import CONTACTS_FILE, Contact, write_contacts
 from anchorpose.results.tables import POSES_FILE, BodyPose, read_joints, write_poses

@@ -20,7 +20,7 @@ from anchorpose.body.segments import load_body_asset
 from anchorpose.cli import main
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.exporting import export_results
-from anchorpose.exports.formats import CoordinateModel, ExportConfig, Format
+from anchorpose.exports.formats import Format
 from anchorpose.exports.opensim_coordinates import (
     LOWER_SPINE_LEAN_DEG,
     UPPER_SPINE_LEAN_DEG,
@@ -30,6 +30,7 @@ from anchorpose.exports.opensim_coordinates import (
 )
 from anchorpose.exports.opensim_model import measure_body, model_xml
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.options import CoordinateModel, ExportConfig
 from anchorpose.results.tables import POSES_FILE, BodyPose, write_poses
 from anchorpose.results.truth import read_truth
 

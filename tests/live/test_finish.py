@@ -11,7 +11,9 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +24,7 @@ from anchorpose.errors import InputError
 from anchorpose.live.first_seconds import LiveOptions
 from anchorpose.live.intake import Intake
 from anchorpose.live.session import _finish
-from anchorpose.live.stored import SESSION_FILE, SessionStore, read_session
+from anchorpose.live.stored import SESSION_FILE, SessionStore, StoredPatient, read_session
 from anchorpose.results.folder import JOURNAL, unfinished_results
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.simulate.config import single
@@ -128,6 +130,55 @@ def test_a_stored_session_of_another_form_is_refused(tmp_path, capsys):
     killed(tmp_path / "session", lambda store: (store.first_seconds.parent / SESSION_FILE).write_text('{"options": 7}'))
     assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
     assert SESSION_FILE in capsys.readouterr().err
+
+
+def _patient(store: SessionStore) -> None:
+    journal = store.first_seconds.parent
+    (journal / "patient-1").mkdir()
+    (journal / "patient-1" / "000000.frames").write_bytes(b"frames")
+    write = StoredPatient(first_seconds="start-1", place_xz_m=None)
+    store._write(replace(store._session, patients=(write,)))
+
+
+SPOILT: dict[str, tuple[Callable[[Path], object], str]] = {
+    "begun.json is gone": (lambda journal: (journal / "begun.json").unlink(), "start-1: there is no such folder"),
+    "begun.json is damaged": (
+        lambda journal: (journal / "begun.json").write_text("{"),
+        "start-1: there is no such folder",
+    ),
+    "session.json is a pipe": (
+        lambda journal: ((journal / SESSION_FILE).unlink(), os.mkfifo(journal / SESSION_FILE)),
+        "session.json: is a named pipe",
+    ),
+    "session.json is gone": (lambda journal: (journal / SESSION_FILE).unlink(), "before a patient was found"),
+    "a link": (lambda journal: (journal / "forward").symlink_to(journal), "is a link"),
+}
+
+
+@pytest.mark.parametrize("spoilt", SPOILT)
+def test_a_damaged_session_is_kept_and_the_remedy_works(spoilt, tmp_path, recording, capsys):
+    killed(tmp_path / "session", _patient)
+    spoil, problem = SPOILT[spoilt]
+    spoil(tmp_path / ".session.unfinished" / JOURNAL)
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert problem in said
+    assert ("put there what it leads to" if spoilt == "a link" else "'anchorpose live' and --overwrite") in said
+    assert main(["live", str(recording), "-o", str(tmp_path / "session")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert ("put there" if spoilt == "a link" else "to begin again, give --overwrite") in said
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_body_that_is_gone_is_named(tmp_path, monkeypatch, capsys):
+    killed(tmp_path / "session", _patient)
+    monkeypatch.setattr("anchorpose.live.stored.open_recording", lambda folder: None)
+    monkeypatch.setattr("anchorpose.live.stored.new_room", lambda recording, options: (SimpleNamespace(config=None), 0))
+    monkeypatch.setattr("anchorpose.live.stored.Run", lambda room, config: None)
+    monkeypatch.setattr(LiveOptions, "live", lambda options, config: None)
+    assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
+    assert "learnt: is missing; begin again with 'anchorpose live' and --overwrite" in capsys.readouterr().err
 
 
 def test_results_below_the_current_folder_are_accepted(recording, tmp_path, monkeypatch, capsys):

@@ -71,7 +71,9 @@ def test_an_osc_receiver_gets_one_bundle_per_frame():
     assert (messages[-1].address, messages[-1].params) == ("/anchorpose/patient", [1])
 
 
-@pytest.mark.parametrize("address", ["nowhere.invalid:9000", "127.0.0.1:99999", "9000", "[nowhere.invalid]:9000"])
+@pytest.mark.parametrize(
+    "address", ["nowhere.invalid:9000", "a" * 300 + ":9000", "127.0.0.1:99999", "9000", "[nowhere.invalid]:9000"]
+)
 def test_an_osc_host_that_does_not_exist_is_refused_by_its_option(address):
     pytest.importorskip("pythonosc")
     with pytest.raises(AnchorposeError, match=r"^--osc is '.*\.$"):

@@ -160,12 +160,13 @@ def test_the_verb_refuses_in_one_sentence_and_leaves_what_is_there(tmp_path, cap
     assert main(["motions", "build", str(out), str(run)]) == 0
     before = out.read_bytes()
     (tmp_path / "text.npz").write_text("no archive")
+    (tmp_path / "empty").mkdir()
     refusals = {
         (str(out), str(run)): "--overwrite",
-        (str(out), str(out), "--overwrite"): "is one of the sources",
+        (str(out), str(out), "--overwrite"): "is given twice",
         (str(tmp_path / "m.json"), str(run)): "does not end in .npz",
         (str(tmp_path / "n.npz"),): "No sources are given",
-        (str(tmp_path / "n.npz"), str(tmp_path)): "there is no such file",
+        (str(tmp_path / "n.npz"), str(tmp_path / "empty")): "there is no such file",
         (str(tmp_path / "n.npz"), str(tmp_path / "text.npz")): "not a readable .npz file",
     }
     for arguments, sentence in refusals.items():

@@ -13,10 +13,9 @@ import pytest
 from room_builder import FRONT, KNEE_BAR, ROOM, body, picture
 
 from anchorpose.cli import main
-from anchorpose.inspecting import inspect_recording
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.pages.canvas import EQUIPMENT, PATIENT, SKY, enlarge, scale_of, shade
-from anchorpose.pages.inspection_page import FACTS_FILE, INSPECTION, Section, StagePicture, write_inspection
+from anchorpose.pages.inspection_page import FACTS_FILE, INSPECTION, Section, Stage, inspect_recording, write_inspection
 from anchorpose.pages.stage_drawing import Layer, draw_layers, draw_values
 from anchorpose.pipeline import track_recording
 from anchorpose.results.folder import new_results_folder
@@ -163,7 +162,11 @@ def test_iso_lines_stand_where_the_value_passes_a_multiple():
 
 
 def test_names_cannot_become_markup_and_pictures_lie_in_folders_of_their_cameras(tmp_path):
-    section = Section(key="depth", title="<b>", caption="a & b", pictures=(StagePicture("left", b"png"),))
+    section = Section(
+        stage=Stage(key="depth", title="<b>", caption="", draw=lambda one: None),
+        caption="a & b",
+        pictures={"left": b"png"},
+    )
     page = write_inspection(tmp_path, "<script>", [section], ["1 < 2"], {"frame": 1}).read_text()
     assert (tmp_path / "left" / "01_depth.png").read_bytes() == b"png"
     assert "<script>" not in page

@@ -19,9 +19,9 @@ from fuzz import recording_outcome
 from spoil_recording import spoil
 
 from anchorpose.calibration.markers import read_marker_layout
-from anchorpose.cli.config_file import load_config
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import read_depth_image
+from anchorpose.recording.document import load_config
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import read_calibration
 from anchorpose.results.corrections import read_corrections

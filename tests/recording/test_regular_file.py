@@ -13,6 +13,7 @@ import pytest
 from recording_builder import depth_grey, write_picture, write_recording
 
 from anchorpose.errors import InputError
+from anchorpose.recording import regular_file
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.recording.regular_file import Unreadable, list_file, read_bounded, read_whole
 
@@ -142,3 +143,18 @@ def test_a_pipe_never_stops_a_verb(tmp_path):
     )
     assert done.returncode == 2
     assert "named pipe" in done.stderr
+
+
+def test_a_file_that_would_be_waited_for_is_refused(tmp_path, monkeypatch):
+    """As the system's log, which is a regular file; here a pipe that passes for one and is held open."""
+    os.mkfifo(tmp_path / "log")
+    held = os.open(tmp_path / "log", os.O_RDWR)
+    monkeypatch.setattr(regular_file, "_not_a_file", lambda mode: "")
+    with pytest.raises(Unreadable, match="cannot be read"):
+        read_bounded(tmp_path / "log", 100)
+    with regular_file.open_regular(tmp_path / "log") as file:
+        for read in (file.read, lambda: file.read(8), file.peek):
+            with pytest.raises(OSError, match="has no end") as refused:
+                read()
+            assert refused.value.filename == str(tmp_path / "log")
+    os.close(held)

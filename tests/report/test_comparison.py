@@ -203,6 +203,7 @@ def test_the_same_sessions_give_the_same_bytes(tmp_path):
     folders = [session(tmp_path, 1), session(tmp_path, 2)]
     first = write_comparison(folders, tmp_path / "c.html").read_bytes()
     assert write_comparison(folders, tmp_path / "d.html").read_bytes() == first
+    assert write_comparison(folders, tmp_path / "d.html").read_bytes() == first  # its own page is replaced
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from results_builder import make_frame, standing_joints
 from anchorpose.errors import InputError
 from anchorpose.isolation.depth_noise import neighbour_noise
 from anchorpose.joints import JOINT_NAMES, JointState
-from anchorpose.pages.frame_pictures import FramePicture, save_pictures
+from anchorpose.pages.overlay import FramePicture, save_pictures
 from anchorpose.report.chart import MOST_BINS, make_bins
 from anchorpose.report.curves import step_path
 from anchorpose.report.measure_section import GROUPS, grouped_measures, words_of

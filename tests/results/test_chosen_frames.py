@@ -6,7 +6,7 @@ import numpy as np
 from results_builder import make_frame, standing_joints, write_results
 
 from anchorpose.joints import JOINT_NAMES, JointState
-from anchorpose.pages.frame_pictures import choose_frames
+from anchorpose.pages.overlay import choose_frames
 from anchorpose.results.records import SIT_TO_STAND, UPRIGHT_EPISODE, Episode
 from anchorpose.results.tables import JointTable, read_joints
 

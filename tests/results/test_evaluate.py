@@ -18,7 +18,7 @@ from anchorpose.results.evaluation_file import (
     longest_error_sentence,
     write_evaluation,
 )
-from anchorpose.results.truth import read_truth
+from anchorpose.results.truth import read_true_touch, read_truth
 
 
 def _write_truth(path, position_m, time_s, **more):
@@ -299,6 +299,9 @@ BAD_TRUTH = {
     "do not fit together": {"time": np.array([0.0])},
     "do not increase": {"time": np.array([0.1, 0.0])},
     "not numbers": {"time": np.array(["0", "1"])},
+    r"do not fit together \(joints \(2, 21, 3\), time \(\)\)": {"time": np.array(0.0)},
+    "occluded are not numbers": {"occluded": np.array(["a", "b"])},
+    "as if they were milliseconds": {"time": np.array([0.0, 66.7])},
     "unknown or given twice": {"names": np.array(["Head"] * JOINT_COUNT)},
 }
 
@@ -311,6 +314,14 @@ def test_a_truth_that_does_not_belong_is_refused_by_name(tmp_path, problem):
     np.savez(tmp_path / "truth.npz", **{name: array for name, array in arrays.items() if array is not None})
     with pytest.raises(InputError, match=rf"truth\.npz: .*{problem}"):
         evaluate(results, tmp_path / "truth.npz")
+
+
+@pytest.mark.parametrize("touched", [np.zeros((2, 2)), np.array(["a"]), np.array(1.0)])
+@pytest.mark.parametrize("time_s", [np.arange(2) / 10, np.array(0.0)])
+def test_contacts_that_do_not_fit_are_refused(tmp_path, touched, time_s):
+    np.savez(tmp_path / "truth.npz", touched=touched, part_names=np.array("Spine"), time=time_s)
+    with pytest.raises(InputError, match="touched and part_names do not fit"):
+        read_true_touch(tmp_path / "truth.npz")
 
 
 @pytest.mark.parametrize("content", [None, b"", b"PK\x03\x04 cut", b"no archive"])
@@ -335,8 +346,36 @@ def test_a_truth_with_times_in_milliseconds_is_refused_with_the_likely_cause(tmp
     """One frame of sixteen, the first, has a partner all the same."""
     results = write_results(tmp_path / "results", [make_frame(i, i / 15, standing_joints()) for i in range(16)])
     truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * 16), 1000 * np.arange(16) / 15)
-    with pytest.raises(InputError, match=r"only 1 of 16 frames.*in another unit.*in seconds"):
+    with pytest.raises(InputError, match=r"as if they were milliseconds; write seconds"):
         evaluate(results, truth)
+
+
+@pytest.mark.parametrize("labels_too", [False, True])
+@pytest.mark.parametrize("axis", [0, 2])
+def test_a_mirrored_truth_is_refused_with_both_misfits(tmp_path, axis, labels_too):
+    """Of a patient who stands somewhere, one arm raised."""
+    joints = standing_joints() + np.array([0.4, 0.0, 0.3])
+    joints[JOINT_INDEX["HandLeft"]] += [0.5, 0.6, 0.0]
+    results = write_results(tmp_path / "results", [make_frame(i, i / 15, joints + 0.01) for i in range(4)])
+    mirrored = joints * np.where(np.arange(3) == axis, -1.0, 1.0)
+    if labels_too:
+        other = [name.replace("Left", "-").replace("Right", "Left").replace("-", "Right") for name in JOINT_NAMES]
+        mirrored = mirrored[[JOINT_INDEX[name] for name in other]]
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([mirrored] * 4), np.arange(4) / 15)
+    with pytest.raises(
+        InputError, match=r"is mirrored: with one axis reversed it fits within 17 mm instead of \d\d+ mm"
+    ):
+        evaluate(results, truth)
+
+
+def test_a_patient_tracked_back_to_front_or_in_another_place_is_an_error_that_is_reported(tmp_path):
+    joints = standing_joints()
+    other = [name.replace("Left", "-").replace("Right", "Left").replace("-", "Right") for name in JOINT_NAMES]
+    for number, wrong in enumerate((joints[[JOINT_INDEX[name] for name in other]], joints + np.array([0.0, 0.0, 1.5]))):
+        frames = [make_frame(i, i / 15, wrong) for i in range(4)]
+        results = write_results(tmp_path / f"results-{number}", frames)
+        truth = _write_truth(tmp_path / "truth.npz", np.stack([joints - [0.0, 0.0, 0.7]] * 4), np.arange(4) / 15)
+        assert evaluate(results, truth).overall.mean_mm > 100
 
 
 def test_a_truth_of_every_twentieth_frame_is_compared(tmp_path):

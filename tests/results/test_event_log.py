@@ -113,10 +113,14 @@ def test_an_export_may_be_moved_and_one_that_was_changed_is_named(results):
     assert verify(results, None).results["exports/trc/export.json"] is Fits.CHANGED
 
 
-def test_results_without_a_log_are_said_to_have_none(results, capsys):
-    (results / LOG_FILE).unlink()
-    assert main(["verify", str(results)]) == 0
-    assert "There is no log.jsonl" in capsys.readouterr().out
+@pytest.mark.parametrize("emptied", [True, False])
+def test_a_log_that_is_emptied_or_removed_is_noticed(results, capsys, emptied):
+    if emptied:
+        (results / LOG_FILE).write_bytes(b"")
+    else:
+        (results / LOG_FILE).unlink()
+    assert main(["verify", str(results)]) == 1
+    assert "log.jsonl: is missing or empty" in capsys.readouterr().out
 
 
 def test_a_log_that_cannot_be_written_costs_nothing(results, capsys):

@@ -7,14 +7,17 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from recording_builder import edit_json
+from report_builder import squats, write_session
 from results_builder import make_frame, standing_joints, write_results
 
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.run_record import RUN_FILE, hash_files
 from anchorpose.results.verify import require_own
 
 VERBS = {
@@ -91,3 +94,97 @@ def test_a_table_without_rows_is_refused_as_one(given, table, capsys):
         if verb != "reliability":
             assert main([each.format(**given) for each in VERBS[verb]]) == 2, verb
             assert f"{table}.parquet: has no rows; " in capsys.readouterr().err
+
+
+def test_a_value_that_was_changed_after_tracking_is_refused(tmp_path, capsys):
+    """Measures that 'anchorpose track' wrote, so that run.json alone has their hash."""
+    folder = write_session(tmp_path / "r", squats(20))
+    edit_json(folder / RUN_FILE, lambda run: run.update(outputs_sha256=hashes_of(folder)))
+    path = folder / "measures.parquet"
+    whole = pq.read_table(path)
+    more = pa.array([None if value is None else 1.5 * value for value in whole["value"].to_pylist()], pa.float64())
+    changed = whole.set_column(whole.schema.get_field_index("value"), "value", more)
+    pq.write_table(changed.cast(whole.schema), path, write_page_checksum=True)
+    for verb in (["report", str(folder)], ["export", str(folder), "--to", "csv"]):
+        assert main(verb) == 2
+        assert "measures.parquet: is not the table" in capsys.readouterr().err
+
+
+def hashes_of(folder: Path) -> dict[str, str]:
+    return dict(hash_files(sorted(folder.glob("*.parquet")), folder))
+
+
+def spoil(folder: Path, table: str, column: str, change) -> None:
+    """Change a column of a table as its hash in run.json says."""
+    path = folder / table
+    whole = pq.read_table(path)
+    values = pa.array(change(whole[column].to_numpy(zero_copy_only=False)), whole.schema.field(column).type)
+    free = pa.schema([field.with_nullable(True) for field in whole.schema], whole.schema.metadata)
+    changed = whole.cast(free).set_column(whole.schema.get_field_index(column), free.field(column), values)
+    pq.write_table(changed, path, write_page_checksum=True)
+    edit_json(folder / RUN_FILE, lambda run: run.update(outputs_sha256=hashes_of(folder)))
+    (folder / "log.jsonl").unlink(missing_ok=True)
+
+
+SPOILT = {
+    "millimetres": ("x_m", lambda v: 1000.0 * (v + 1.0)),
+    "nowhere": ("x_m", lambda v: v + np.inf),
+    "overflow": ("x_m", lambda v: v + 1e38),
+    "missing": ("x_m", lambda v: [None] * len(v)),
+    "negative sigma": ("sigma_m", lambda v: -v),
+    "sigma of zero": ("sigma_m", lambda v: 0.0 * v),
+    "endless sigma": ("sigma_m", lambda v: v + np.inf),
+    "no state": ("state", lambda v: [None] * len(v)),
+    "unknown state": ("state", lambda v: ["seen"] * len(v)),
+    "milliseconds": ("time_s", lambda v: 1e6 * v),
+    "nanoseconds": ("time_s", lambda v: 1e9 * v),
+    "farthest": ("time_s", lambda v: 1e12 * v),
+    "one time": ("time_s", lambda v: 0.0 * v),
+    "backwards": ("time_s", lambda v: -v),
+    "no times": ("time_s", lambda v: v * np.nan),
+    "null times": ("time_s", lambda v: [None] * len(v)),
+    "negative frames": ("frame", lambda v: v - 1),
+    "one frame": ("frame", lambda v: 0 * v),
+}
+
+
+@pytest.mark.parametrize("fault", SPOILT)
+def test_joints_that_cannot_be_are_refused_before_anything_is_written(given, fault, capsys):
+    spoil(given["results"], "joints.parquet", *SPOILT[fault])
+    before = {path: path.read_bytes() for path in given["results"].iterdir() if path.is_file()}
+    for verb in VERBS:
+        if verb != "reliability":  # which reads measures only
+            assert main([each.format(**given) for each in VERBS[verb]]) == 2, verb
+            assert "joints.parquet: " in capsys.readouterr().err, verb
+    assert {path: path.read_bytes() for path in given["results"].iterdir() if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "change"),
+    [
+        ("angles.parquet", "degrees", lambda v: v + 1e6),
+        ("angles.parquet", "sigma_deg", lambda v: -1.0 - v),
+        ("posture.parquet", "com_x_m", lambda v: v + np.inf),
+        ("measures.parquet", "frames", lambda v: -1 - v),
+        ("measures.parquet", "sigma", lambda v: -1.0 - v),
+        ("measures.parquet", "unit", lambda v: [None] * len(v)),
+        ("measures.parquet", "value", lambda v: [None] * len(v)),
+    ],
+)
+def test_other_values_that_cannot_be_are_refused(given, table, column, change, capsys):
+    spoil(given["results"], table, column, change)
+    assert main(["report", str(given["results"])]) == 2
+    assert f"{table}: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("file", ["joints.parquet", "pictures/a.png"])
+def test_a_file_of_four_terabytes_is_not_read(given, file, capsys):
+    path = given["results"] / file
+    path.parent.mkdir(exist_ok=True)
+    with path.open("ab") as grown:
+        grown.truncate(1 << 42)  # sparse
+    for verb in VERBS if file == "joints.parquet" else ():
+        assert main([each.format(**given) for each in VERBS[verb]]) == 2, verb
+        assert "joints.parquet: has 4,398,046,511,104 bytes" in capsys.readouterr().err, verb
+    assert main(["verify", str(given["results"])]) == 2
+    assert f"{path.name}: has 4,398,046,511,104 bytes" in capsys.readouterr().err

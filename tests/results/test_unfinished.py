@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from pathlib import Path
@@ -185,6 +186,54 @@ def test_each_refusal_has_one_remedy_which_works(tmp_path, recording):
         assert not hasattr(no.value, "__notes__")
         assert len(list(begun.parent.glob("*.frames"))) == 3
     assert _run(tmp_path / "out", recording, 1, overwrite=True) == 0
+
+
+SPOILT = {
+    "begun.json is gone": lambda journal: (journal / BEGUN_FILE).unlink(),
+    "begun.json is a pipe": lambda journal: _as_pipe(journal / BEGUN_FILE),
+    "begun.json is a folder": lambda journal: ((journal / BEGUN_FILE).unlink(), (journal / BEGUN_FILE).mkdir()),
+    "the journal is a file": lambda journal: (shutil.rmtree(journal), journal.write_text("frames")),
+    "the journal is a pipe": lambda journal: (shutil.rmtree(journal), os.mkfifo(journal)),
+    "all that is stored are pipes": lambda journal: [_as_pipe(one) for one in journal.glob("*.frames")],
+}
+
+
+def _as_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+@pytest.mark.parametrize("spoilt", SPOILT)
+def test_a_run_whose_journal_cannot_be_read_is_kept_until_it_is_overwritten(tmp_path, recording, spoilt):
+    with pytest.raises(_Stopped):
+        _run(tmp_path / "out", recording, 2, _Stopped)
+    work = tmp_path / ".out.unfinished"
+    (work / RESULTS.marks[0]).write_text("half")
+    SPOILT[spoilt](work / JOURNAL)
+    before = _content(tmp_path)
+    damaged = spoilt != "all that is stored are pipes"
+    remedy = "it is damaged: to begin again, give --overwrite" if damaged else "--resume goes on"
+    with pytest.raises(InputError, match=remedy):
+        _run(tmp_path / "out", recording, 1)
+    if damaged:
+        with pytest.raises(InputError, match="is damaged or missing; to begin again, give --overwrite"):
+            _run(tmp_path / "out", recording, 1, resume=True)
+    assert _content(tmp_path) == before
+    assert _run(tmp_path / "out", recording, 1, overwrite=True) == 0
+
+
+def test_a_run_that_is_not_continued_keeps_the_tables_beside_its_journal(tmp_path, recording):
+    with pytest.raises(_Stopped):
+        _run(tmp_path / "out", recording, 2, _Stopped)
+    work = tmp_path / ".out.unfinished"
+    (work / "joints.parquet").write_text("half")
+    with (
+        pytest.raises(InputError, match="other settings"),
+        unfinished_results(tmp_path / "out", recording, resume=True) as folder,
+    ):
+        begin_journal(folder, "another identity", INPUTS)
+    assert (work / "joints.parquet").read_text() == "half"
+    assert _run(tmp_path / "out", recording, 0, resume=True) == 2
 
 
 def test_a_damaged_value_is_refused_with_a_remedy_that_works(tmp_path, recording):

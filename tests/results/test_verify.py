@@ -13,7 +13,7 @@ from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import input_files, open_recording
 from anchorpose.results.run_record import RUN_FILE, hash_files
-from anchorpose.results.verify import Fits, verify
+from anchorpose.results.verify import Fits, add_event, verify
 
 
 @pytest.fixture
@@ -23,6 +23,7 @@ def made(tmp_path) -> tuple[Path, Path]:
     results = write_results(tmp_path / "results", [make_frame(k, k / 15.0, standing_joints()) for k in range(30)])
     inputs = dict(hash_files(input_files(open_recording(recording)), recording))
     edit_json(results / RUN_FILE, lambda run: run.update(inputs_sha256=inputs))
+    add_event(results, "track", (RUN_FILE,))
     return results, recording
 
 

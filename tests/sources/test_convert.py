@@ -18,18 +18,10 @@ from sources_builder import GIVEN, HEIGHT, LENS, WIDTH, content, depth_of, expec
 from anchorpose.cli import main
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.lens import Intrinsics, LensModel, lens_array, project
+from anchorpose.options import ConvertOptions, parse_intrinsics
 from anchorpose.recording.reader import open_recording
 from anchorpose.sources.convert import convert, look_at, make_recording
-from anchorpose.sources.plan import (
-    ConvertOptions,
-    can_turn,
-    folder_name,
-    make_plan,
-    parse_intrinsics,
-    turn_image,
-    turn_lens,
-    turn_pose,
-)
+from anchorpose.sources.plan import can_turn, folder_name, make_plan, turn_image, turn_lens, turn_pose
 from anchorpose.sources.source import SourceCamera, SourceFrame
 
 GIVE = ["--intrinsics", ",".join(map(str, LENS)), "--depth-scale", "0.001", "--fps", "30"]

@@ -11,9 +11,9 @@ import sources_builder as build
 from sources_builder import FORMATS, FRAMES, GIVEN, HEIGHT, LENS, WIDTH, depth_of, expected, noise, run, times_of
 
 from anchorpose.errors import InputError
+from anchorpose.options import ConvertOptions
 from anchorpose.recording.depth_image import FARTHEST_M
 from anchorpose.recording.reader import open_recording, read_frames
-from anchorpose.sources.plan import ConvertOptions
 from anchorpose.sources.source import open_source
 
 THIRTIETHS = [round(k / 30, 6) for k in range(FRAMES)]

@@ -12,9 +12,9 @@ import sources_builder as build
 from sources_builder import FORMATS, LENS, noise, nothing
 
 from anchorpose.errors import InputError
+from anchorpose.options import ConvertOptions
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.sources.convert import convert
-from anchorpose.sources.plan import ConvertOptions
 from anchorpose.sources.source import open_source
 
 CASES = 40  # of each format

@@ -34,6 +34,7 @@ from anchorpose.tracker.room import Review as ToldReview
 from anchorpose.tracker.room import held_joints, review_of
 
 FRAMES, FPS, MOVED, GONE = 9, 8.0, 4, (6, 7)
+STOP, TOO_FAR = 8, 2  # the corrected run ends a frame earlier; frame in which a hand is corrected by 3 m
 SIGNED = {"who": "AB", "when": "2026-03-01T09:30:00Z"}
 WRIST = JOINT_INDEX["WristLeft"]
 
@@ -80,8 +81,15 @@ def review(tmp_path_factory) -> Review:
     place_m = before.position_m[MOVED, WRIST] + [0.12, 0.10, 0.0]  # the picture says otherwise
     about = recording_of_run(read_run(first / "run.json"))
     file = folder / "corrections.json"
-    write_corrections(file, Corrections(about, (unusable(*GONE),), (moved(MOVED, "WristLeft", place_m),)))
-    track_recording(recording, second, TrackConfig(), lambda *_: None, corrections=file)
+    away_m = before.position_m[TOO_FAR, JOINT_INDEX["HandLeft"]] + [3.0, 0.0, 0.0]
+    not_honoured = (
+        moved(TOO_FAR, "HandLeft", away_m),
+        moved(GONE[0], "Head", np.zeros(3)),
+        moved(STOP, "Head", np.zeros(3)),
+    )
+    joints = (moved(MOVED, "WristLeft", place_m), *not_honoured)
+    write_corrections(file, Corrections(about, (unusable(*GONE),), joints))
+    track_recording(recording, second, TrackConfig(stop=STOP), lambda *_: None, corrections=file)
     return Review(recording, before, read_joints(second / "joints.parquet"), second, file, place_m)
 
 
@@ -102,7 +110,7 @@ def test_bones_keep_their_length_when_a_joint_is_moved(review):
 
 def test_other_limbs_stay_where_they_were(review):
     knee = JOINT_INDEX["KneeRight"]
-    apart = np.linalg.norm(review.after.position_m[:, knee] - review.before.position_m[:, knee], axis=1)
+    apart = np.linalg.norm(review.after.position_m[:, knee] - review.before.position_m[:STOP, knee], axis=1)
     assert np.nanmax(apart) < 0.01
 
 
@@ -134,13 +142,19 @@ def test_the_record_names_the_file_and_what_it_says(review):
     assert record["unusable"][0]["who"] == "AB"
 
 
-def test_smoothing_keeps_what_the_reviewer_says(review, tmp_path):
-    track_recording(review.recording, tmp_path, TrackConfig(smooth=True), lambda *_: None, corrections=review.file)
-    joints = read_joints(tmp_path / "joints.parquet")
+def test_smoothing_keeps_what_is_corrected_and_begins_elsewhere_if_the_first_frame_is_unusable(review, tmp_path):
+    given = read_corrections(review.file)
+    file, results = tmp_path / "c.json", tmp_path / "results"
+    write_corrections(file, replace(given, unusable=(unusable(0, 1), *given.unusable)))
+    results.mkdir()
+    track_recording(review.recording, results, TrackConfig(smooth=True), lambda *_: None, corrections=file)
+    joints = read_joints(results / "joints.parquet")
     assert np.linalg.norm(joints.position_m[MOVED, WRIST] - review.place_m) < 0.03
-    gone = np.isin(joints.frame, np.arange(GONE[0], GONE[1] + 1))
+    gone = np.isin(joints.frame, [0, 1, *range(GONE[0], GONE[1] + 1)])
     np.testing.assert_array_equal(joints.lost.all(axis=1), gone)
-    np.testing.assert_array_equal(blank_explanations(tmp_path), gone)
+    np.testing.assert_array_equal(blank_explanations(results), gone)
+    people = read_people(results / "people.parquet")  # the initial frame stands on both sides, and once in the table
+    assert {frame for frame, _ in people} == set(joints.frame.tolist())
 
 
 def test_what_is_told_is_no_surer_than_he_who_tells_it(review):
@@ -149,35 +163,16 @@ def test_what_is_told_is_no_surer_than_he_who_tells_it(review):
     assert review.after.sigma_m[MOVED, WRIST] > 0.008  # he said 0.010; what is seen adds little
 
 
-def test_what_could_not_be_honoured_is_said(review, tmp_path):
-    given = read_corrections(review.file)
-    too_far = moved(2, "HandLeft", review.before.position_m[2, JOINT_INDEX["HandLeft"]] + [3.0, 0.0, 0.0])
-    in_a_gap, never_tracked = moved(GONE[0], "Head", np.zeros(3)), moved(8, "Head", np.zeros(3))
-    file, results = tmp_path / "c.json", tmp_path / "results"
-    write_corrections(file, replace(given, joints=(*given.joints, too_far, in_a_gap, never_tracked)))
-    results.mkdir()
-    track_recording(review.recording, results, TrackConfig(stop=8), lambda *_: None, corrections=file)
-    document, joints = read_run(results / "run.json"), read_joints(results / "joints.parquet")
+def test_what_could_not_be_honoured_is_said(review):
+    document, joints = read_run(review.results / "run.json"), review.after
     assert [sentence.split(" was not")[0] for sentence in document["corrections"]["not_honoured"]] == [
-        "HandLeft in frame 2",
+        f"HandLeft in frame {TOO_FAR}",
         f"Head in frame {GONE[0]}",
-        "Head in frame 8",
+        f"Head in frame {STOP}",
     ]
     assert set(document["corrections"]["not_honoured"]) <= set(document["notes"])
-    hand = np.linalg.norm(joints.position_m[2] - review.before.position_m[2], axis=1)
+    hand = np.linalg.norm(joints.position_m[TOO_FAR] - review.before.position_m[TOO_FAR], axis=1)
     assert np.nanmax(hand) < 0.02  # the frame is as if nothing had been said
-
-
-def test_tracking_begins_elsewhere_where_its_first_frame_is_unusable(review, tmp_path):
-    given = read_corrections(review.file)
-    file, results = tmp_path / "c.json", tmp_path / "results"
-    write_corrections(file, replace(given, joints=(), unusable=(unusable(0, 1),)))
-    results.mkdir()
-    track_recording(review.recording, results, TrackConfig(), lambda *_: None, corrections=file)
-    joints = read_joints(results / "joints.parquet")
-    np.testing.assert_array_equal(joints.lost.all(axis=1), joints.frame < 2)
-    people = read_people(results / "people.parquet")  # the initial frame stands on both sides, and once in the table
-    assert {frame for frame, _ in people} == set(joints.frame.tolist())
 
 
 def refused(review: Review, tmp_path: Path, corrections: Corrections, match: str) -> None:

@@ -16,7 +16,7 @@ from live_builder import page_running, standing_frame
 from anchorpose.live.page_server import PageOutput
 from anchorpose.recording.reader import open_recording
 from anchorpose.viewer import guarded_server
-from anchorpose.viewer.connections import MOST_PER_CLIENT
+from anchorpose.viewer.access import MOST_PER_CLIENT
 
 LONG_LENGTH = "9" * 5000
 

@@ -30,13 +30,11 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.recording import Clock
-from anchorpose.results.frame_table import StoredFrames
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.tables import JointTable
 from anchorpose.surface.mesh import build_surface
 from anchorpose.viewer import payloads
 from anchorpose.viewer.depth_frames import DepthFrames, clocks_of_run, shade
-from anchorpose.viewer.overview import overview_of
 from anchorpose.viewer.payloads import (
     curves_payload,
     motion_payload,
@@ -194,7 +192,7 @@ def test_the_tables_arrive_whole_with_gaps_as_gaps(review: Review) -> None:
     assert np.flatnonzero(lost).tolist() == [LOST_FRAME]
     assert np.isnan(arrays["poses"][LOST_FRAME]).all()
     assert np.isnan(arrays["angles"][LOST_FRAME]).all()
-    kept, joints = ~lost, review.joints.rows(0, FRAMES)
+    kept, joints = ~lost, review.joints
     assert np.allclose(arrays["joints"][kept], joints.position_m[kept], atol=1e-6)
     column = review.angles.names.index("knee_flexion_left")
     expected = joint_angles(joints)
@@ -207,7 +205,7 @@ def test_the_tables_arrive_whole_with_gaps_as_gaps(review: Review) -> None:
 
 def test_all_frames_at_a_glance(review: Review) -> None:
     meta, arrays = unpack(overview_payload(review))
-    joints = review.joints.rows(0, FRAMES)
+    joints = review.joints
     assert np.array_equal(arrays["frame"], joints.frame)
     assert np.array_equal(arrays["time_s"], joints.time_s)
     assert np.array_equal(arrays["lost"], joints.lost.sum(axis=1))
@@ -249,7 +247,7 @@ def test_results_without_a_body_have_no_skin() -> None:
 def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> None:
     share = review.matched_share.copy()
     share[22] = 0.4
-    found = worst_frames(review.overview, share, review.run["dropped"])
+    found = worst_frames(review.joints, share, review.run["dropped"])
     told = {frame.position: frame.reason for frame in reversed(found)}
     assert found[0].position == LOST_FRAME
     assert told[LOST_FRAME] == "all joints lost"
@@ -259,15 +257,14 @@ def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> Non
     assert unsure[0].position == UNSURE_FRAME
     assert unsure[0].joint == JOINT_INDEX["HandRight"]
     assert unsure[0].reason == "HandRight: sigma 200 mm"
-    assert np.diff(sorted(review.overview.time_s[frame.position] for frame in unsure)).min() >= APART_S
+    assert np.diff(sorted(review.joints.time_s[frame.position] for frame in unsure)).min() >= APART_S
 
 
 def test_some_lost_joints_are_named() -> None:
     frame = make_frame(0, 0.0, standing_joints(), lost=("WristLeft", "HandLeft"))
     state_code = np.array([[6 if name in ("WristLeft", "HandLeft") else 0 for name in JOINT_NAMES]], np.int8)
     table = JointTable(np.array([0]), np.array([0.0]), frame.position_m[None], state_code, frame.sigma_m[None])
-    stored = StoredFrames(table)
-    assert worst_frames(overview_of(stored), np.array([np.nan]), [])[0].reason == "lost: WristLeft, HandLeft"
+    assert worst_frames(table, np.array([np.nan]), [])[0].reason == "lost: WristLeft, HandLeft"
 
 
 def test_clocks_are_those_that_the_run_used() -> None:

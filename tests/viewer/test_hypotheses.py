@@ -57,7 +57,7 @@ def test_what_is_drawn_is_what_inspection_finds(server: ViewerServer, tracked: t
     server.api.post("hypotheses/start", {"position": position})
     assert finished(server.api.worker) is Progress.DONE
     meta, arrays = unpack(server.api.get("hypotheses/found", {}).content)
-    place = server.api.review.joints.rows(position, position + 1).position_m[0, 0]
+    place = server.api.review.joints.position_m[position, 0]
     config = replace(TrackConfig(), patient_xz_m=(float(place[0]), float(place[2])))
     found = inspect_frame(open_recording(tracked[1]), 6, config, False, lambda: None)
     assert found.next is not None

@@ -13,12 +13,10 @@ from viewer_builder import FRAMES, viewer_of, write_small_recording, write_small
 from viewer_page import opened, position, until
 
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.frame_table import StoredFrames
-from anchorpose.results.tables import AngleTable, read_angles, read_joints
-from anchorpose.viewer.payloads import MOST_ROWS, curves_payload, motion_payload, unpack
+from anchorpose.results.tables import read_angles, read_joints
+from anchorpose.viewer.payloads import INTERVALS, KEPT, MOST_ROWS, curves_payload, motion_payload, thinned, unpack
 from anchorpose.viewer.review import open_review
 from anchorpose.viewer.server import ViewerServer
-from anchorpose.viewer.thinned_curves import INTERVALS, KEPT, thin_curves
 
 pytest_plugins = ("viewer_fixtures",)
 
@@ -39,32 +37,23 @@ def long_server(long: Path) -> Iterator[ViewerServer]:
         yield running
 
 
-def stored(degrees: np.ndarray, state_code: np.ndarray) -> StoredFrames[AngleTable]:
-    frames, names = np.arange(len(degrees), dtype=np.int32), tuple(f"angle {k}" for k in range(degrees.shape[1]))
-    table = AngleTable(frames, frames / 30.0, names, degrees, state_code, np.where(np.isnan(degrees), np.nan, 2.0))
-    return StoredFrames(table)
-
-
 def test_no_peak_no_gap_and_no_inferred_frame_is_lost_by_thinning() -> None:
     rng = np.random.default_rng(8)
     degrees = np.cumsum(rng.normal(size=(50_123, 3)), axis=0)
     state_code = np.zeros(degrees.shape, np.int8)
     degrees[31_234, 1], degrees[40_001, 2], state_code[777, 0] = 500.0, np.nan, 3
-    curves = thin_curves(stored(degrees, state_code), 100, 50_000)
-    assert curves.start[-1] == len(curves.row) <= 3 * (INTERVALS + 9) * KEPT
-    for angle in range(3):
-        own = slice(*curves.start[angle : angle + 2].tolist())
-        row = curves.row[own]
+    sigma_deg = np.where(np.isnan(degrees), np.nan, 2.0)
+    for angle, rows in enumerate(thinned(degrees[100:50_000], sigma_deg[100:50_000], state_code[100:50_000])):
+        row = 100 + rows
+        assert len(row) <= (INTERVALS + 9) * KEPT
         assert (np.diff(row) > 0).all()
         assert row[0] >= 100
         assert row[-1] < 50_000
-        assert np.array_equal(curves.degrees[own], degrees[row, angle].astype(np.float32), equal_nan=True)
-        assert np.array_equal(curves.state[own], state_code[row, angle])
         for begin in range(100, 50_000 - 62, 62):  # 62 frames in an interval
-            inside = (row >= begin) & (row < begin + 62)
+            inside = row[(row >= begin) & (row < begin + 62)]
             for extreme in (np.nanmin, np.nanmax):
-                assert extreme(curves.degrees[own][inside]) == np.float32(extreme(degrees[begin : begin + 62, angle]))
-    assert all(row in curves.row for row in (31_234, 40_001, 777))
+                assert extreme(degrees[inside, angle]) == extreme(degrees[begin : begin + 62, angle])
+        assert ((777, 31_234, 40_001)[angle]) in row
 
 
 def test_few_frames_are_drawn_as_they_are(long: Path) -> None:

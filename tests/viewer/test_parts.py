@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from anchorpose.viewer.page_files import LIVE_PAGE, VIEWER_PAGE, load_assets
+from anchorpose.viewer.guarded_server import LIVE_PAGE, VIEWER_PAGE, load_assets
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -28,9 +28,9 @@ from anchorpose.results.corrections import CorrectionsRecord, corrections_beside
 from anchorpose.results.run_record import as_json
 from anchorpose.viewer import correction_file
 from anchorpose.viewer.access import Guard, is_loopback
+from anchorpose.viewer.guarded_server import opened_page
 from anchorpose.viewer.payloads import unpack
 from anchorpose.viewer.server import ViewerServer
-from anchorpose.viewing import opened_page
 
 INTERVAL = {"first_frame": 2, "last_frame": 8, "reason": "a curtain", "who": "AB"}
 KNEE = {"frame": 4, "joint": "KneeLeft", "position_m": [0.1, 0.5, -0.1], "sigma_m": 0.02, "reason": "x", "who": "AB"}
@@ -284,7 +284,7 @@ def test_two_who_correct_at_once_lose_nothing(server: ViewerServer) -> None:
 SECOND_VIEWER = """
 import sys
 from pathlib import Path
-from anchorpose.viewing import open_viewer
+from anchorpose.viewer.server import open_viewer
 with open_viewer(Path(sys.argv[1]), None, None, "", "127.0.0.1", 0) as server:
     print("ready", flush=True)
     sys.stdin.readline()

@@ -14,7 +14,6 @@ import numpy as np
 
 from anchorpose.agreement.matching import Match, match_results
 from anchorpose.agreement.reference import exchanged, read_reference
-from anchorpose.agreement.reference_settings import ReferenceSettings
 from anchorpose.agreement.statistics import (
     LEAST_SAMPLES,
     LEAST_UNITS,
@@ -26,6 +25,7 @@ from anchorpose.agreement.statistics import (
 )
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_NAMES, LOST, JointState
+from anchorpose.options import ReferenceSettings
 from anchorpose.recording.document import read_json, require_rigid
 from anchorpose.settings import Unfit
 

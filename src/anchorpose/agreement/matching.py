@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from anchorpose.camera import transform_points
 from anchorpose.errors import DegenerateGeometry, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.joint_angles import joint_angles
+from anchorpose.results.sides import Sides, require_as_is
 from anchorpose.results.tables import JOINTS_FILE, AngleTable, JointTable, read_joints
 from anchorpose.results.verify import require_own
 from anchorpose.rotations import fit_rigid_transform
@@ -147,53 +148,10 @@ def _median_distance(position_m: np.ndarray, a: int, b: int) -> float:
     return float(np.median(known)) if len(known) else float("nan")
 
 
-CLEARLY_BETTER: Final = 0.7
-"""Ratio of two misfits from which on the smaller is the right one. In six simulated laboratories it was at most 0.1."""
-
-LARGEST_DEFINITION_M: Final = 0.03
-"""A misfit up to here needs no other explanation: joint centres of two systems differ by as much by definition."""
-
-
-class Sides(NamedTuple):
-    """What is the wrong way round."""
-
-    exchanged: bool
-    mirrored: bool
-
-
-AS_IS: Final = Sides(False, False)
-
-WRONG: Final = {
-    Sides(True, False): (
-        "left and right are exchanged: with them the other way round it fits",
-        "correct the labels in the other system, or give --exchange-sides (leave it out where it was given)",
-    ),
-    Sides(False, True): (
-        "is mirrored: with one axis reversed it fits",
-        "export it with right-handed axes, or change the sign of one of its axes, such as z",
-    ),
-    Sides(True, True): (
-        "is mirrored, and left and right are exchanged: with both the other way round it fits",
-        "export it with right-handed axes, or change the sign of one of its axes, and correct the labels, or give "
-        "--exchange-sides (leave it out where it was given)",
-    ),
-}
-
-
 def require_sides(joints: JointTable, ours: AngleTable, reference: Reference) -> None:
     """Raises InputError where the reference fits much better with axes or labels the other way round."""
     misfit = _misfits(joints, ours, reference)
-    best = min(misfit, key=lambda sides: misfit[sides], default=AS_IS)
-    if best == AS_IS:
-        return
-    problem, remedy = WRONG[best]
-    is_length = bool(reference.centres.joints)
-    if AS_IS in misfit:
-        if misfit[best] > CLEARLY_BETTER * misfit[AS_IS] or (is_length and misfit[AS_IS] < LARGEST_DEFINITION_M):
-            return
-        if is_length:
-            problem += f" within {1000 * misfit[best]:.0f} mm instead of {1000 * misfit[AS_IS]:.0f} mm"
-    raise InputError(reference.path, problem, remedy)
+    require_as_is(reference.path, misfit, is_length=bool(reference.centres.joints))
 
 
 def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict[Sides, float]:

@@ -17,9 +17,9 @@ from typing import Final
 import numpy as np
 
 from anchorpose.agreement.captured import Captured, read_captured
-from anchorpose.agreement.reference_settings import HipCentre
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
+from anchorpose.options import HipCentre
 from anchorpose.recording.document import read_rows
 from anchorpose.results.joint_angles import ANGLE_NAMES
 from anchorpose.rotations import unit

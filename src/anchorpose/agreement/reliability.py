@@ -49,6 +49,7 @@ class Reliability:
 
 
 COLUMNS: Final = tuple(each.name for each in fields(Reliability))
+HEAD: Final = ",".join(COLUMNS)  # the first line of the table
 
 
 @dataclass(frozen=True, slots=True)

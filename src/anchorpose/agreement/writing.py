@@ -25,11 +25,10 @@ from anchorpose.agreement.evaluating import (
 )
 from anchorpose.agreement.matching import Match
 from anchorpose.agreement.statistics import LEAST_UNITS
-from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.recording.document import cell_text
 from anchorpose.report.chart import Axis, make_axis
-from anchorpose.results.folder import whole_or_nothing
+from anchorpose.results.folder import FolderKind, check_results_path, whole_or_nothing
 from anchorpose.results.web_page import render_page
 
 SHOWN_STATES: Final = (ALL, str(JointState.OBSERVED), INFERRED)
@@ -237,7 +236,9 @@ OFFSETS_FILE: Final = "offsets.csv"
 ALIGNMENT_FILE: Final = "alignment.json"
 METHODS_FILE: Final = "methods.txt"
 PAGE_FILE: Final = "agreement.html"
-OWN_FILES: Final = (AGREEMENT_FILE, OFFSETS_FILE, ALIGNMENT_FILE, METHODS_FILE, PAGE_FILE)
+COMPARISON: Final = FolderKind(
+    (AGREEMENT_FILE,), (AGREEMENT_FILE, OFFSETS_FILE, ALIGNMENT_FILE, METHODS_FILE, PAGE_FILE)
+)
 
 SOURCES: Final = (
     "Bland JM, Altman DG. Agreement between methods of measurement with multiple observations per individual. J "
@@ -258,10 +259,10 @@ SOURCES: Final = (
 
 
 def write_comparison(folder: Path, comparison: Comparison, overwrite: bool = False) -> None:
-    """Writes all files into a new folder, or over those of an earlier comparison; raises as ``check_place``."""
-    check_place(folder, overwrite)
+    """Writes all files into a new folder, or over those of an earlier comparison; raises as ``check_results_path``."""
+    check_results_path(folder, None, overwrite, COMPARISON)
     methods = methods_sentences(comparison)
-    with whole_or_nothing(folder, OWN_FILES) as work:
+    with whole_or_nothing(folder, COMPARISON.own) as work:
         _write(
             work / AGREEMENT_FILE, _csv(COLUMNS, ([getattr(row, name) for name in COLUMNS] for row in comparison.rows))
         )
@@ -269,15 +270,6 @@ def write_comparison(folder: Path, comparison: Comparison, overwrite: bool = Fal
         _write(work / ALIGNMENT_FILE, json.dumps([_alignment(match) for match in comparison.matches], indent=1) + "\n")
         _write(work / METHODS_FILE, "\n".join([*methods, "", "Sources", *SOURCES]) + "\n")
         _write(work / PAGE_FILE, page_text(comparison, [alignment_sentences(m) for m in comparison.matches], methods))
-
-
-def check_place(folder: Path, overwrite: bool) -> None:
-    """Raises InputError where the folder holds anything but an earlier comparison that may be replaced."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        if not (folder / AGREEMENT_FILE).is_file():
-            raise InputError(folder, "exists and is not a comparison", "choose another folder; nothing was touched")
-        if not overwrite:
-            raise InputError(folder, "exists already", "choose another folder, or give --overwrite to replace it")
 
 
 def _write(path: Path, text: str) -> None:

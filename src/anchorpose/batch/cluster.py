@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
+from shutil import which
 from typing import TYPE_CHECKING, Any, Final
 
 from anchorpose.batch.worker import Outcome, run_apart, stop_children
@@ -68,6 +69,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     jobs: no more workers than that are started. Raises AnchorposeError where the scheduler cannot be reached.
     """
     import dask
+    import distributed  # noqa: F401  its defaults: those that come while others are set go with them
 
     with dask.config.set(SCHEDULING):
         logging.getLogger("distributed").setLevel(logging.ERROR)  # what matters comes back with the outcomes
@@ -136,6 +138,9 @@ def _slurm(place: Place, jobs: int) -> Any:
         cluster = SLURMCluster(**{"cores": 1, "processes": 1, "memory": "2GB", **place.slurm})
     except (TypeError, ValueError) as error:
         raise AnchorposeError(f"The settings for SLURM cannot be used ({error}); correct the file.") from None
+    if which("sbatch") is None:
+        cluster.close()
+        raise AnchorposeError("--scheduler slurm needs SLURM's program sbatch; run this where jobs can be submitted.")
     cluster.scale(jobs=min(place.workers or jobs, jobs))
     return cluster
 

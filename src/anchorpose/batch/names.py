@@ -20,6 +20,7 @@ from anchorpose.batch.sessions import Session
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, read_whole
+from anchorpose.recording.writable import new_folder
 from anchorpose.results.folder import write_text_whole
 
 BATCH_FILE: Final = "batch.json"
@@ -67,11 +68,7 @@ def open_folder(out: Path, sessions: Sequence[Session]) -> tuple[Session, ...]:
         raise InputError(out, f"lies inside the recording {inside[0].recording}", "choose a folder outside of it")
     before = _read(mark)
     _named(sessions, before, out)  # what is refused leaves no folder
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(out, f"cannot be made ({error.strerror})", "choose a place that you may write to") from None
-    with FileLock(out / LOCK_FILE):
+    with new_folder(out.resolve(), out), FileLock(out / LOCK_FILE):
         before = _read(mark)
         named = _named(sessions, before, out)
         _write(mark, (*(one for one in before if one.session not in {new.session for new in named}), *named))
@@ -126,6 +123,8 @@ def _require_own(
     """Raises InputError where another session of this call has the name, or is of the same recording without a name of
     its own, or the name belongs to another recording."""
     remedy = "name them in a table with a column 'session'"
+    if not unnamed:
+        remedy = "give them other names in the column 'session'; capitals and the form of accents make no difference"
     for other in others:
         if _key(other.session) == _key(one.session) or (unnamed and other.recording == one.recording):
             raise InputError(other.recording, f"and {one.recording} are both called {other.session}", remedy)

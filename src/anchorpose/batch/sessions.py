@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.errors import InputError, without_password
+from anchorpose.options import MOST_FRAMES, plain_number
 from anchorpose.recording.document import read_rows, require_distinct
 from anchorpose.remote import is_address, parts_of
 
@@ -104,8 +105,10 @@ def _read_table(path: Path, options: TrackOptions) -> Iterator[Session]:
     for name in names:
         if name not in COLUMNS:
             near = get_close_matches(name, COLUMNS, 1)
-            remedy = f"is '{near[0]}' meant?" if near else f"the columns may be {', '.join(COLUMNS)}"
+            remedy = f"write '{near[0]}' if that is meant" if near else f"the columns may be {', '.join(COLUMNS)}"
             raise InputError(path, f"has a column '{name}', which is unknown", remedy)
+    if len(lines) < 2:
+        raise InputError(path, "names no recording", "add a line for each below the names of the columns")
     for number, cells in lines[1:]:
         if len(cells) > len(names):
             raise InputError(path, f"line {number} has more cells than columns", "put quotes around cells with commas")
@@ -126,7 +129,9 @@ def _value(name: str, text: str, path: Path, number: int) -> object:
         return path.parent / text
     if name in NUMBERS:
         try:
-            return NUMBERS[name](text)
+            if abs(plain_number(text)) <= MOST_FRAMES:
+                return NUMBERS[name](text)
+            raise ValueError
         except ValueError:
             kind = "a whole number" if NUMBERS[name] is int else "a number"
             raise InputError(path, f"line {number} has the {name} '{text[:40]}'", f"write {kind}") from None

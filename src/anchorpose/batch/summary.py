@@ -22,6 +22,8 @@ from anchorpose.batch.worker import Outcome
 from anchorpose.errors import InputError
 from anchorpose.joints import JointState
 from anchorpose.recording.document import cell_text, read_json
+from anchorpose.recording.regular_file import is_there
+from anchorpose.recording.writable import whole_file
 from anchorpose.report.measure_section import title_of, value_form
 from anchorpose.report.page import REPORT_FILE
 from anchorpose.results.folder import write_text_whole
@@ -98,6 +100,9 @@ SESSIONS: Final = RecordTable(
     known={"state": STATES},
     remedy=AGAIN,
 )
+PAGE_FILE: Final = "index.html"
+WRITTEN: Final = (".parquet", ".csv")  # forms of each table
+MOVE_AWAY: Final = "move it away, or choose another folder for the batch"
 MEASURES: Final = RecordTable(
     file="measures.parquet",
     record=MeasureRow,
@@ -123,6 +128,18 @@ def note_outcome(out: Path, outcome: Outcome) -> None:
     write_text_whole(path, json.dumps({"why": outcome.why, "seconds": round(outcome.seconds, 1)}) + "\n")
 
 
+def require_places(out: Path, sessions: Sequence[Session]) -> None:
+    """Raises InputError where a link or anything of another kind stands at a place in the folder that is written to."""
+    for name in (RESULTS_FOLDER, LOGS_FOLDER):
+        if (out / name).is_symlink() or (is_there(out / name) and not (out / name).is_dir()):
+            raise InputError(out / name, "is a link, or no folder", MOVE_AWAY)
+    logs = (out / LOGS_FOLDER / f"{session.name}{ending}" for session in sessions for ending in (".log", ".json"))
+    tables = (out / Path(table.file).with_suffix(ending) for table in (SESSIONS, MEASURES) for ending in WRITTEN)
+    for path in (*logs, *tables, out / PAGE_FILE):
+        if path.is_symlink() or (is_there(path) and not path.is_file()):
+            raise InputError(path, "is a link, or no file", MOVE_AWAY)
+
+
 def _outcome_file(out: Path, name: str) -> Path:
     return out / LOGS_FOLDER / f"{name}.json"
 
@@ -141,7 +158,7 @@ def row_of(
         why = outcomes[session.name] if session.name in outcomes else _noted(out, session.name)
         if why is not None:
             return SessionRow(**who, state=FAILED, why=why), ()
-        if not (results / RUN_FILE).is_file():
+        if not is_there(results / RUN_FILE):
             return SessionRow(**who, state=OPEN), ()
         return SessionRow(**who, state=DONE, **_figures(results)), _measures(results)
     except (InputError, OSError) as error:
@@ -151,7 +168,7 @@ def row_of(
 def _noted(out: Path, name: str) -> str | None:
     """Why a session failed in its last run; None where it did not, or has not run."""
     path = _outcome_file(out, name)
-    if not path.is_file():
+    if not is_there(path):
         return None
     try:
         why = read_json(path).get("why")
@@ -188,7 +205,7 @@ def _figures(results: Path) -> dict[str, Any]:
 def _measures(results: Path) -> tuple[Measure, ...]:
     """The measures of a session that are not about a single person; none where it is not measured."""
     path = results / MEASURES_FILE
-    return tuple(measure for measure in read_measures(path) if measure.person is None) if path.is_file() else ()
+    return tuple(measure for measure in read_measures(path) if measure.person is None) if is_there(path) else ()
 
 
 def write_tables(out: Path, rows: Sequence[SessionRow], measures: Iterable[tuple[SessionRow, Measure]]) -> None:
@@ -207,12 +224,9 @@ def write_tables(out: Path, rows: Sequence[SessionRow], measures: Iterable[tuple
 
 def _write(out: Path, table: RecordTable[Any], rows: Sequence[Any]) -> None:
     path = out / table.file
-    partial = path.with_name(f".{path.name}.partial")
-    table.write(partial, rows)
-    in_csv = partial.with_suffix(".csv")
-    pyarrow.csv.write_csv(_for_spreadsheets(pq.read_table(partial)), in_csv)
-    partial.replace(path)
-    in_csv.replace(path.with_suffix(".csv"))
+    with whole_file(path) as partial, whole_file(path.with_suffix(".csv")) as in_csv:
+        table.write(partial, rows)
+        pyarrow.csv.write_csv(_for_spreadsheets(pq.read_table(partial)), in_csv)
 
 
 def _for_spreadsheets(table: pa.Table) -> pa.Table:
@@ -224,7 +238,6 @@ def _for_spreadsheets(table: pa.Table) -> pa.Table:
     return table
 
 
-PAGE_FILE: Final = "index.html"
 MOST_COMPARED: Final = 300  # sessions with their measures on the page: it stays quick; the tables hold all
 
 UNKNOWN: Final = Markup('<span title="{}">–</span>')

@@ -17,6 +17,7 @@ from anchorpose.batch.summary import (
     RESULTS_FOLDER,
     SessionRow,
     note_outcome,
+    require_places,
     row_of,
     write_page,
     write_tables,
@@ -35,7 +36,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
     One that fails keeps no other from its end. progress is called with sessions finished and in total. Raises
     InputError where ``out`` is not the folder of a batch, AnchorposeError where the scheduler cannot be used.
     """
-    sessions, outcomes = open_folder(out, sessions), dict[str, str | None]()
+    sessions, outcomes = _opened(out, sessions), dict[str, str | None]()
     progress(0, len(sessions))
     for done, outcome in enumerate(run_jobs([_job(session, out) for session in sessions], place), 1):
         outcomes[outcome.name] = outcome.why
@@ -49,7 +50,7 @@ def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
     """Tracks the session with this number, counted from 0, on a worker of its own; for arrays of jobs."""
     if not 0 <= index < len(sessions):
         raise AnchorposeError(f"--index is {index}; there are {len(sessions)} sessions, numbered from 0.")
-    session = open_folder(out, sessions)[index]
+    session = _opened(out, sessions)[index]
     for outcome in run_jobs([_job(session, out)], Place(workers=1)):
         note_outcome(out, outcome)
     return row_of(out, session)[0]
@@ -57,7 +58,13 @@ def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
 
 def summarise(sessions: Sequence[Session], out: Path) -> tuple[SessionRow, ...]:
     """Writes the tables and index.html from what the folder holds; returns a row per session."""
-    return _summarise(open_folder(out, sessions), out, {})
+    return _summarise(_opened(out, sessions), out, {})
+
+
+def _opened(out: Path, sessions: Sequence[Session]) -> tuple[Session, ...]:
+    named = open_folder(out, sessions)
+    require_places(out, named)
+    return named
 
 
 def _summarise(sessions: Sequence[Session], out: Path, outcomes: Mapping[str, str | None]) -> tuple[SessionRow, ...]:

@@ -10,7 +10,6 @@ from typing import Final, NoReturn
 from cyclopts import App, CycloptsError, Parameter
 
 from anchorpose import __version__
-from anchorpose.cli.batch_verb import batch
 from anchorpose.cli.console import say
 from anchorpose.cli.evaluate_verbs import evaluate, reliability
 from anchorpose.cli.live_verbs import live, record
@@ -19,7 +18,7 @@ from anchorpose.cli.recording_verbs import calibrate, check, convert
 from anchorpose.cli.research_verbs import benchmark, experiment
 from anchorpose.cli.results_verbs import export, measure, report, verify
 from anchorpose.cli.simulation_verbs import demo, simulate
-from anchorpose.cli.track_verbs import track
+from anchorpose.cli.track_verbs import batch, track
 from anchorpose.cli.viewing_verbs import inspect, view
 from anchorpose.errors import AnchorposeError
 

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any, Final
 from anchorpose.errors import without_password
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console
+    from rich.table import Column
+    from rich.text import Text
 
 ACTING: Final = frozenset(("Cc", "Zl", "Zp", "Cs"))  # control characters, line breaks, undecodable bytes of file names
 BIDIRECTIONAL: Final = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
@@ -40,17 +42,27 @@ def say(sentence: str, error: bool = False) -> None:
     print(printable(sentence), file=sys.stderr if error else sys.stdout, flush=True)
 
 
-def show(*tables: RenderableType) -> None:
-    """Print tables; their cells are texts without markup."""
-    console = plain_console()
-    for table in tables:
-        console.print(table)
+def show_table(
+    head: Iterable[str | Column],
+    rows: Iterable[Iterable[str | Text]],
+    *,
+    title: str | None = None,
+    numbers: bool = False,
+) -> None:
+    """Print a table of texts without markup; numbers: all columns but the first are set to the right."""
+    from rich.table import Table
+
+    table = Table(*head, title=title)
+    for number, column in enumerate(table.columns if numbers else ()):
+        column.no_wrap, column.justify = number == 0, "right" if number else "left"
+    for row in rows:
+        table.add_row(*row)
+    plain_console().print(table)
 
 
 def plain_console(error: bool = False) -> Console:
     """Return a console of rich that takes every text as it stands: no markup, no emoji, nothing that acts on it."""
     from rich.console import Console
-    from rich.text import Text
 
     class PlainConsole(Console):
         def render_str(self, text: str, **options: Any) -> Text:

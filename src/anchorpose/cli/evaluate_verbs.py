@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from anchorpose.agreement.reference_settings import ReferenceSettings
-from anchorpose.cli.console import say, show
-from anchorpose.cli.limits import DAY_S, between
+from anchorpose.cli.console import say, show_table
 from anchorpose.errors import InputError
+from anchorpose.options import DAY_S, OUTPUT, ReferenceSettings, between
 
 if TYPE_CHECKING:
     from anchorpose.agreement.evaluating import Comparison
@@ -28,7 +27,7 @@ class ReferenceOptions:
     """Markers, joint centres or angles of another system: .c3d, .trc, .csv, .mot or .sto; once for each results folder.
     Clock and position are found from the movement."""
 
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None
+    output: Annotated[Path | None, OUTPUT] = None
     """With --reference: the folder to write tables, methods sentences and agreement.html to."""
 
     overwrite: bool = False
@@ -52,7 +51,7 @@ def evaluate(
     json: Path | None = None,
     skip: Annotated[float, Parameter(name="--skip-s"), between(0.0, DAY_S)] = 0.0,
     options: ReferenceOptions | None = None,
-    reading: Annotated[ReferenceSettings | None, Parameter(name="*")] = None,
+    reading: ReferenceSettings | None = None,
 ) -> None:
     """Compare results with the true joints, with another motion capture system, or with labels in images.
 
@@ -88,10 +87,13 @@ def evaluate(
 
 def _with_reference(results: tuple[Path, ...], options: ReferenceOptions, reading: ReferenceSettings) -> None:
     from anchorpose.agreement.evaluating import compare_with_reference
-    from anchorpose.agreement.writing import check_place, write_comparison
+    from anchorpose.agreement.writing import COMPARISON, write_comparison
+    from anchorpose.recording.writable import check_place
+    from anchorpose.results.folder import check_results_path
 
     if options.output is not None:
-        check_place(options.output, options.overwrite)
+        check_place(options.output, *results, *(options.reference or []))
+        check_results_path(options.output, None, options.overwrite, COMPARISON)
     comparison = compare_with_reference(results, options.reference or [], options.subject or [], reading)
     if options.output is not None:
         write_comparison(options.output, comparison, options.overwrite)
@@ -110,8 +112,6 @@ def _with_labels(results: Path, labels: Path, recording: Path | None) -> None:
 
 def print_comparison(comparison: Comparison) -> None:
     """How the recordings lie, and the main figures as a table."""
-    from rich.table import Table
-
     from anchorpose.agreement.writing import (
         DIFFERENCE_HEAD,
         DISTANCE_HEAD,
@@ -124,40 +124,38 @@ def print_comparison(comparison: Comparison) -> None:
         for sentence in alignment_sentences(match):
             say(sentence)
     for head, rows in ((DISTANCE_HEAD, distance_rows(comparison)), (DIFFERENCE_HEAD, angle_rows(comparison))):
-        table = Table(*head)
-        for title, cells in rows:
-            table.add_row(title, *cells)
         if rows:
-            show(table)
+            show_table(head, ((title, *cells) for title, cells in rows))
 
 
 def print_image_errors(errors: tuple[ImageErrors, ...]) -> None:
     """A table, a row per joint and for all."""
-    from rich.table import Table
-
-    table = Table("", "labels", "lost", "median px", "median mm", "95 % mm", "within 50 mm %", "within 100 mm %")
+    rows = list[list[str]]()
     for row in errors:
         lengths = (row.median_px, row.median_mm, row.p95_mm)
         shares = [None if share is None else 100 * share for share in (row.within_50, row.within_100)]
         cells = ["–" if number is None else f"{number:.1f}" for number in (*lengths, *shares)]
-        table.add_row(row.name, str(row.labelled), str(row.lost), *cells)
-    show(table)
+        rows.append([row.name, str(row.labelled), str(row.lost), *cells])
+    head = ("", "labels", "lost", "median px", "median mm", "95 % mm", "within 50 mm %", "within 100 mm %")
+    show_table(head, rows)
 
 
 def _with_truth(results: Path, truth: Path, json: Path | None, skip: float) -> None:
+    from anchorpose.recording.writable import check_file, new_folder
     from anchorpose.results.evaluate import evaluate as evaluate_results
-    from anchorpose.results.evaluation_file import write_evaluation
+    from anchorpose.results.evaluation_file import MARK, write_evaluation
 
+    if json is not None:
+        check_file(json, MARK, results, truth)
     evaluation = evaluate_results(results, truth, skip)
     if json is not None:
-        write_evaluation(json, evaluation)
+        with new_folder(json.resolve().parent, json):
+            write_evaluation(json, evaluation)
     print_evaluation(evaluation)
 
 
 def print_evaluation(evaluation: Evaluation) -> None:
     """The figures as a table on the output."""
-    from rich.table import Table
-
     from anchorpose.results.evaluation_file import (
         angle_rows,
         compared_sentence,
@@ -167,18 +165,10 @@ def print_evaluation(evaluation: Evaluation) -> None:
         longest_error_sentence,
     )
 
-    table = Table("", "mean mm", "median mm", "95 % mm", "lost %", "in 95 % band")
-    table.columns[0].no_wrap = True
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for row in evaluation_rows(evaluation):
-        table.add_row(*row)
-    angles = Table("angle", "mean error, degrees", "95 %, degrees", "in 95 % band")
-    for column in angles.columns[1:]:
-        column.justify = "right"
-    for row in angle_rows(evaluation):
-        angles.add_row(*row)
-    show(table, angles)
+    errors = ("", "mean mm", "median mm", "95 % mm", "lost %", "in 95 % band")
+    show_table(errors, evaluation_rows(evaluation), numbers=True)
+    degrees = ("angle", "mean error, degrees", "95 %, degrees", "in 95 % band")
+    show_table(degrees, angle_rows(evaluation), numbers=True)
     drift = f"{evaluation.drift_ratio:.2f}" if evaluation.drift_ratio is not None else "unknown"
     for sentence in (
         compared_sentence(evaluation),
@@ -188,13 +178,11 @@ def print_evaluation(evaluation: Evaluation) -> None:
     ):
         say(sentence)
     if evaluation.contacts is not None:
-        touched = Table("contacts", "frames touched", "rightly reported %", "found %")
-        for row in contact_rows(evaluation.contacts):
-            touched.add_row(*row)
-        show(touched)
+        head = ("contacts", "frames touched", "rightly reported %", "found %")
+        show_table(head, contact_rows(evaluation.contacts))
 
 
-def reliability(sessions: Path, /, *, out: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None) -> None:
+def reliability(sessions: Path, /, *, out: Annotated[Path | None, OUTPUT] = None) -> None:
     """How well measures repeat from session to session, and how large a change must be to mean something.
 
     For every measure: intraclass correlations ICC(2,1) and ICC(3,1) with intervals, standard error of measurement
@@ -208,15 +196,17 @@ def reliability(sessions: Path, /, *, out: Annotated[Path | None, Parameter(name
     out
         Write all figures to this CSV file as well; 'anchorpose report --reliability' reads it.
     """
-    from rich.table import Table
-
-    from anchorpose.agreement.reliability import reliability_text, session_reliability
+    from anchorpose.agreement.reliability import HEAD, reliability_text, session_reliability
+    from anchorpose.recording.writable import check_file, new_folder
     from anchorpose.results.folder import write_text_whole
 
+    if out is not None:
+        check_file(out, HEAD, sessions)
     rows = session_reliability(sessions)
     if out is not None:
-        write_text_whole(out, reliability_text(rows))
-    table = Table("measure", "n", "ICC(2,1)", "ICC(3,1)", "SEM", "MDC95", "unit", "why not")
+        with new_folder(out.resolve().parent, out):
+            write_text_whole(out, reliability_text(rows))
+    cells_of = list[list[str]]()
     for row in rows:
         name = row.measure if row.side is None else f"{row.measure}, {row.side}"
         cells = [
@@ -227,5 +217,5 @@ def reliability(sessions: Path, /, *, out: Annotated[Path | None, Parameter(name
             )
         ]
         errors = ["–" if value is None else f"{value:.3g}" for value in (row.sem, row.mdc95)]
-        table.add_row(name, f"{row.subjects} × {row.repeats}", *cells, *errors, row.unit, row.why or "")
-    show(table)
+        cells_of.append([name, f"{row.subjects} × {row.repeats}", *cells, *errors, row.unit, row.why or ""])
+    show_table(("measure", "n", "ICC(2,1)", "ICC(3,1)", "SEM", "MDC95", "unit", "why not"), cells_of)

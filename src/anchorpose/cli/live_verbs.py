@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say
-from anchorpose.cli.limits import DAY_S, LARGEST_PORT, TALLEST_M, between, positive, whole
+from anchorpose.cli.track_verbs import RunOptions
+from anchorpose.cli.viewing_verbs import PageOptions
 from anchorpose.errors import AnchorposeError
+from anchorpose.options import DAY_S, LARGEST_PORT, OUTPUT, between, positive, whole
 
 if TYPE_CHECKING:
     from anchorpose.live.output import Output
@@ -37,26 +39,12 @@ class LiveGiven:
     seconds: Annotated[float | None, positive(DAY_S)] = None
     """Track for so long; the default is until Ctrl+C, or until the source ends."""
 
-    patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
-    """Where the patient stands at the start, as x,z in metres on the floor; needed only where there are several people
-    and the wrong one is tracked."""
-
-    height: Annotated[float | None, positive(TALLEST_M)] = None
-    """The patient's standing height in metres, for example 1.72."""
-
-    calibration: Path | None = None
-    """A calibration.json made by 'anchorpose calibrate' of the same cameras; without it, poses are found in the first
-    seconds."""
-
     like: Path | None = None
     """An earlier recording of the same cameras in the same place: its equipment and its pictures of the empty room hold
     now, too. Of a recording that is played, its own hold."""
 
     record: Path | None = None
     """A folder to keep all depth images in, as a recording."""
-
-    config: Path | None = None
-    """A TOML or JSON file with settings that differ from the defaults."""
 
     lsl: bool = False
     """Send joints and angles as Lab Streaming Layer streams."""
@@ -67,25 +55,19 @@ class LiveGiven:
     page: bool = False
     """Show skeleton and angles in the browser, for patient and therapist."""
 
-    host: str = "127.0.0.1"
-    """The network address that the page listens on. Any other than the default lets other computers see the patient:
-    they need the whole printed address, which holds a secret."""
-
     port: Annotated[int, whole(0, LARGEST_PORT)] = 8470
     """The port of the page, always the same, so that the browser remembers the chosen angles; 0 takes a free one."""
-
-    no_browser: bool = False
-    """Print the address of the page only."""
 
     finish: bool = False
     """Make the results folder of a session that was cut off, of all that was tracked; no sources are needed."""
 
-    overwrite: bool = False
-    """Replace an existing results folder."""
-
 
 def live(
-    *sources: str, results: Annotated[Path, Parameter(name=["--output", "-o"])], options: LiveGiven | None = None
+    *sources: str,
+    results: Annotated[Path, OUTPUT],
+    run: RunOptions | None = None,
+    browser: PageOptions | None = None,
+    options: LiveGiven | None = None,
 ) -> int:
     """Find the patient's joints while the patient stands there, and send them to other programs.
 
@@ -101,32 +83,33 @@ def live(
         The folder to write.
     """
     from anchorpose.cli.console import print_outcome
-    from anchorpose.cli.track_verbs import TrackOptions
     from anchorpose.live.finish import finish_session
     from anchorpose.live.first_seconds import LiveOptions, User
     from anchorpose.live.session import track_live
     from anchorpose.live.source import about_folder
+    from anchorpose.recording.writable import check_place
     from anchorpose.results.folder import unfinished_results
 
-    given = options or LiveGiven()
+    run, browser, given = run or RunOptions(), browser or PageOptions(), options or LiveGiven()
     if given.finish:
-        finish_session(results, given.overwrite)
+        finish_session(results, run.overwrite)
         print_outcome(results)
         return 0
-    config = TrackOptions(patient=given.patient, height=given.height, config=given.config).settings()
     chosen = LiveOptions(
-        config=config,
+        config=run.settings(),
         wait_frames=given.wait_frames,
         start_s=given.start_seconds,
-        calibration=given.calibration,
+        calibration=run.calibration,
         record=given.record,
         seconds=given.seconds,
     )
     opened = open_sources(sources, given.like)
+    if given.record is not None:
+        check_place(given.record, about_folder(opened), results)
     with (
         stop_on_signals() as stop,
-        unfinished_results(results, about_folder(opened), given.overwrite) as folder,
-        page_output(given) as page,
+        unfinished_results(results, about_folder(opened), run.overwrite) as folder,
+        page_output(given, browser) as page,
     ):
         user = User(say, stop, lambda: None) if page is None else User(_also_on(page), stop, page.asked)
         outputs = [*make_outputs(given.lsl, given.osc), *([] if page is None else [page])]
@@ -137,7 +120,7 @@ def live(
 
 def record(
     *sources: str,
-    recording: Annotated[Path, Parameter(name=["--output", "-o"])],
+    recording: Annotated[Path, OUTPUT],
     seconds: Annotated[float | None, positive(DAY_S)] = None,
     empty_room: Annotated[float, between(0.0, DAY_S)] = 0.0,
     like: Path | None = None,
@@ -220,8 +203,9 @@ def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
             raise AnchorposeError(f"--osc is '{osc}'; write host and port, for example 127.0.0.1:9000.")
         try:
             outputs.append(OscOutput(host.removeprefix("[").removesuffix("]"), int(port)))
-        except OSError as error:
-            raise AnchorposeError(f"--osc is '{osc}', and there is no such host ({error.strerror}).") from None
+        except (OSError, UnicodeError) as error:
+            why = getattr(error, "strerror", None) or "no host has such a name"
+            raise AnchorposeError(f"--osc is '{osc[:60]}', and there is no such host ({why}).") from None
     return outputs
 
 
@@ -236,22 +220,17 @@ def _also_on(page: PageOutput) -> Callable[[str], None]:
 
 
 @contextmanager
-def page_output(given: LiveGiven) -> Iterator[PageOutput | None]:
+def page_output(given: LiveGiven, browser: PageOptions) -> Iterator[PageOutput | None]:
     """Open the page in the browser, or yield None where none is wanted; raises AnchorposeError where nothing can listen
     on its host and port."""
     if not given.page:
         yield None
         return
     from anchorpose.live.page_server import PageOutput
-    from anchorpose.viewer.access import is_loopback
-    from anchorpose.viewing import opened_page
 
-    page = PageOutput(given.host, given.port)
+    page = PageOutput(browser.host, given.port)
     try:
-        say(f"The page is at {page.address}")
-        if not is_loopback(given.host):
-            say("Anyone with this address can see the patient; it is not encrypted.")
-        with nullcontext() if given.no_browser else opened_page(page.address):
+        with browser.showing(page.address, "The page", "see the patient"):
             yield page
     finally:
         page.close()

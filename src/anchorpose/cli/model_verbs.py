@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from anchorpose.cli.console import say, show
-from anchorpose.cli.limits import FASTEST_HZ, positive
+from anchorpose.cli.console import say, show_table
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.options import FASTEST_HZ, OUTPUT, SIGNED, positive
 
 if TYPE_CHECKING:
     from anchorpose.calibration.proposal import FittedRoom
@@ -24,9 +24,9 @@ def fit(
     recording: Path,
     /,
     *,
-    out: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("equipment.json"),
+    out: Annotated[Path, OUTPUT] = Path("equipment.json"),
     camera: str | None = None,
-    around: Annotated[str, Parameter(allow_leading_hyphen=True)] = "0,0",
+    around: Annotated[str, SIGNED] = "0,0",
     radius: Annotated[float, positive(20.0)] = 1.0,
     overwrite: bool = False,
 ) -> None:
@@ -55,8 +55,10 @@ def fit(
     from anchorpose.pages.stage_drawing import draw_model
     from anchorpose.recording.equipment import read_equipment, write_equipment
     from anchorpose.recording.reader import open_recording
+    from anchorpose.recording.writable import check_file, new_folder, whole_file
     from anchorpose.results.folder import naming_place
 
+    check_file(out, '"equipment-model"', of_recording=True)
     if out.exists() and not overwrite:
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
     fitted = fit_equipment(open_recording(recording), camera, _region(around, radius))
@@ -64,12 +66,12 @@ def fit(
     for picture in pictures:
         if picture.exists() and not overwrite:
             raise InputError(picture, "exists already", "choose another name, or give --overwrite to replace it")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with naming_place(out):
+    with new_folder(out.resolve().parent, out), naming_place(out):
         write_equipment(out, fitted.proposal.model)
         model = read_equipment(out)
         for picture, view, room in zip(pictures, fitted.cameras, fitted.rooms_m, strict=True):
-            picture.write_bytes(as_png(draw_model(view, room, model)))
+            with whole_file(picture) as partial:
+                partial.write_bytes(as_png(draw_model(view, room, model)))
     _print_parts(fitted)
     say(f"{out} is a proposal: compare it with {out.stem}_<camera>.png beside it before you use it.")
 
@@ -85,11 +87,9 @@ def _region(around: str, radius: float) -> Region:
 
 
 def _print_parts(fitted: FittedRoom) -> None:
-    from rich.table import Table
-
     from anchorpose.recording.equipment import Box
 
-    table = Table("part", "shape", "size mm", "off by mm", "pixels", "a guess")
+    rows = list[tuple[str, ...]]()
     for proposed in fitted.proposal.parts:
         part = proposed.part
         box = isinstance(part, Box)
@@ -97,8 +97,8 @@ def _print_parts(fitted: FittedRoom) -> None:
         size = " x ".join(f"{1000 * length:.0f}" for length in lengths)
         shape, size = ("box", size) if box else ("tube", f"ø {size}")
         off, guessed = f"{1000 * proposed.residual_m:.1f}", ", ".join(proposed.guessed)
-        table.add_row(part.name, shape, size, off, str(proposed.readings), guessed)
-    show(table)
+        rows.append((part.name, shape, size, off, str(proposed.readings), guessed))
+    show_table(("part", "shape", "size mm", "off by mm", "pixels", "a guess"), rows)
     for note in fitted.notes:
         say(f"{note[0].upper()}{note[1:]}.")
     share = 100 * fitted.proposal.explained_share

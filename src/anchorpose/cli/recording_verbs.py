@@ -4,61 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter
-
-from anchorpose.cli.console import say, show
-from anchorpose.cli.limits import FASTEST_HZ, positive
+from anchorpose.cli.console import say, show_table
 from anchorpose.errors import AnchorposeError
+from anchorpose.options import OUTPUT, ConvertOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from anchorpose.calibration.calibration import Calibration
     from anchorpose.check.material import Finding
-    from anchorpose.sources.plan import ConvertOptions
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ConvertFlags:
-    """The options of ``anchorpose convert``: what the files do not say."""
-
-    intrinsics: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
-    """The lens as fx,fy,cx,cy in pixels of the depth image, for files that have none."""
-
-    depth_scale: Annotated[float | None, positive(1.0)] = None
-    """Metres per grey value, for example 0.001 where depth is in millimetres; where given, it replaces the file's."""
-
-    fps: Annotated[float | None, positive(FASTEST_HZ)] = None
-    """Depth images per second, for files that have no times."""
-
-    rotate: Literal["0", "90", "180", "270"] = "0"
-    """Turn the images clockwise by so many degrees, where the camera was mounted on its side or upside down."""
-
-    mirror: bool = False
-    """Exchange left and right, where the recorder mirrored its images: depth alone cannot show that it did."""
-
-    def options(self) -> ConvertOptions:
-        """Raises AnchorposeError for numbers that are none."""
-        from anchorpose.sources.plan import ConvertOptions, parse_intrinsics
-
-        for name, value in (("depth-scale", self.depth_scale), ("fps", self.fps)):
-            if value is not None and not 0 < value <= 1000:
-                raise AnchorposeError(f"--{name} is {value:g}; give a number above 0.")
-        return ConvertOptions(
-            intrinsics=None if self.intrinsics is None else parse_intrinsics(self.intrinsics),
-            depth_scale=self.depth_scale,
-            fps=self.fps,
-            rotate={"0": 0, "90": 90, "180": 180, "270": 270}[self.rotate],  # type: ignore[arg-type]
-            mirror=self.mirror,
-        )
-
-
-def convert(*paths: Path, options: ConvertFlags | None = None) -> None:
+def convert(*paths: Path, options: ConvertOptions | None = None) -> None:
     """Make a recording of the files that a camera's own recorder wrote; what the formats are: docs/guide/convert.md.
 
     Depth, times, lens and serial number are kept exactly; colour is neither read nor copied. 'track', 'calibrate',
@@ -75,9 +35,8 @@ def convert(*paths: Path, options: ConvertFlags | None = None) -> None:
     if len(paths) < 2:
         raise AnchorposeError("Give one or more files or folders of a recorder, and last the folder to write.")
     *inputs, out = paths
-    settings = (options or ConvertFlags()).options()
     with _noting_how_to_go_on(out), progress_bar("Converting", at_once=False) as progress:
-        done = convert_files(inputs, out, settings, progress)
+        done = convert_files(inputs, out, options or ConvertOptions(), progress)
     for note in done.notes:
         say(f"- {note}")
     counts = ", ".join(f"{name} with {count} depth images" for name, count in done.cameras)
@@ -136,14 +95,12 @@ def check(recording: Path, /) -> int:
 
 
 def _print_findings(findings: Sequence[Finding]) -> None:
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table("", "check", "measured", "what to do")
-    for finding in sorted(findings, key=lambda one: -one.level):
-        word = Text(finding.level.word, style=COLOURS[finding.level])
-        table.add_row(word, finding.check, finding.measured, finding.remedy)
-    show(table)
+    worst_first = sorted(findings, key=lambda one: -one.level)
+    words = [Text(finding.level.word, style=COLOURS[finding.level]) for finding in worst_first]
+    cells = ((word, one.check, one.measured, one.remedy) for word, one in zip(words, worst_first, strict=True))
+    show_table(("", "check", "measured", "what to do"), cells)
     counts = [sum(finding.level == level for finding in findings) for level in range(len(COLOURS))]
     say(", ".join(f"{count} {word}" for count, word in zip(counts, COLOURS, strict=True)) + ".")
 
@@ -152,7 +109,7 @@ def calibrate(
     recording: Path,
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: Annotated[Path | None, OUTPUT] = None,
     overwrite: bool = False,
     ignore_given: bool = False,
     markers: Path | None = None,
@@ -180,9 +137,9 @@ def calibrate(
     config
         A TOML or JSON file with settings that differ from the defaults, as for track.
     """
-    from anchorpose.cli.config_file import load_track_config
     from anchorpose.pipeline import calibrate_recording
     from anchorpose.results.folder import CALIBRATION, check_results_path, new_results_folder
+    from anchorpose.tracker.config import load_track_config
 
     settings = load_track_config(config)
     source = recording.resolve()
@@ -196,13 +153,8 @@ def calibrate(
 
 
 def _print_poses(found: Calibration) -> None:
-    from rich.table import Table
-
     from anchorpose.calibration.calibration import calibration_rows
 
-    table = Table("camera", "pose", "± mm", "± degrees", "surface rms mm", "outline rms px")
-    for row in calibration_rows(found):
-        table.add_row(*row)
-    show(table)
+    show_table(("camera", "pose", "± mm", "± degrees", "surface rms mm", "outline rms px"), calibration_rows(found))
     for note in found.notes:
         say(f"- {note}")

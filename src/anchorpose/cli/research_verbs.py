@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import App, Parameter
 
 from anchorpose.batch.worker import KERNELS
-from anchorpose.cli.console import say, show
-from anchorpose.cli.limits import MOST_FRAMES, MOST_PROCESSES, whole
+from anchorpose.cli.console import say, show_table
 from anchorpose.errors import InputError
+from anchorpose.options import MOST_FRAMES, MOST_PROCESSES, whole
 
 if TYPE_CHECKING:
     from anchorpose.research.experiment.config import ExperimentConfig
@@ -56,7 +56,7 @@ def experiment(
 
 
 def _settings(quick: bool, config: Path | None) -> ExperimentConfig:
-    from anchorpose.cli.config_file import load_config
+    from anchorpose.recording.document import load_config
     from anchorpose.research.experiment import config as experiments
 
     if quick and config is not None:
@@ -150,16 +150,19 @@ def score(
     """
     import json as text
 
+    from anchorpose.recording.writable import check_file, new_folder
     from anchorpose.results.folder import write_text_whole
 
+    target = json or answers / ("score.json" if real is None else "real.json")
+    check_file(target, '"anchorpose-benchmark-score"' if real is None else '"recordings"', folder, real, labels)
     if real is not None:
         document = _real(answers, real, labels)
     elif folder is None:
         raise InputError(answers, "can be scored only with the recordings", "name the benchmark's folder after it")
     else:
         document = _simulated(answers, folder, part, against)
-    target = json or answers / ("score.json" if real is None else "real.json")
-    write_text_whole(target, text.dumps(document, indent=1, allow_nan=False) + "\n")
+    with new_folder(target.resolve().parent, target):
+        write_text_whole(target, text.dumps(document, indent=1, allow_nan=False) + "\n")
     say(f"All figures are in {target}.")
 
 
@@ -200,14 +203,14 @@ def _real(answers: Path, real: Path, labels: Path | None) -> dict[str, Any]:
 
 def _print_figures(title: str, rows: dict[str, dict[str, Any]]) -> None:
     """One column per recording or task: a row for every figure, shares in per cent."""
-    from rich.table import Column, Table
+    from rich.table import Column
 
-    table = Table(Column(no_wrap=True, min_width=24), *rows, title=title)
+    lines = list[list[str]]()
     for name in next(iter(rows.values()), {}):
         share = "share" in name or "within" in name or "coverage" in name
         values = [figures[name] for figures in rows.values()]
         scaled = [100.0 * value if share and value is not None else value for value in values]
         cells = ["–" if v is None else f"{v:.1f}" if isinstance(v, float) else str(v) for v in scaled]
         if any(value is not None for value in values):
-            table.add_row(f"{name}, %" if share else name, *cells)
-    show(table)
+            lines.append([f"{name}, %" if share else name, *cells])
+    show_table((Column(no_wrap=True, min_width=24), *rows), lines, title=title)

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from anchorpose.cli.console import say, show
-from anchorpose.cli.limits import DAY_S, FASTEST_HZ, between, positive
+from anchorpose.cli.console import say, show_table
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.options import DAY_S, FASTEST_HZ, OUTPUT, ExportConfig, between, positive
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from anchorpose.exports.formats import ExportConfig
     from anchorpose.results.processing import ProcessingConfig
     from anchorpose.results.verify import Fits
 
@@ -70,8 +69,6 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
     by
         Who does this, for the log of the results that 'anchorpose verify' reads: your initials or pseudonym.
     """
-    from rich.table import Table
-
     from anchorpose.cli.console import log_event
     from anchorpose.report.measure_section import measure_rows
     from anchorpose.results.folder import naming_place
@@ -81,47 +78,11 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
     with naming_place(results):
         measured = write_measured(results, given.settings(), MeasureConfig())
     log_event(results, "measure", WRITTEN, by, {"smooth": given.smooth, "fill": given.fill})
-    table = Table("", "value ± 95 %", "inferred", "why not")
-    for row in measure_rows(measured.measures):
-        table.add_row(*row)
-    show(table)
+    show_table(("", "value ± 95 %", "inferred", "why not"), measure_rows(measured.measures))
     say(f"Everything is in {results / 'measures.parquet'}; docs/measures.md explains each number.")
     if measured.policy is not None:
         say(f"Processed angles are in {results / 'angles_processed.parquet'}.")
         say(processing_sentence(measured.policy))
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ExportOptions:
-    """The options of ``anchorpose export`` that only some formats use."""
-
-    subject: str = "01"
-    """Pseudonym of the patient for bids, letters and digits only."""
-
-    session: str | None = None
-    """Label of the session for bids, letters and digits only; left out by default."""
-
-    task: str = "standing"
-    """What the patient did, for bids; letters and digits only."""
-
-    model: Literal["rajagopal", "gait2392"] = "rajagopal"
-    """Whose signs mot and model.osim follow: rajagopal (a bent knee is positive) or gait2392 (negative)."""
-
-    def settings(self) -> ExportConfig:
-        """The settings; raises AnchorposeError for a label that BIDS does not allow."""
-        from anchorpose.exports.formats import CoordinateModel, ExportConfig
-        from anchorpose.settings import sentence_of
-
-        try:
-            return ExportConfig(
-                subject=self.subject.removeprefix("sub-"),
-                session=None if self.session is None else self.session.removeprefix("ses-"),
-                task=self.task.removeprefix("task-"),
-                model=CoordinateModel(self.model),
-            )
-        except ValueError as error:
-            raise AnchorposeError(f"--{sentence_of(error)}.") from None
 
 
 def export(
@@ -129,10 +90,10 @@ def export(
     /,
     *,
     to: str,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: Annotated[Path | None, OUTPUT] = None,
     overwrite: bool = False,
     by: str = "",
-    options: ExportOptions | None = None,
+    options: ExportConfig | None = None,
 ) -> None:
     """Write results in the formats of other programs: OpenSim, C3D, Excel, R, MATLAB, Blender, BIDS.
 
@@ -156,8 +117,7 @@ def export(
     from anchorpose.cli.console import log_event
     from anchorpose.exports.exporting import EXPORTS_FOLDER, RECORD_FILE, export_results, parse_formats
 
-    settings = (options or ExportOptions()).settings()
-    exported = export_results(results, parse_formats(to), settings, output, overwrite)
+    exported = export_results(results, parse_formats(to), options or ExportConfig(), output, overwrite)
     inside = [f"{EXPORTS_FOLDER}/{folder.name}/{RECORD_FILE}" for folder, _ in exported] if output is None else []
     log_event(results, "export", inside, by, {"to": ",".join(folder.name for folder, _ in exported)})
     for folder, product in exported:
@@ -170,7 +130,7 @@ def report(
     results: Path,
     /,
     *others: Path,
-    out: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    out: Annotated[Path | None, OUTPUT] = None,
     label: Annotated[list[str] | None, Parameter(negative=())] = None,
     reliability: Path | None = None,
     by: str = "",
@@ -236,9 +196,7 @@ def verify(results: Path, recording: Path | None = None, /) -> int:
     _print_files("results", found.results)
     if found.recording is not None:
         _print_files("recording", found.recording)
-    if found.log is None:
-        say("There is no log.jsonl: what was done with the results is not known.")
-    done = (event.sentence for event in found.log or ())
+    done = (event.sentence for event in found.log)
     for sentence in (*found.broken, *found.program, *found.corrected, *done):
         say(f"{sentence}.")
     say("Every file is as it was." if found.is_right else "Not every file is as it was.")

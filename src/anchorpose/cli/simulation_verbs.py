@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say
-from anchorpose.cli.limits import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, positive, whole
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.options import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, positive, whole
 from anchorpose.simulate.choices import BraceName, Build, Equipment, LensName, Scene, Sensor, Speed
 
 if TYPE_CHECKING:
@@ -204,6 +204,9 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
     quick
         One second of recording only, to check an installation.
     """
+    from anchorpose.recording.writable import check_place
+
+    check_place(out)
     if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
         raise InputError(out, "exists already", "choose another name or remove it first")
     seconds = QUICK_SECONDS if quick else DEMO_SECONDS

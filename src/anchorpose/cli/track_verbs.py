@@ -1,8 +1,10 @@
-"""The verb that tracks one recording."""
+"""The verbs that track: one recording, or many."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,8 +12,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say
-from anchorpose.cli.limits import MOST_FRAMES, TALLEST_M, positive, whole
-from anchorpose.errors import AnchorposeError
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.options import (
+    FARTHEST_M,
+    MOST_FRAMES,
+    MOST_PROCESSES,
+    OUTPUT,
+    SIGNED,
+    TALLEST_M,
+    plain_number,
+    positive,
+    whole,
+)
 
 if TYPE_CHECKING:
     from anchorpose.tracker.config import TrackConfig
@@ -19,10 +31,10 @@ if TYPE_CHECKING:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class TrackOptions:
-    """The options of ``anchorpose track``."""
+class RunOptions:
+    """The options of every run of tracking, ``anchorpose track`` and ``live``."""
 
-    patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
+    patient: Annotated[str | None, SIGNED] = None
     """Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right), or in
     frame 47 as x,z@47; needed only where there are several people and the wrong one is tracked."""
 
@@ -34,6 +46,31 @@ class TrackOptions:
     """A calibration.json (or its folder) made by 'anchorpose calibrate'; its camera poses replace those of the
     recording. Without it, poses that are null in recording.json are estimated."""
 
+    config: Path | None = None
+    """A TOML or JSON file with settings that differ from the defaults."""
+
+    overwrite: bool = False
+    """Replace an existing results folder."""
+
+    def settings(self, **more: Any) -> TrackConfig:
+        """The settings of the file with the options on top; raises AnchorposeError where they do not fit."""
+        from anchorpose.settings import sentence_of
+        from anchorpose.tracker.config import load_track_config
+
+        place, frame = (None, None) if self.patient is None else parse_patient(self.patient)
+        given = {"height_m": self.height, "patient_xz_m": place, "patient_frame": frame, **more}
+        settings = load_track_config(self.config)
+        try:
+            return replace(settings, **{name: value for name, value in given.items() if value is not None})
+        except ValueError as error:
+            raise AnchorposeError(f"{sentence_of(error)}.") from None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class TrackOptions(RunOptions):
+    """The options of ``anchorpose track``."""
+
     corrections: Path | None = None
     """A file of corrections made in 'anchorpose view': the person who was named is tracked, frames that were marked as
     unusable get no joints, and corrected joints are where the reviewer put them."""
@@ -42,15 +79,9 @@ class TrackOptions:
     """A file of reference movements made by 'anchorpose motions build', to predict from instead of those that come with
     the program."""
 
-    config: Path | None = None
-    """A TOML or JSON file with settings that differ from the defaults."""
-
     smooth: bool = False
     """Track backward in time as well and combine both passes: a limb that is lost in one direction is often found in
     the other. Takes about twice as long."""
-
-    overwrite: bool = False
-    """Replace an existing results folder."""
 
     resume: bool = False
     """Go on with a run into the same folder that was stopped or killed; it ends with the same tables. Where there is
@@ -62,35 +93,13 @@ class TrackOptions:
     stop: Annotated[int | None, whole(0, MOST_FRAMES)] = None
     """Frame to stop before; the default is the end."""
 
-    def settings(self) -> TrackConfig:
-        """The settings of the file with the options on top; raises AnchorposeError where they do not fit."""
-        from anchorpose.cli.config_file import load_track_config
-        from anchorpose.settings import sentence_of
-
-        place, frame = (None, None) if self.patient is None else parse_patient(self.patient)
-        given: dict[str, Any] = {
-            "start": self.start,
-            "stop": self.stop,
-            "smooth": self.smooth or None,
-            "height_m": self.height,
-            "motions": None if self.motions is None else str(self.motions),
-            "patient_xz_m": place,
-            "patient_frame": frame,
-        }
-        settings = load_track_config(self.config)
-        try:
-            return replace(settings, **{name: value for name, value in given.items() if value is not None})
-        except ValueError as error:
-            raise AnchorposeError(f"{sentence_of(error)}.") from None
+    def settings(self, **more: Any) -> TrackConfig:
+        """See ``RunOptions.settings``."""
+        motions = None if self.motions is None else str(self.motions)
+        return super().settings(start=self.start, stop=self.stop, smooth=self.smooth or None, motions=motions, **more)
 
 
-def track(
-    recording: str,
-    /,
-    *,
-    results: Annotated[str, Parameter(name=["--output", "-o"])],
-    options: TrackOptions | None = None,
-) -> None:
+def track(recording: str, /, *, results: Annotated[str, OUTPUT], options: TrackOptions | None = None) -> None:
     """Find the patient's 21 joints in every frame of a recording, and state which were seen and how accurate they are.
 
     Parameters
@@ -144,11 +153,93 @@ def parse_patient(text: str) -> tuple[tuple[float, float], int | None]:
 
 
 def parse_place(text: str, option: str = "--patient") -> tuple[float, float]:
-    """``x,z`` as two finite numbers; raises AnchorposeError otherwise."""
+    """``x,z`` as two numbers of metres; raises AnchorposeError otherwise."""
     try:
-        x, z = (float(part) for part in text.split(","))
+        x, z = (plain_number(part) for part in text.split(","))
     except ValueError:
         x = z = math.nan
-    if not (math.isfinite(x) and math.isfinite(z)):
-        raise AnchorposeError(f"{option} is '{text}'; write two numbers in metres with a comma, for example 0.1,-0.2.")
+    if not (abs(x) <= FARTHEST_M and abs(z) <= FARTHEST_M):
+        raise AnchorposeError(
+            f"{option} is '{text[:60]}'; write two numbers in metres with a comma, up to {FARTHEST_M:g}, "
+            "for example 0.1,-0.2."
+        )
     return x, z
+
+
+EXIT_FAILED = 1
+
+
+def batch(
+    *recordings: str,
+    out: Annotated[Path, OUTPUT],
+    workers: Annotated[int | None, whole(1, MOST_PROCESSES)] = None,
+    scheduler: str | None = None,
+    slurm: Path | None = None,
+    index: Annotated[int | None, whole(0, MOST_FRAMES)] = None,
+    summary: bool = False,
+    config: Path | None = None,
+    smooth: bool = False,
+) -> int:
+    """Track many recordings, several at a time, and write a table and a page over all of them.
+
+    Stop it at any time: the same command goes on from there, and does only what is not done. A recording that fails
+    keeps no other from being tracked; the exit code is then 1.
+
+    Parameters
+    ----------
+    recordings
+        Recordings, folders that contain recordings, addresses (sftp://, s3://, gs://), patterns in quotes
+        ('clinic/*/recording'), or a .csv table with one row per session: a column 'recording', and if you like
+        'session', 'subject', 'height' and other options of 'anchorpose track', such as 'patient' or 'smooth'.
+    out
+        The folder to write: a results folder for each session in 'sessions', tables, and index.html.
+    workers
+        How many sessions are tracked at once; by default one per core. Each takes up to 1 GB of memory.
+    scheduler
+        The address of a dask scheduler that runs, for example tcp://10.0.0.5:8786, or slurm. By default, this machine.
+    slurm
+        A TOML file for '--scheduler slurm' with what a job needs: queue, account, memory, walltime and other options of
+        dask_jobqueue.SLURMCluster.
+    index
+        Track only the session with this number, counted from 0, for a job array of any scheduler; afterwards use
+        --summary.
+    summary
+        Track nothing; write the tables and the page from what is there.
+    config
+        A TOML or JSON file with settings for all recordings, as for 'anchorpose track'.
+    smooth
+        Track all recordings backward in time as well, as 'anchorpose track --smooth'.
+    """
+    from anchorpose.batch.cluster import CONNECT_S, SLURM, Place
+    from anchorpose.batch.sessions import find_sessions
+    from anchorpose.batch.tracking import run_batch, run_one, summarise
+    from anchorpose.cli.console import progress_bar
+    from anchorpose.recording.document import read_toml
+    from anchorpose.recording.writable import check_place
+
+    check_place(out)
+    if not recordings:
+        raise InputError(out, "is to hold no session", "give recordings, folders, patterns or a .csv table")
+    place = Place(workers, scheduler, {} if slurm is None else read_toml(slurm))
+    options = TrackOptions(config=config, smooth=smooth)
+    options.settings()  # a mistake in the file is one sentence now, not one per session
+    sessions = find_sessions(recordings, options)
+    if index is not None and not summary:
+        row = run_one(sessions, out, index)
+        say(f"{row.session}: {row.state}. {row.why or ''}".strip())
+        return EXIT_FAILED if row.why else 0
+    try:
+        if not summary and place.scheduler is not None and place.scheduler != SLURM:
+            say(f"Asking the scheduler at {place.scheduler}, for {CONNECT_S:g} s at most.")
+        with nullcontext() if summary else progress_bar("Sessions") as progress:
+            rows = summarise(sessions, out) if progress is None else run_batch(sessions, out, place, progress)
+    except KeyboardInterrupt as stopped:
+        stopped.add_note("What was done is kept: the same command goes on from here.")
+        raise
+    for row in rows:
+        if row.why:
+            say(f"{row.session}: {row.why}")
+    counts = Counter(row.state for row in rows)
+    states = ", ".join(f"{count} {state}" for state, count in counts.items())
+    say(f"{states}. Open {out / 'index.html'} in a browser.")
+    return EXIT_FAILED if counts["failed"] else 0

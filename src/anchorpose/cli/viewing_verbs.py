@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -9,30 +11,48 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say
-from anchorpose.cli.limits import LARGEST_PORT, MOST_FRAMES, whole
+from anchorpose.options import LARGEST_PORT, MOST_FRAMES, OUTPUT, SIGNED, whole
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class ViewOptions:
+class PageOptions:
+    """The options of verbs that show a page, ``anchorpose view`` and ``live``."""
+
+    host: str = "127.0.0.1"
+    """The network address to listen on. Any other address than the default lets other computers see the patient: they
+    need the whole printed address, which holds a secret."""
+
+    no_browser: bool = False
+    """Print the address only."""
+
+    @contextmanager
+    def showing(self, address: str, what: str, others_may: str) -> Iterator[None]:
+        """Print the address and open it in the browser, as long as the block lasts."""
+        from anchorpose.viewer.access import is_loopback
+        from anchorpose.viewer.guarded_server import opened_page
+
+        say(f"{what} is at {address}")
+        if not is_loopback(self.host):
+            say(f"Anyone with this address can {others_may}; it is not encrypted.")
+        with nullcontext() if self.no_browser else opened_page(address):
+            yield
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions(PageOptions):
     """The options of ``anchorpose view``."""
 
     corrections: Path | None = None
     """The file that your corrections are added to; the default is RESULTS.corrections.json, beside the folder. A new
     file begins with the corrections that the results were tracked with."""
 
-    who: str = ""
-    """Your initials or pseudonym, for the corrections; otherwise the page asks you once."""
-
-    host: str = "127.0.0.1"
-    """The network address to listen on. Any other address than the default lets other computers see the patient: they
-    need the whole printed address, which holds a secret."""
-
     port: Annotated[int, whole(0, LARGEST_PORT)] = 0
     """The port to listen on; the default is a free one."""
 
-    no_browser: bool = False
-    """Print the address only."""
+    who: str = ""
+    """Your initials or pseudonym, for the corrections; otherwise the page asks you once."""
 
 
 def view(results: Path, recording: Path | None = None, /, *, options: ViewOptions | None = None) -> None:
@@ -51,21 +71,15 @@ def view(results: Path, recording: Path | None = None, /, *, options: ViewOption
         The recording, or the recorder's file, that the results were made from; without it only skeleton, body and
         curves are shown.
     """
-    from contextlib import nullcontext
-
     from anchorpose.cli.recording_verbs import as_recording
-    from anchorpose.viewer.access import is_loopback
-    from anchorpose.viewing import open_viewer, opened_page
+    from anchorpose.viewer.server import open_viewer
 
     given = options or ViewOptions()
     recording = None if recording is None else as_recording(recording)
     with open_viewer(results, recording, given.corrections, given.who, given.host, given.port) as server:
         try:
-            say(f"The viewer is at {server.address}")
-            if not is_loopback(given.host):
-                say("Anyone with this address can see the patient and change the corrections; it is not encrypted.")
-            say(f"Corrections go to {server.api.corrections.path}. Stop with Ctrl+C.")
-            with nullcontext() if given.no_browser else opened_page(server.address):
+            with given.showing(server.address, "The viewer", "see the patient and change the corrections"):
+                say(f"Corrections go to {server.api.corrections.path}. Stop with Ctrl+C.")
                 server.serve_forever()
         except KeyboardInterrupt:
             say("Stopped; every correction was saved when it was made.")
@@ -76,7 +90,7 @@ def view(results: Path, recording: Path | None = None, /, *, options: ViewOption
 class InspectOptions:
     """The options of ``anchorpose inspect``."""
 
-    patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
+    patient: Annotated[str | None, SIGNED] = None
     """Where the patient stands in this frame, as x,z in metres on the floor; needed only where the wrong person is
     blue. With --as-tracked: where the patient stands at the start, as in 'anchorpose track'."""
 
@@ -96,7 +110,7 @@ def inspect(
     /,
     *,
     frame: Annotated[int, whole(0, MOST_FRAMES)],
-    out: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    out: Annotated[Path | None, OUTPUT] = None,
     options: InspectOptions | None = None,
 ) -> None:
     """See the result of every stage in one frame: pictures for each camera, and a page that shows them in order.
@@ -114,13 +128,12 @@ def inspect(
     out
         The folder to write; the default is inspect-<frame> here.
     """
-    from anchorpose.cli.config_file import load_track_config
     from anchorpose.cli.console import counter
     from anchorpose.cli.recording_verbs import as_recording
     from anchorpose.cli.track_verbs import parse_patient
-    from anchorpose.inspecting import inspect_recording
-    from anchorpose.pages.inspection_page import INSPECTION, PAGE_FILE
+    from anchorpose.pages.inspection_page import INSPECTION, PAGE_FILE, inspect_recording
     from anchorpose.results.folder import check_results_path, new_results_folder
+    from anchorpose.tracker.config import load_track_config
 
     given = options or InspectOptions()
     settings = load_track_config(given.config)

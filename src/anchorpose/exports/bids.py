@@ -14,9 +14,10 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose import __version__
-from anchorpose.exports.formats import STATES, ExportConfig, Product, Samples, Source, rounded_text, write_rows
+from anchorpose.exports.formats import STATES, Product, Samples, Source, rounded_text, write_rows
 from anchorpose.exports.regular_time import nominal_rate_hz, without_gaps
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.options import ExportConfig
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, read_contacts, read_episodes
 

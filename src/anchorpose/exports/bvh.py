@@ -13,10 +13,11 @@ from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.exports.formats import ExportConfig, Product, Samples, Source, rounded_text, write_rows
+from anchorpose.exports.formats import Product, Samples, Source, rounded_text, write_rows
 from anchorpose.exports.opensim_coordinates import joint, pelvis_axes, rotations_deg, torso_axes
 from anchorpose.exports.regular_time import Interpolation, RegularSamples, regular_samples, stretch_name, stretches_of
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.options import ExportConfig
 from anchorpose.results.tables import POSES_FILE, read_poses
 from anchorpose.rotations import unit
 

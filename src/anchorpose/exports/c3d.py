@@ -10,9 +10,10 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import MissingPackage
-from anchorpose.exports.formats import STATES, ExportConfig, Product, Samples, Source
+from anchorpose.exports.formats import STATES, Product, Samples, Source
 from anchorpose.exports.regular_time import regular_samples, stretch_name
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.options import ExportConfig
 from anchorpose.results.records import (
     CONTACTS_FILE,
     EPISODES_FILE,

@@ -22,11 +22,13 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.bids import write_bids
 from anchorpose.exports.bvh import write_bvh
 from anchorpose.exports.c3d import write_c3d
-from anchorpose.exports.formats import STATES, ExportConfig, Format, Product, Source, number_text, read_source
+from anchorpose.exports.formats import STATES, Format, Product, Source, number_text, read_source
 from anchorpose.exports.opensim_coordinates import write_mot
 from anchorpose.exports.opensim_trc import write_trc
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.options import ExportConfig
 from anchorpose.recording.document import cell_text, read_json
+from anchorpose.recording.writable import check_place
 from anchorpose.results.folder import whole_or_nothing
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.parquet import opened_parquet, pieces
@@ -286,6 +288,7 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 
 def _check_place(folder: Path, results: Path, overwrite: bool) -> None:
+    check_place(folder)
     if folder.resolve() == results.resolve():
         raise InputError(folder, "is the results folder itself", "choose another folder with -o")
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):

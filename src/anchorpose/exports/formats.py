@@ -35,29 +35,6 @@ WITHOUT_ANGLES: Final = frozenset({Format.TRC, Format.MOT, Format.BVH})
 """Formats that follow from joints and poses alone."""
 
 
-class CoordinateModel(StrEnum):
-    """The OpenSim models whose coordinates a MOT can follow; they differ in the sign of the knee."""
-
-    RAJAGOPAL = "rajagopal"
-    GAIT2392 = "gait2392"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExportConfig:
-    """What the user chooses. subject, session, task: labels of BIDS, letters and digits only; a session is optional."""
-
-    subject: str = "01"
-    session: str | None = None
-    task: str = "standing"
-    model: CoordinateModel = CoordinateModel.RAJAGOPAL
-
-    def __post_init__(self) -> None:
-        for name in ("subject", "session", "task"):
-            label = getattr(self, name)
-            if label is not None and not (label.isascii() and label.isalnum()):
-                raise ValueError(f"{name} is '{label}', and BIDS allows letters and digits only")
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """Joints and angles of every frame.
@@ -93,12 +70,10 @@ class Source:
 def read_source(folder: Path, kind: Format) -> Source:
     """Joints, and angles where there are any and the format has them.
 
-    Raises InputError for tables that cannot be read and for times that go back.
+    Raises InputError for tables that cannot be read.
     """
-    require_own(folder, (JOINTS_FILE, ANGLES_FILE))
+    require_own(folder, [table.name for table in folder.glob("*.parquet")])
     joints = read_joints(folder / JOINTS_FILE)
-    if not (np.isfinite(joints.time_s).all() and (np.diff(joints.time_s) > 0).all()):
-        raise InputError(folder / JOINTS_FILE, "its times do not increase from frame to frame", "track again")
     angles = _no_angles(joints) if kind in WITHOUT_ANGLES else _angles(folder / ANGLES_FILE, joints)
     samples = Samples(joints.time_s, joints.position_m, joints.sigma_m, joints.state_code, *angles)
     return Source(folder, joints.frame, samples)

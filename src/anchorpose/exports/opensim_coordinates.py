@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 from anchorpose.body.pose import MOVING_BONES, hinge_axes
 from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.exports.formats import CoordinateModel, ExportConfig, Product, Source, rounded_text, write_rows
+from anchorpose.exports.formats import Product, Source, rounded_text, write_rows
 from anchorpose.exports.regular_time import near_in_time, stretch_name, stretches_of
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.options import CoordinateModel, ExportConfig
 from anchorpose.results.joint_angles import SOLE_SLOPE_DEG, knee_flexion
 from anchorpose.results.tables import POSES_FILE, PoseTable, read_poses
 from anchorpose.rotations import unit

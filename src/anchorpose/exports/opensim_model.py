@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from anchorpose import __version__
-from anchorpose.exports.formats import CoordinateModel
 from anchorpose.exports.opensim_coordinates import SIDES, in_axes, joint, pelvis_axes, torso_axes
+from anchorpose.options import CoordinateModel
 from anchorpose.results.joint_angles import SOLE_SLOPE_DEG
 
 

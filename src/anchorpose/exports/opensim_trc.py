@@ -10,20 +10,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from anchorpose.exports.formats import (
-    CoordinateModel,
-    ExportConfig,
-    Product,
-    Samples,
-    Source,
-    number_text,
-    rounded_text,
-    write_rows,
-)
+from anchorpose.exports.formats import Product, Samples, Source, number_text, rounded_text, write_rows
 from anchorpose.exports.opensim_coordinates import DIGITS
 from anchorpose.exports.opensim_model import OSIM_VERSION, as_text, measure_body, model_xml
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, runs_where, stretch_name, stretches_of
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.options import CoordinateModel, ExportConfig
 
 TRC_FILE: Final = "joints.trc"
 

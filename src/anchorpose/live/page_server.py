@@ -22,9 +22,7 @@ from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.joint_angles import ANGLE_NAMES
 from anchorpose.results.stand_training.stance import UprightConfig
 from anchorpose.results.tables import UPRIGHT
-from anchorpose.viewer.guarded_server import GuardedHandler, GuardedServer
-from anchorpose.viewer.page_files import LIVE_PAGE
-from anchorpose.viewer.responses import Response, json_response
+from anchorpose.viewer.guarded_server import LIVE_PAGE, GuardedHandler, GuardedServer, Response, json_response
 
 EVENTS: Final = "events"
 STREAM: Final = "text/event-stream"

@@ -14,6 +14,7 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.live.intake import Intake
 from anchorpose.live.recorder import Recorder
 from anchorpose.live.source import LiveImage, LiveSource, about_folder
+from anchorpose.recording.writable import check_place
 
 ROOM_IMAGES: Final = 60  # of each camera: the median of more is no better
 REPORT_S: Final = 10.0
@@ -32,8 +33,10 @@ def record_live(
     empty_room_s: first the empty room is looked at for so long; 0: it is not. Raises AnchorposeError where no camera
     gives an image.
     """
+    about = about_folder(sources)
+    check_place(out, about)
     intake = Intake(sources)
-    recorder = Recorder(out, intake.cameras, about_folder(sources))
+    recorder = Recorder(out, intake.cameras, about)
     try:
         if empty_room_s > 0.0:
             intake.start()

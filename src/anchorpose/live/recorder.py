@@ -20,6 +20,7 @@ from anchorpose.recording.document import read_document, read_json, read_text
 from anchorpose.recording.equipment import equipment_files
 from anchorpose.recording.recording_file import RecordingDocument
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
+from anchorpose.recording.writable import new_folder
 from anchorpose.results.folder import naming_place, write_text_whole
 from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
 
@@ -132,15 +133,10 @@ def finish_recording(folder: Path) -> Path:
 
 
 def _make_room(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with new_folder(folder.resolve(), folder):
         if any(folder.iterdir()):
             remedy = "choose another name, or finish a recording that was cut off with 'anchorpose record --finish'"
             raise InputError(folder, "exists and is not empty", remedy)
-    except OSError as error:
-        raise InputError(
-            folder, f"cannot be written ({error.strerror})", "choose a place that you may write to"
-        ) from None
 
 
 def _copy_about(about: Path, folder: Path) -> dict[str, Any]:

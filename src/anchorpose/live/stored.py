@@ -17,6 +17,7 @@ from anchorpose.live.patients import LivePatient
 from anchorpose.recording.document import read_document, read_text
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import CALIBRATION_FILE, read_calibration
+from anchorpose.recording.regular_file import is_there
 from anchorpose.results.folder import FIRST_SECONDS, JOURNAL, LIVE, begin_journal, write_text_whole
 from anchorpose.results.run_record import as_json
 from anchorpose.tracker.frame_record import TrackedFrame
@@ -88,7 +89,7 @@ def on_this_disk() -> Iterator[None]:
 def read_session(results: Path) -> StoredSession:
     """The session that an unfinished results folder holds; raises InputError where none came so far."""
     path = results / JOURNAL / SESSION_FILE
-    if not path.is_file():
+    if not is_there(path):
         raise InputError(results, "was cut off before a patient was found", "begin again with 'anchorpose live'")
     return read_document(path, StoredSession)
 
@@ -107,9 +108,11 @@ def read_patients(results: Path, session: StoredSession) -> Iterator[LivePatient
         else:
             inputs, room = known_room(recording, options, room, stored.place_xz_m)
         run = Run(room, options.live(inputs.config))
-        yield LivePatient(
-            number, Prepared(inputs, run, inside.read(LEARNT, LearntPatient)), Blocks(inside, TrackedFrame)
-        )
+        try:
+            learnt = inside.read(LEARNT, LearntPatient)
+        except KeyError:
+            raise InputError(inside.folder / LEARNT, "is missing", "put it back") from None
+        yield LivePatient(number, Prepared(inputs, run, learnt), Blocks(inside, TrackedFrame))
 
 
 def _journal(folder: Path) -> Journal:

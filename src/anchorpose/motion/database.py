@@ -11,7 +11,6 @@ many of their frames pass in one frame of the recording; its poses are interpola
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.recording.regular_file import read_arrays
+from anchorpose.recording.writable import whole_file
 
 COMPARED: Final = 3 * JOINT_COUNT
 """Columns of a pose vector that say how similar two poses are."""
@@ -259,22 +259,16 @@ def write_motions(path: Path, clips: ReferenceClips) -> None:
     """Writes the clips to the millimetre, each beside the origin; ``path`` is whole or as it was before."""
     root = JOINT_INDEX["SpineBase"]
     millimetres = [np.rint(1000.0 * (clip - clip[0, root])).astype(np.int16) for clip in clips.joints_m]
-    partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
-    try:
-        with partial.open("wb") as stream:
-            np.savez_compressed(
-                stream,
-                format=np.array(FORMAT),
-                joints_mm=np.concatenate(millimetres),
-                start=np.cumsum([0, *(len(clip) for clip in millimetres)]),
-                names=np.array(clips.names),
-                rate_hz=np.array(clips.rate_hz, dtype=np.float64),
-                notes=np.array(clips.notes, dtype=np.str_),
-            )
-        partial.replace(path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+    with whole_file(path) as partial, partial.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            format=np.array(FORMAT),
+            joints_mm=np.concatenate(millimetres),
+            start=np.cumsum([0, *(len(clip) for clip in millimetres)]),
+            names=np.array(clips.names),
+            rate_hz=np.array(clips.rate_hz, dtype=np.float64),
+            notes=np.array(clips.notes, dtype=np.str_),
+        )
 
 
 def read_motions(path: Path) -> ReferenceClips:

@@ -102,6 +102,41 @@ def whole(place: np.ndarray) -> tuple[int, int]:
     return int(column), int(row)
 
 
+def draw_contour(picture: np.ndarray, mask: np.ndarray, camera: Camera, colour: Colour) -> None:
+    """The rim of a mask (height, width), drawn into an enlarged picture."""
+    large = enlarge(mask.astype(np.uint8), scale_of(camera))
+    contours, _ = cv2.findContours(large, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(picture, contours, -1, BLACK, 3, cv2.LINE_AA)
+    cv2.drawContours(picture, contours, -1, colour, 1, cv2.LINE_AA)
+
+
+def draw_lines(picture: np.ndarray, starts: np.ndarray, ends: np.ndarray, colour: Colour) -> None:
+    """Lines between pixels (m, 2); those with an end that is NaN are left out."""
+    for start, end in zip(starts, ends, strict=True):
+        if np.isfinite(start).all() and np.isfinite(end).all():
+            cv2.line(picture, whole(start), whole(end), colour, 1, cv2.LINE_AA)
+
+
+def draw_dots(
+    picture: np.ndarray,
+    places: np.ndarray,
+    colour: Colour,
+    radius: int,
+    names: Sequence[str] = (),
+    *,
+    hollow: bool = False,
+    rim: bool = True,
+) -> None:
+    """Dots at pixels (n, 2), NaN left out, with a black rim; names beside them where given."""
+    for number, place in enumerate(places):
+        if np.isfinite(place).all():
+            if rim:
+                cv2.circle(picture, whole(place), radius + 2, BLACK, 4 if hollow else -1, cv2.LINE_AA)
+            cv2.circle(picture, whole(place), radius, colour, 2 if hollow else -1, cv2.LINE_AA)
+            if names:
+                write(picture, names[number], whole(place))
+
+
 def as_png(picture: np.ndarray) -> bytes:
     """The picture as a PNG; the same picture gives the same bytes."""
     # 9 saves 3 % more in eight times the time

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,10 +15,13 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES
 from anchorpose.pages import canvas, inspection_drawing
 from anchorpose.pages.canvas import as_hex, as_png
+from anchorpose.recording.reader import open_recording
+from anchorpose.recording.recording_file import with_height
 from anchorpose.results.folder import FolderKind, write_text_whole
 from anchorpose.results.web_page import render_page
+from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.inspection import InspectedCamera, Inspection
+from anchorpose.tracker.inspection import InspectedCamera, Inspection, inspect_frame
 
 PAGE_FILE: Final = "index.html"
 FACTS_FILE: Final = "inspect.json"
@@ -27,32 +30,27 @@ FACTS_FILE: Final = "inspect.json"
 INSPECTION: Final = FolderKind((FACTS_FILE, PAGE_FILE), (FACTS_FILE, PAGE_FILE, "*/*.png"))
 
 
-@dataclass(frozen=True, slots=True)
-class StagePicture:
-    """One camera's picture of a stage."""
-
-    camera: str
-    png_bytes: bytes
-
-    @property
-    def base64(self) -> str:
-        """For a data address."""
-        return base64.b64encode(self.png_bytes).decode("ascii")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A stage: key for file names, title, one sentence; legend: (colour as web pages write it, meaning).
+    """A stage as it is shown: pictures by camera; caption, filled in; missing: why there is no picture, or empty."""
 
-    missing: why there are no pictures, empty where there are.
-    """
-
-    key: str
-    title: str
+    stage: Stage
     caption: str
-    legend: tuple[tuple[str, str], ...] = ()
-    pictures: tuple[StagePicture, ...] = ()
-    missing: str = ""
+    pictures: Mapping[str, bytes]
+
+    @property
+    def missing(self) -> str:
+        return "" if self.pictures else self.stage.missing
+
+    @property
+    def legend(self) -> list[tuple[str, str]]:
+        """(colour as web pages write it, meaning)."""
+        return [(as_hex(colour), meaning) for colour, meaning in self.stage.legend]
+
+    @property
+    def embedded(self) -> dict[str, str]:
+        """The pictures for data addresses."""
+        return {camera: base64.b64encode(png).decode("ascii") for camera, png in self.pictures.items()}
 
 
 def write_inspection(
@@ -63,9 +61,9 @@ def write_inspection(
     The pictures are ``<camera>/<number>_<stage>.png`` in the order of the stages; the page embeds them all.
     """
     for number, section in enumerate(sections, 1):
-        for picture in section.pictures:
-            (folder / picture.camera).mkdir(exist_ok=True)
-            (folder / picture.camera / f"{number:02d}_{section.key}.png").write_bytes(picture.png_bytes)
+        for camera, png in section.pictures.items():
+            (folder / camera).mkdir(exist_ok=True)
+            (folder / camera / f"{number:02d}_{section.stage.key}.png").write_bytes(png)
     (folder / FACTS_FILE).write_text(json.dumps(facts, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     page = render_page("anchorpose.pages", "inspection_page.html", title=title, account=account, sections=sections)
     write_text_whole(folder / PAGE_FILE, page)
@@ -211,20 +209,13 @@ def inspection_sections(inspection: Inspection, config: TrackConfig) -> tuple[Se
     following = inspection.next
     next_frame = following.observation.frame_set.frame if following is not None else "the next"
     rooms = "; ".join(f"camera {s.camera.name}: {s.background.source.value}" for s in inspection.room.scenes)
-    return tuple(_section(stage, cameras, {"next_frame": next_frame, "rooms": rooms}) for stage in STAGES)
-
-
-def _section(stage: Stage, cameras: Iterable[InspectedCamera], facts: dict[str, Any]) -> Section:
-    drawn = [(one.camera.name, stage.draw(one)) for one in cameras]
-    pictures = tuple(StagePicture(name, as_png(picture)) for name, picture in drawn if picture is not None)
-    return Section(
-        key=stage.key,
-        title=stage.title,
-        caption=stage.caption.format(**facts),
-        legend=tuple((as_hex(colour), meaning) for colour, meaning in stage.legend),
-        pictures=pictures,
-        missing="" if pictures else stage.missing,
-    )
+    sections = []
+    for stage in STAGES:
+        drawn = {one.camera.name: stage.draw(one) for one in cameras}
+        pictures = {name: as_png(picture) for name, picture in drawn.items() if picture is not None}
+        caption = stage.caption.format(next_frame=next_frame, rooms=rooms)
+        sections.append(Section(stage=stage, caption=caption, pictures=pictures))
+    return tuple(sections)
 
 
 def inspection_facts(inspection: Inspection) -> dict[str, Any]:
@@ -264,3 +255,16 @@ def _pixel_counts(labels: np.ndarray) -> dict[str, int]:
 
 def _rounded(values: np.ndarray) -> list[float | None]:
     return [None if np.isnan(value) else round(float(value), 5) for value in values]
+
+
+def inspect_recording(
+    recording: Path, out: Path, frame: int, config: TrackConfig, as_tracked: bool, tick: Callable[[], None]
+) -> Inspection:
+    """Write pictures of every stage of one frame into an existing, empty folder; see ``inspect_frame``."""
+    with one_thread():
+        opened = open_recording(recording)
+        inspection = inspect_frame(with_height(opened, config.height_m), frame, config, as_tracked, tick)
+        title = f"{recording.resolve().name}: frame {frame}, {inspection.frame_set.time_s:.2f} s"
+        account = (*opened.notes, *inspection.account, *inspection.frame_set.problems)
+        write_inspection(out, title, inspection_sections(inspection, config), account, inspection_facts(inspection))
+    return inspection

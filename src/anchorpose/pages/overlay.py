@@ -1,17 +1,22 @@
-"""A depth picture with what the tracker made of it: mesh, anchors, body outline and joints."""
+"""A depth picture with what tracking made of it: mesh, anchors, body outline and joints; and those of the report.
+
+The report shows some frames spread over the recording, the most and the least certain ones, and transitions.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import cv2
 import numpy as np
 
+from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.joints import LIMBS, JointState
+from anchorpose.joints import ANCHOR_NAMES, LIMBS, LOST, JointState
 from anchorpose.pages.canvas import (
     BLACK,
     EQUIPMENT,
@@ -22,13 +27,41 @@ from anchorpose.pages.canvas import (
     WHITE,
     YELLOW,
     as_png,
+    draw_dots,
     enlarge,
     projector,
     scale_of,
     shade,
     whole,
-    write,
 )
+from anchorpose.recording.reader import read_frame
+from anchorpose.results.records import (
+    EPISODES_FILE,
+    PEOPLE_FILE,
+    SIT_TO_STAND,
+    STAND_TO_SIT,
+    Episode,
+    decode_labels,
+    frames_of_people,
+    read_episodes,
+    read_people,
+)
+from anchorpose.results.run_record import PictureRecord
+from anchorpose.results.tables import (
+    ANCHORS_FILE,
+    JOINTS_FILE,
+    POSES_FILE,
+    AnchorTable,
+    JointTable,
+    PoseTable,
+    pose_of,
+    read_anchors,
+    read_joints,
+    read_poses,
+)
+from anchorpose.surface.mesh import build_surface, edges
+from anchorpose.surface.surface import SurfaceConfig
+from anchorpose.tracker.room import Room
 
 _LABEL_TINT: Final = {
     PixelLabel.EQUIPMENT: EQUIPMENT,
@@ -70,16 +103,17 @@ def draw_scene(scene: OverlayScene) -> np.ndarray:
     scale = scale_of(scene.camera)
     picture = enlarge(shade(scene.depth_m, None if scene.labels is None else _tint(scene.labels)), scale)
     to_pixel = projector(scene.camera, scale)
-    if scene.mesh_m is not None:
+    if scene.mesh_m is not None and scene.mesh_edges is not None:
         _draw_mesh(picture, to_pixel(scene.mesh_m), scene.mesh_edges)
     if scene.body_m is not None and scene.body_faces is not None:
         _draw_outline(picture, to_pixel(scene.body_m), scene.body_faces)
     if scene.joints_m is not None:
+        pixels = to_pixel(scene.joints_m)
         if scene.sigma_m is not None:
-            _draw_sigma(picture, scene.camera, scale, to_pixel, scene.joints_m, scene.sigma_m)
-        _draw_joints(picture, to_pixel(scene.joints_m), scene.joint_states)
+            _draw_sigma(picture, scene, pixels, scene.sigma_m)
+        _draw_joints(picture, pixels, scene.joint_states)
     if scene.anchors_m is not None:
-        _draw_anchors(picture, to_pixel(scene.anchors_m), scene.anchor_names)
+        draw_dots(picture, to_pixel(scene.anchors_m), VERMILLION, 8, scene.anchor_names)
     return picture
 
 
@@ -92,15 +126,10 @@ def _tint(labels: np.ndarray) -> np.ndarray:
     return tint
 
 
-def _draw_mesh(picture: np.ndarray, pixels: np.ndarray, edges: np.ndarray | None) -> None:
-    layer = picture.copy()
-    if edges is None:
-        for place in pixels[np.isfinite(pixels).all(axis=1)]:
-            cv2.circle(layer, whole(place), 1, GREEN, -1)
-    else:
-        lines = pixels[edges]
-        lines = np.rint(lines[np.isfinite(lines).all(axis=(1, 2))]).astype(np.int32)
-        cv2.polylines(layer, list(lines[:, :, None]), isClosed=False, color=GREEN, lineType=cv2.LINE_AA)
+def _draw_mesh(picture: np.ndarray, pixels: np.ndarray, edges: np.ndarray) -> None:
+    layer, lines = picture.copy(), pixels[edges]
+    lines = np.rint(lines[np.isfinite(lines).all(axis=(1, 2))]).astype(np.int32)
+    cv2.polylines(layer, list(lines[:, :, None]), isClosed=False, color=GREEN, lineType=cv2.LINE_AA)
     cv2.addWeighted(layer, 0.35, picture, 0.65, 0.0, dst=picture)
 
 
@@ -125,19 +154,11 @@ def _draw_joints(picture: np.ndarray, pixels: np.ndarray, states: tuple[JointSta
         _draw_joint(picture, whole(place), state)
 
 
-def _draw_sigma(
-    picture: np.ndarray,
-    camera: Camera,
-    scale: int,
-    to_pixel: Callable[[np.ndarray], np.ndarray],
-    joints_m: np.ndarray,
-    sigma_m: np.ndarray,
-) -> None:
+def _draw_sigma(picture: np.ndarray, scene: OverlayScene, pixels: np.ndarray, sigma_m: np.ndarray) -> None:
     """A circle of two sigmas around each joint: the joint lies inside it about six times in seven."""
-    away_m = np.linalg.norm(joints_m - camera.position_m, axis=1)
-    radius = 2.0 * sigma_m * camera.intrinsics.fx * scale / away_m
-    places = to_pixel(joints_m)
-    for place, size in zip(places, radius, strict=True):
+    away_m = np.linalg.norm(scene.joints_m - scene.camera.position_m, axis=1)
+    radius = 2.0 * sigma_m * scene.camera.intrinsics.fx * scale_of(scene.camera) / away_m
+    for place, size in zip(pixels, radius, strict=True):
         if np.isfinite(place).all() and np.isfinite(size):
             cv2.circle(picture, whole(place), max(1, round(float(size))), YELLOW, 1, cv2.LINE_AA)
 
@@ -152,9 +173,137 @@ def _draw_joint(picture: np.ndarray, place: tuple[int, int], state: JointState) 
         cv2.circle(picture, place, 5, WHITE, 2, cv2.LINE_AA)
 
 
-def _draw_anchors(picture: np.ndarray, pixels: np.ndarray, names: tuple[str, ...]) -> None:
-    for place, name in zip(pixels, names, strict=True):
-        if np.isfinite(place).all():
-            cv2.circle(picture, whole(place), 10, BLACK, -1, cv2.LINE_AA)
-            cv2.circle(picture, whole(place), 8, VERMILLION, -1, cv2.LINE_AA)
-            write(picture, name, whole(place))
+@dataclass(frozen=True, slots=True)
+class FramePicture:
+    """One camera's frame, drawn over (see ``draw_frame``)."""
+
+    frame: int
+    time_s: float
+    camera: str
+    png_bytes: bytes
+    caption: str
+    why: str = ""  # the frame was chosen, for people; empty for frames spread over the recording
+
+
+def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[PictureRecord, ...]:
+    """Writes the pictures to ``folder``/pictures and returns their entries for run.json."""
+    records = []
+    for picture in pictures:
+        file = f"pictures/{picture.frame:06d}_{picture.camera}.png"
+        (folder / "pictures").mkdir(exist_ok=True)
+        (folder / file).write_bytes(picture.png_bytes)
+        records.append(PictureRecord(file, picture.frame, picture.time_s, picture.camera, picture.caption, picture.why))
+    return tuple(records)
+
+
+SPREAD: Final = 4  # frames, evenly over the recording
+TRANSITIONS: Final = 4  # at most, the first ones
+
+_WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenFrame:
+    """row: of the joints' table; why: what it shows, for people; empty for frames spread over the recording."""
+
+    row: int
+    why: str
+
+
+def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np.ndarray) -> list[ChosenFrame]:
+    """In the order of time, each frame once.
+
+    segmented (n,) bool: frames with person labels; the most and the least certain frame are chosen among those of
+    them in which the patient is found.
+    """
+    why = dict.fromkeys(np.unique(np.linspace(0, len(joints.frame) - 1, SPREAD).astype(int)).tolist(), "")
+    transitions = [episode for episode in episodes if episode.kind in _WORDS][:TRANSITIONS]
+    for episode in transitions:
+        middle_s = 0.5 * (episode.start_s + episode.end_s)
+        why[int(np.abs(joints.time_s - middle_s).argmin())] = _WORDS[episode.kind]
+    found = np.flatnonzero(segmented & ~joints.lost.all(axis=1))
+    if len(found):
+        why[min(found.tolist(), key=lambda row: _uncertainty(joints, row))] = "surest of all frames"
+        why[max(found.tolist(), key=lambda row: _uncertainty(joints, row))] = "least sure of all frames"
+    return [ChosenFrame(row, text) for row, text in sorted(why.items())]
+
+
+def _uncertainty(joints: JointTable, row: int) -> tuple[int, int, float]:
+    """Joints lost, then joints not seen, then sigma."""
+    state_code, sigma = joints.state_code[row], joints.sigma_m[row]
+    return int((state_code == LOST).sum()), int((state_code > 0).sum()), float(np.nanmedian(sigma))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Results:
+    """What a run found: its tables, and the body in its shape."""
+
+    joints: JointTable
+    poses: PoseTable
+    anchors: AnchorTable
+    shape: FittedShape
+
+
+def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: SurfaceConfig) -> Iterator[FramePicture]:
+    """A picture from each camera of each frame of ``choose_frames``; none without a body or without person labels.
+
+    results: a folder with all tables; sheet: how a camera's mesh is made.
+    """
+    if shape is None:
+        return
+    joints, anchors = read_joints(results / JOINTS_FILE), read_anchors(results / ANCHORS_FILE)
+    found = _Results(joints, read_poses(results / POSES_FILE), anchors, shape)
+    recorded = np.isin(joints.frame, room.recording.streams[0].frame)  # a live run may have recorded its start only
+    segmented = recorded & np.isin(joints.frame, frames_of_people(results / PEOPLE_FILE))
+    chosen = choose_frames(joints, read_episodes(results / EPISODES_FILE), segmented)
+    chosen = [frame for frame in chosen if recorded[frame.row]]
+    people = read_people(results / PEOPLE_FILE, [int(joints.frame[frame.row]) for frame in chosen])
+    for frame in chosen:
+        number = int(joints.frame[frame.row])
+        position = int(np.flatnonzero(room.recording.streams[0].frame == number)[0])
+        frame_set = read_frame(room.recording, position)
+        caption = _caption(joints, anchors, frame.row)
+        for camera, depth_m in zip(room.cameras, frame_set.depths_m, strict=True):
+            labels = people.get((number, camera.name))
+            if depth_m is not None and labels is not None:
+                png = draw_frame(_scene(found, frame.row, camera, depth_m, decode_labels(labels), sheet))
+                yield FramePicture(number, frame_set.time_s, camera.name, png, caption, frame.why)
+
+
+def _scene(
+    found: _Results, row: int, camera: Camera, depth_m: np.ndarray, labels: np.ndarray, sheet: SurfaceConfig
+) -> OverlayScene:
+    """One row of the results over one camera's depth image and its person labels."""
+    surface = build_surface(depth_m, labels == PixelLabel.PATIENT, camera, sheet)
+    return OverlayScene(
+        camera=camera,
+        depth_m=depth_m,
+        labels=labels,
+        mesh_m=surface.points_m,
+        mesh_edges=edges(surface),
+        anchors_m=found.anchors.position_m[row],
+        anchor_names=ANCHOR_NAMES,
+        joints_m=found.joints.position_m[row],
+        joint_states=tuple(_STATES[code] for code in found.joints.state_code[row]),
+        body_m=_posed_skin(found.shape, found.poses, row),
+        body_faces=body_points().asset.faces,
+    )
+
+
+_STATES: Final = tuple(JointState)
+
+
+def _posed_skin(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | None:
+    """(v, 3) the skin of the learnt body in the pose of this row, None where the patient is lost."""
+    if not np.isfinite(poses.head_m[row]).all():
+        return None
+    asset = body_points().asset
+    body, pose = shape.mesh(asset), pose_of(asset, poses.head_m[row], poses.quaternion[row])
+    return body.skin(body.bone_transforms(pose.rotations, pose.root_m))
+
+
+def _caption(joints: JointTable, anchors: AnchorTable, row: int) -> str:
+    found = int(np.isfinite(anchors.sigma_m[row]).sum())
+    known = joints.sigma_m[row][~joints.lost[row]]
+    sigma = f", joints to about {1000 * np.median(known):.0f} mm" if len(known) else ""
+    return f"{found} of {len(ANCHOR_NAMES)} anchors found{sigma}"

@@ -22,6 +22,7 @@ from anchorpose.pages.canvas import (
     WHITE,
     YELLOW,
     Colour,
+    draw_contour,
     enlarge,
     projector,
     scale_of,
@@ -75,14 +76,6 @@ def draw_layers(depth_m: np.ndarray, camera: Camera, layers: Sequence[Layer]) ->
     return picture
 
 
-def draw_contour(picture: np.ndarray, mask: np.ndarray, camera: Camera, colour: Colour) -> None:
-    """The rim of a mask (height, width), drawn into an enlarged picture."""
-    large = enlarge(mask.astype(np.uint8), scale_of(camera))
-    contours, _ = cv2.findContours(large, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(picture, contours, -1, BLACK, 3, cv2.LINE_AA)
-    cv2.drawContours(picture, contours, -1, colour, 1, cv2.LINE_AA)
-
-
 def name_masks(picture: np.ndarray, camera: Camera, masks: Sequence[np.ndarray], names: Sequence[str]) -> None:
     """Each mask's name at its middle."""
     for mask, name in zip(masks, names, strict=True):
@@ -110,39 +103,12 @@ def draw_values(
         _draw_iso_lines(picture, camera, pixel, np.where(finite, np.floor(values / iso), -1.0))
 
 
-def draw_lines(picture: np.ndarray, starts: np.ndarray, ends: np.ndarray, colour: Colour) -> None:
-    """Lines between pixels (m, 2); those with an end that is NaN are left out."""
-    for start, end in zip(starts, ends, strict=True):
-        if np.isfinite(start).all() and np.isfinite(end).all():
-            cv2.line(picture, whole(start), whole(end), colour, 1, cv2.LINE_AA)
-
-
 def draw_arrows(picture: np.ndarray, starts: np.ndarray, ends: np.ndarray, colour: Colour) -> None:
     """Arrows between pixels (m, 2); a dot where an arrow has no length."""
     for start, end in zip(starts, ends, strict=True):
         if np.isfinite(start).all() and np.isfinite(end).all():
             cv2.circle(picture, whole(start), 2, colour, -1, cv2.LINE_AA)
             cv2.arrowedLine(picture, whole(start), whole(end), colour, 1, cv2.LINE_AA, tipLength=ARROW_TIP)
-
-
-def draw_dots(
-    picture: np.ndarray,
-    places: np.ndarray,
-    colour: Colour,
-    radius: int,
-    names: Sequence[str] = (),
-    *,
-    hollow: bool = False,
-    rim: bool = True,
-) -> None:
-    """Dots at pixels (n, 2), NaN left out, with a black rim; names beside them where given."""
-    for number, place in enumerate(places):
-        if np.isfinite(place).all():
-            if rim:
-                cv2.circle(picture, whole(place), radius + 2, BLACK, 4 if hollow else -1, cv2.LINE_AA)
-            cv2.circle(picture, whole(place), radius, colour, 2 if hollow else -1, cv2.LINE_AA)
-            if names:
-                write(picture, names[number], whole(place))
 
 
 def draw_crosses(picture: np.ndarray, places: np.ndarray, colour: Colour) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import json
+import tomllib
 from collections import Counter
 from collections.abc import Sequence
 from functools import cache
@@ -261,3 +262,26 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def load_config(path: Path, kind: type[Document]) -> Document:
+    """Return the class of settings ``kind`` with the file's values, and its own defaults for the rest.
+
+    Raises InputError for a file that is neither TOML nor JSON, an unknown name (with the nearest known one), a value of
+    the wrong type, and an impossible value.
+    """
+    if path.suffix not in (".toml", ".json"):
+        raise InputError(path, "is neither .toml nor .json", "give a configuration file of one of the two")
+    return validate(path, kind, read_json(path) if path.suffix == ".json" else read_toml(path))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the values of a TOML file; raises InputError unless each of them could stand in a JSON file as well."""
+    try:
+        values = tomllib.loads(read_text(path))
+        require_plain(values)
+    except Unfit as error:
+        raise InputError(path, error.problem, error.remedy) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, f"is not TOML ({error})", "correct the file") from None
+    return values

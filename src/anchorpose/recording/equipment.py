@@ -19,6 +19,7 @@ from pydantic import AfterValidator, Field, model_validator
 from anchorpose.errors import InputError
 from anchorpose.recording.document import Entry, FileInFolder, Text, Version, is_rotation, numbers, read_document
 from anchorpose.recording.regular_file import read_whole
+from anchorpose.recording.writable import whole_file
 from anchorpose.settings import Unfit
 
 CYLINDER_SIDES: Final = 32
@@ -267,7 +268,8 @@ def equipment_files(path: Path) -> tuple[Path, ...]:
 def write_equipment(path: Path, equipment: EquipmentModel) -> None:
     """Writes boxes and cylinders as an equipment.json; raises TypeError on a mesh, which is a file of its own."""
     document = {"format": "equipment-model", "version": 1, "parts": [_part_entry(part) for part in equipment.parts]}
-    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    with whole_file(path) as partial:
+        partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
 def _part(path: Path, place: str, entry: BoxEntry | CylinderEntry | MeshEntry) -> EquipmentPart:

@@ -81,11 +81,11 @@ def read_timestamps(path: Path) -> dict[int, float]:
     if len(repeated) > MOST_REPEATED * len(times):
         remedy = "write times with more decimals, or remove the depth images that were stored twice"
         raise InputError(path, f"{repeated[0]}, and so for {len(repeated)} of {len(times)} frames", remedy)
-    _require_seconds(path, np.array(list(times.values())))
+    require_seconds(path, np.array(list(times.values())))
     return times
 
 
-def _require_seconds(path: Path, time_s: np.ndarray) -> None:
+def require_seconds(path: Path, time_s: np.ndarray) -> None:
     """Raises InputError where the times (n,) can only be of another unit, or of none."""
     with np.errstate(over="ignore"):
         step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0

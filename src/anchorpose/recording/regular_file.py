@@ -8,20 +8,23 @@ otherwise (tests/test_structure.py).
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from io import BufferedReader
+from io import BufferedReader, FileIO
 from pathlib import Path
 from threading import Lock
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from anchorpose.errors import InputError
+
+Found = TypeVar("Found")
 
 NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
@@ -92,7 +95,28 @@ def _open(path: Path) -> BufferedReader:
     if problem := _not_a_file(os.fstat(descriptor).st_mode):
         os.close(descriptor)
         raise Unreadable(problem)
-    return open(descriptor, "rb")
+    return BufferedReader(_Ended(path, descriptor))
+
+
+class _Ended(FileIO):
+    """A file whose content has an end: some, as of the system's log, would be waited for."""
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        self._path = path
+        super().__init__(descriptor)
+
+    def readinto(self, buffer: Any) -> int:
+        """See FileIO; raises OSError where there is nothing to be read yet."""
+        return self._there(super().readinto(buffer))
+
+    def readall(self) -> bytes:
+        """See FileIO; raises OSError where there is nothing to be read yet."""
+        return self._there(super().readall())
+
+    def _there(self, found: Found | None) -> Found:
+        if found is None:
+            raise OSError(errno.ESPIPE, "it has no end", str(self._path))
+        return found
 
 
 def is_there(path: Path) -> bool:

@@ -19,6 +19,7 @@ from markupsafe import Markup
 
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_rows, require_distinct
+from anchorpose.recording.writable import check_file, new_folder
 from anchorpose.report.comparable import differences, require_comparable, unlike_time
 from anchorpose.report.measure_section import (
     grouped_measures,
@@ -38,6 +39,8 @@ from anchorpose.results.records import Measure
 from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.web_page import render_page
 
+MARK: Final = '<meta name="generator" content="anchorpose report">'  # in the head of the page
+
 Detectable = dict[tuple[str, str | None, str], float]
 """By measure, side and unit: the least change that errors and days alone exceed 5 times in 100."""
 
@@ -56,10 +59,13 @@ def write_comparison(
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
+    check_file(page, MARK, *folders, reliability)
     sessions = [read_session(folder, f"s{number}") for number, folder in enumerate(folders, 1)]
     require_comparable(sessions)
     detectable = {} if reliability is None else read_detectable(reliability)
-    write_text_whole(page, _page(sessions, _labels(sessions, labels), detectable))
+    text = _page(sessions, _labels(sessions, labels), detectable)
+    with new_folder(page.resolve().parent, page):
+        write_text_whole(page, text)
     return page
 
 

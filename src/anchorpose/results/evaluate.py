@@ -15,6 +15,7 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE,
 from anchorpose.recording.recording import half_period_s, nearest_within
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
+from anchorpose.results.sides import WRONG_M, require_not_mirrored
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.truth import TrueTouch, Truth, read_true_touch, read_truth
 from anchorpose.results.uncertainty import NORMAL_95
@@ -25,9 +26,6 @@ FAR_M: Final = 0.10
 
 CONFIDENT_SIGMAS: Final = 4.0
 """An error beyond this many of a joint's own sigmas: of calibrated axes one in 16 000 is."""
-
-WRONG_M: Final = 0.15
-"""Farther off than this, half a forearm, a joint says nothing about the patient, and its limb is wrong."""
 
 PLAIN_VIEW: Final = 0.5
 """Least share of a limb's skin that one camera must see for the limb to be in plain view."""
@@ -236,6 +234,7 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     _require_compared(truth, known, match, frames)
     joints = joints.frames(match[match >= 0])
     known = known.frames(match >= 0)
+    require_not_mirrored(truth, joints.position_m, known.position_m)
     evaluation = compare(joints, known, truth_frames=len(match), results_frames=frames)
     touch = read_true_touch(truth)
     if touch is None or not (results / CONTACTS_FILE).exists():

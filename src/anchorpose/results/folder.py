@@ -22,6 +22,7 @@ from filelock import FileLock, Timeout
 
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.document import LARGEST_WITH_HASHES, read_json, read_text
+from anchorpose.recording.writable import check_place, new_folder, whole_file
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,17 +79,15 @@ def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
     if path.is_symlink():
         raise InputError(path, "is a link", "choose another name; nothing was touched")
     target = path.resolve()
-    made = [folder for folder in target.parents if not folder.exists()]
     partial = target.parent / f".{target.name}.partial-{secrets.token_hex(4)}"
-    make_folder(partial, path)
-    try:
-        with naming_place(path):
-            yield partial
-            publish(partial, path, own)
-    except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
-        _remove_empty(made)
-        raise
+    with new_folder(partial, path):
+        try:
+            with naming_place(path):
+                yield partial
+                publish(partial, path, own)
+        except BaseException:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
 
 
 @contextmanager
@@ -101,14 +100,6 @@ def naming_place(place: Path) -> Iterator[None]:
         if error.filename is None and error.errno in DISK_ERRORS:
             error.filename = str(place)
         raise
-
-
-def make_folder(folder: Path, path: Path) -> None:
-    """Makes a folder and its parents; raises InputError about ``path``, which the user named, where that fails."""
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(path, f"cannot be made ({error.strerror})", "choose a place that you may write to") from None
 
 
 def publish(made: Path, path: Path, own: Sequence[str] = ()) -> None:
@@ -172,25 +163,16 @@ def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
 
 def write_text_whole(path: Path, text: str) -> None:
     """Writes a text file in UTF-8 so that ``path`` holds all of it, or what it held before."""
-    partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
-    try:
-        with naming_place(path):
-            partial.write_text(text, encoding="utf-8")
-            partial.replace(path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+    with whole_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind: FolderKind = RESULTS) -> None:
     """Raises InputError unless results of ``recording`` (None: of cameras) may be written to ``path``."""
-    target, source = path.resolve(), None if recording is None else recording.resolve()
+    check_place(path, recording)
+    target = path.resolve()
     if not path.is_symlink():
         _restore_replaced(target, kind)
-    if source is not None and target.is_relative_to(source):
-        raise InputError(path, "lies inside the recording", "choose a results folder outside of it")
-    if source is not None and source.is_relative_to(target):
-        raise InputError(path, "holds the recording itself", "choose another results folder")
     if path.is_symlink() or (path.exists() and not path.is_dir()):
         raise InputError(path, "is a file or a link", "choose another name for the results folder")
     if os.path.ismount(target):
@@ -240,13 +222,12 @@ def unfinished_results(
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)
-    _claim(work, path)
-    with _locked(work, path):
+    with _claimed(work, path):
         stored = _has_stored(work)
         if stored and not resume and not overwrite:
-            remedy = f"{_going_on(path, go_on)}; to begin again, give --overwrite"
-            raise InputError(path, f"has an unfinished run, in {work}", remedy)
-        _clear(work, keep=(LOCK_FILE, MARK_FILE, JOURNAL) if stored and resume else (LOCK_FILE, MARK_FILE))
+            raise InputError(path, f"has an unfinished run, in {work}", _remedy(path, go_on))
+        if not (stored and resume):
+            _clear(work, (LOCK_FILE, MARK_FILE))
         try:
             with naming_place(path):
                 yield work
@@ -261,11 +242,11 @@ def unfinished_results(
 def begun_identity(path: Path) -> str | None:
     """The identity of the unfinished run into ``path``; None where there is none, or it cannot be read."""
     work = _work_of(path)
-    begun = work / JOURNAL / BEGUN_FILE
     try:
-        identity = read_json(begun, LARGEST_WITH_HASHES).get("identity") if _is_own(work) and begun.is_file() else None
+        begun = read_json(work / JOURNAL / BEGUN_FILE, LARGEST_WITH_HASHES) if _is_own(work) else {}
     except InputError:
         return None
+    identity = begun.get("identity")
     return identity if isinstance(identity, str) else None
 
 
@@ -282,50 +263,71 @@ def _work_of(path: Path) -> Path:
     return target.parent / f".{target.name}.unfinished"
 
 
-def _claim(work: Path, path: Path) -> None:
-    """Makes and marks the folder where it is absent or empty; raises InputError where it is not this program's."""
-    if not os.path.lexists(work):
-        make_folder(work, path)
-    if work.is_dir() and not work.is_symlink() and not any(work.iterdir()):
-        with naming_place(path):
-            (work / MARK_FILE).write_text(MARK, encoding="utf-8")
-    if not _is_own(work):
+@contextmanager
+def _claimed(work: Path, path: Path) -> Iterator[None]:
+    """The folder, made where it is absent, marked and locked; raises InputError where it is not this program's, or
+    another run has it."""
+    if os.path.lexists(work) and (work.is_symlink() or not work.is_dir()):
         raise InputError(work, "is in the way, and not of an unfinished run", "rename it")
+    with new_folder(work, path):
+        if not any(work.iterdir()):
+            with naming_place(path):
+                (work / MARK_FILE).write_text(MARK, encoding="utf-8")
+        _require_own(work)
+        lock = FileLock(work / LOCK_FILE)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise InputError(path, "is being made by another run", "wait for it, or choose another name") from None
+        try:
+            yield
+        finally:
+            lock.release()
 
 
 def _is_own(work: Path) -> bool:
-    """Whether this program has made the folder, and nothing in it leads out of it."""
+    try:
+        _require_own(work)
+    except InputError:
+        return False
+    return True
+
+
+def _require_own(work: Path) -> None:
+    """Raises InputError unless this program has made the folder, and nothing in it leads out of it."""
     try:
         marked = not work.is_symlink() and read_text(work / MARK_FILE) == MARK
     except InputError:
-        return False
-    return marked and not any(entry.is_symlink() for entry in work.rglob("*"))
-
-
-@contextmanager
-def _locked(work: Path, path: Path) -> Iterator[None]:
-    lock = FileLock(work / LOCK_FILE)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise InputError(path, "is being made by another run", "wait for it, or choose another name") from None
-    try:
-        yield
-    finally:
-        lock.release()
+        marked = False
+    if not marked:
+        raise InputError(work, "is in the way, and not of an unfinished run", "rename it")
+    if link := next((entry for entry in work.rglob("*") if entry.is_symlink()), None):
+        raise InputError(link, f"is a link, so that {work.name} is in the way", "put there what it leads to")
 
 
 def _has_stored(work: Path) -> bool:
-    """Whether the run has come so far that going on saves work."""
+    """Whether anything is in the journal besides its beginning, readable or not: what cannot be read is kept, too."""
     journal = work / JOURNAL
-    files = [file for file in journal.rglob("*") if file.is_file()]
-    others = [file for file in files if file.name != BEGUN_FILE and FIRST_SECONDS not in file.parts]
-    return (journal / BEGUN_FILE).is_file() and bool(others)
+    if not journal.is_dir():
+        return os.path.lexists(journal)
+    names = {entry.name for entry in journal.iterdir() if ".partial" not in entry.name}
+    return bool(names - {BEGUN_FILE, FIRST_SECONDS})
 
 
 def is_live_session(path: Path) -> bool:
     """Return whether the unfinished run into ``path`` is a live session."""
-    return (begun_identity(path) or "").startswith(LIVE)
+    return _is_live(_work_of(path))
+
+
+def _is_live(work: Path) -> bool:
+    return os.path.lexists(work / JOURNAL / FIRST_SECONDS)
+
+
+def _remedy(path: Path, go_on: str) -> str:
+    begin_again = "to begin again, give --overwrite"
+    if begun_identity(path) is None and not is_live_session(path):
+        return f"it is damaged: {begin_again}"
+    return f"{_going_on(path, go_on)}; {begin_again}"
 
 
 def _going_on(path: Path, go_on: str) -> str:
@@ -336,6 +338,11 @@ def _going_on(path: Path, go_on: str) -> str:
 def _clear(work: Path, keep: Sequence[str]) -> None:
     for entry in [entry for entry in work.iterdir() if entry.name not in keep]:
         shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+
+
+def clear_beside_journal(work: Path) -> None:
+    """Removes what a run that goes on writes again: tables and pictures of the one that was stopped."""
+    _clear(work, (LOCK_FILE, MARK_FILE, JOURNAL))
 
 
 def _leave(work: Path, error: BaseException, going_on: str) -> None:
@@ -351,24 +358,28 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
     """The journal's folder in a results folder that is being made, new or of a run with the same identity.
 
     identity: of inputs, settings and code; inputs: the hash of each file by its path in the recording. Raises
-    InputError where the run that was begun had others.
+    InputError where the run that was begun had others, or its journal cannot be read; nothing was changed then.
     """
     journal = results / JOURNAL
-    path = journal / BEGUN_FILE
-    if path.is_file():
-        begin_again = "to begin again, give --overwrite instead of --resume"
-        try:
-            begun = read_json(path, LARGEST_WITH_HASHES)
-        except InputError:
-            raise InputError(path, "is damaged", begin_again) from None
-        if str(begun.get("identity")).startswith(LIVE):
-            raise InputError(results, "is a live session", "finish it with 'anchorpose live --finish'")
-        if begun.get("identity") != identity:
-            raise InputError(results, _what_changed(begun.get("inputs_sha256"), inputs), begin_again)
+    if os.path.lexists(journal):
+        _require_same(results, identity, inputs)
+        clear_beside_journal(results)
         return journal
     journal.mkdir()
-    write_text_whole(path, json.dumps({"identity": identity, "inputs_sha256": inputs}))
+    write_text_whole(journal / BEGUN_FILE, json.dumps({"identity": identity, "inputs_sha256": inputs}))
     return journal
+
+
+def _require_same(results: Path, identity: str, inputs: dict[str, str]) -> None:
+    path, begin_again = results / JOURNAL / BEGUN_FILE, "to begin again, give --overwrite instead of --resume"
+    if _is_live(results):
+        raise InputError(results, "is a live session", "finish it with 'anchorpose live --finish'")
+    try:
+        begun = read_json(path, LARGEST_WITH_HASHES)
+    except InputError:
+        raise InputError(path, "is damaged or missing", begin_again) from None
+    if begun.get("identity") != identity:
+        raise InputError(results, _what_changed(begun.get("inputs_sha256"), inputs), begin_again)
 
 
 def end_journal(results: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
@@ -12,7 +12,8 @@ import numpy as np
 import pyarrow as pa
 
 from anchorpose.errors import InputError
-from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet
+from anchorpose.recording.recording_file import require_seconds
+from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, require_within
 
 Frames = TypeVar("Frames")
 
@@ -25,9 +26,15 @@ UNKNOWN: Final = -1
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns of one array (..., names), or (...) where there is one name; NaN is null in the file."""
+    """Columns of one array (..., names), or (...) where there is one name; NaN is null in the file.
+
+    least, most: what a number may be, both included.
+    """
 
     names: tuple[str, ...]
+    least: float
+    most: float
+    remedy: str
     type: pa.DataType = field(default_factory=pa.float64)
 
     def schema(self) -> list[pa.Field]:
@@ -40,8 +47,10 @@ class Numbers:
         return [pa.array(column, self.type, from_pandas=True) for column in flat.T]
 
     def to_numpy(self, path: Path, table: pa.Table) -> np.ndarray:
-        """(rows, names), or (rows,) where there is one name."""
+        """(rows, names), or (rows,) where there is one name; raises InputError for a number that cannot be."""
         columns = [table[name].to_numpy(zero_copy_only=False) for name in self.names]
+        for name, values in zip(self.names, columns, strict=True):
+            require_within(path, name, values[~np.isnan(values)], (self.least, self.most), self.remedy)
         return columns[0] if len(columns) == 1 else np.stack(columns, axis=1)
 
 
@@ -97,7 +106,8 @@ class FrameTable(Generic[Frames]):
     arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and the arrays of
     ``columns`` by their names, (n, ...) or (n, things, ...). thing: the column that names what a row is about, such as
     "joint"; None where there is one row per frame. names: the things in their order; None where each file has its own,
-    which are then the field ``names``. text: a field that stands in the file's metadata, and its key there.
+    which are then the field ``names``. text: a field that stands in the file's metadata, and its key there. agree:
+    whether the numbers and texts of the table fit each other.
     """
 
     file: str
@@ -106,6 +116,7 @@ class FrameTable(Generic[Frames]):
     thing: str | None = None
     names: tuple[str, ...] | None = None
     text: tuple[str, str] | None = None
+    agree: Callable[[Frames], bool] = lambda _: True
     remedy: str
 
     def schema(self) -> pa.Schema:
@@ -144,7 +155,10 @@ class FrameTable(Generic[Frames]):
             groups.flush()
 
     def read(self, path: Path) -> Frames:
-        """Read the table, whichever order its rows are in; raises InputError unless every frame has each thing once."""
+        """Read the table, whichever order its rows are in.
+
+        Raises InputError unless every frame has each thing once, times increase, and every number is one that can be.
+        """
         table = read_parquet(path, self.schema())
         names = self.names or (tuple(table[self.thing].unique().to_pylist()) if self.thing else ())
         count, frame = max(len(names), 1), table["frame"].to_numpy()
@@ -156,7 +170,19 @@ class FrameTable(Generic[Frames]):
         arrays: dict[str, Any] = {name: array.reshape(*shape, *array.shape[1:]) for name, array in columns.items()}
         arrays |= {name: table[name].to_numpy()[order[::count]] for name in ("frame", "time_s")}
         own_names = {"names": names} if self.thing and self.names is None else {}
-        return self.arrays(**arrays, **own_names, **self._text(path, table.schema.metadata))
+        self._require_times(path, arrays["frame"], arrays["time_s"])
+        frames = self.arrays(**arrays, **own_names, **self._text(path, table.schema.metadata))
+        if not self.agree(frames):
+            raise InputError(path, "has rows whose numbers and state disagree", self.remedy)
+        return frames
+
+    def _require_times(self, path: Path, frame: np.ndarray, time_s: np.ndarray) -> None:
+        """Raise InputError where frames (n,) or their times (n,) cannot be those of a recording."""
+        if frame[0] < 0:
+            raise InputError(path, f"has the frame {frame[0]}", self.remedy)
+        if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0).all()):
+            raise InputError(path, "its times do not increase from frame to frame", self.remedy)
+        require_seconds(path, time_s)
 
     def _require_complete(self, path: Path, frame: np.ndarray, thing: np.ndarray, names: Sequence[str]) -> None:
         """Raise InputError unless the sorted rows (r,) have each thing once in every frame."""
@@ -203,42 +229,3 @@ def _codes(path: Path, column: pa.ChunkedArray, what: str, texts: Sequence[str],
         if text not in index:
             raise InputError(path, f"holds the unknown {what} '{text}'", remedy)
     return np.array([index[text] for text in found], dtype=np.int64)[encoded.indices.to_numpy()]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StoredFrames(Generic[Frames]):
-    """A table in memory of which some frames are taken at a time."""
-
-    whole: Frames
-
-    @property
-    def frame(self) -> np.ndarray:
-        """(n,) int32."""
-        return np.asarray(self.whole.frame)  # type: ignore[attr-defined]
-
-    @property
-    def time_s(self) -> np.ndarray:
-        """(n,) float64."""
-        return np.asarray(self.whole.time_s)  # type: ignore[attr-defined]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The things in each frame, where each file has its own."""
-        return tuple(getattr(self.whole, "names", ()))
-
-    def rows(self, first: int, stop: int) -> Frames:
-        """Return the frames from row ``first`` to row ``stop``."""
-        arrays = {each.name: getattr(self.whole, each.name) for each in fields(self.whole)}  # type: ignore[arg-type]
-        some = {name: array[first:stop] for name, array in arrays.items() if isinstance(array, np.ndarray)}
-        return replace(self.whole, **some)  # type: ignore[type-var]
-
-    def blocks(self, frames: int) -> Iterator[tuple[slice, Frames]]:
-        """Yield all frames, so many at a time, with their rows."""
-        for first in range(0, len(self.frame), frames):
-            rows = slice(first, min(first + frames, len(self.frame)))
-            yield rows, self.rows(rows.start, rows.stop)
-
-
-def open_frames(table: FrameTable[Frames], path: Path) -> StoredFrames[Frames]:
-    """Read a table to take frames from; raises InputError for another table."""
-    return StoredFrames(table.read(path))

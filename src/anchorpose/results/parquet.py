@@ -11,11 +11,12 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from anchorpose.errors import InputError
-from anchorpose.recording.regular_file import require_regular
+from anchorpose.recording.regular_file import LARGEST_ARRAYS, require_regular
 
 Row = TypeVar("Row")
 
@@ -53,12 +54,15 @@ def open_parquet(path: Path, schema: pa.Schema) -> Any:
 
 
 def read_parquet(path: Path, schema: pa.Schema, rows: Any = None) -> pa.Table:
-    """A table with exactly the columns of ``schema``; raises InputError otherwise.
+    """A table with exactly the columns of ``schema``, without a null where it has none; raises InputError otherwise.
 
     rows: a pyarrow expression that selects the rows to read; None for all.
     """
     table = read_any_parquet(path, rows)
     require_columns(path, table.schema, schema)
+    for column in schema:
+        if not column.nullable and table[column.name].null_count:
+            raise InputError(path, f"has rows without a {column.name}", TRACK_AGAIN)
     return table
 
 
@@ -110,7 +114,7 @@ def required(**types: pa.DataType) -> list[pa.Field]:
 def refuse_unreadable(path: Path) -> Iterator[None]:
     """Raises InputError where the file at ``path`` proves in the block to be missing or unreadable."""
     try:
-        require_regular(path)
+        require_regular(path, LARGEST_ARRAYS)
         yield
     except FileNotFoundError:
         raise InputError(path, "there is no such file", "give a results folder made by 'anchorpose track'") from None
@@ -127,19 +131,27 @@ def require_columns(path: Path, found: pa.Schema, schema: pa.Schema) -> None:
         raise InputError(path, f"its columns are not {', '.join(schema.names)}", TRACK_AGAIN)
 
 
+def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[float, float], remedy: str) -> None:
+    """Raises InputError where a value (n,) of a column is none, or outside of the limits, which it may be."""
+    wrong = values[~((values >= limits[0]) & (values <= limits[1]))]
+    if len(wrong):
+        raise InputError(path, f"has the {name} {wrong[0]:.6g}, not {limits[0]:g} to {limits[1]:g}", remedy)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordTable(Generic[Row]):
     """A table with one row per record.
 
     record: the dataclass of a row, whose attributes have the names of the columns. known: the texts that may stand in a
-    column. rows_per_group: fixed, since row groups decide the bytes of the file. may_be_empty: whether the program ever
-    writes the table without rows.
+    column. limits: the least and the most that a number of a column may be. rows_per_group: fixed, since row groups
+    decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows.
     """
 
     file: str
     record: type[Row]
     schema: pa.Schema
     known: Mapping[str, Collection[str]] = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     rows_per_group: int = 1024
     may_be_empty: bool = True
     remedy: str
@@ -171,8 +183,13 @@ class RecordTable(Generic[Row]):
             for text in table[column].unique().to_pylist():
                 if text not in known:
                     raise InputError(path, f"holds the unknown {column} '{text}'", self.remedy)
+        for column, limits in self.limits.items():
+            require_within(path, column, table[column].drop_null().to_numpy(), limits, self.remedy)
         own = [each.name for each in fields(self.record) if each.name in self.schema.names]  # type: ignore[arg-type]
-        return tuple(self.record(**row) for row in table.select(own).to_pylist())
+        try:
+            return tuple(self.record(**row) for row in table.select(own).to_pylist())
+        except ValueError as error:
+            raise InputError(path, f"has a row that cannot be: {error}", self.remedy) from None
 
     def _to_table(self, records: Sequence[Row]) -> pa.Table:
         columns = [pa.array([getattr(record, each.name) for record in records], each.type) for each in self.schema]

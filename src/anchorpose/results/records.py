@@ -20,6 +20,8 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JointState
 from anchorpose.recording.document import parse_json
+from anchorpose.recording.recording_file import FARTHEST_TIME_S
+from anchorpose.results.corrections import LATEST_FRAME
 from anchorpose.results.parquet import (
     MEASURE_AGAIN,
     TRACK_AGAIN,
@@ -59,6 +61,14 @@ class Contact:
         return SEEN if self.seen_share >= 0.5 else INFERRED
 
 
+LARGEST_VALUE: Final = 1e12
+"""Of a measure, far above each in its unit, and of its sigma."""
+
+_SPAN_LIMITS: Final = {
+    **dict.fromkeys(("first_frame", "last_frame"), (0, LATEST_FRAME)),
+    **dict.fromkeys(("start_s", "end_s"), (-FARTHEST_TIME_S, FARTHEST_TIME_S)),
+}
+
 CONTACTS: Final = RecordTable(
     file="contacts.parquet",
     record=Contact,
@@ -77,6 +87,7 @@ CONTACTS: Final = RecordTable(
         )
     ),
     known={"part": REGIONS},
+    limits={**_SPAN_LIMITS, "seen_share": (0, 1), "area_cm2": (0, LARGEST_VALUE), "gap_mm": (-1e6, 1e6)},
     remedy=TRACK_AGAIN,
 )
 CONTACTS_FILE, read_contacts, write_contacts = CONTACTS.file, CONTACTS.read, CONTACTS.open
@@ -124,6 +135,7 @@ EPISODES: Final = RecordTable(
         )
     ),
     known={"kind": EPISODE_KINDS, "state": tuple(str(state) for state in JointState)},
+    limits=_SPAN_LIMITS,
     remedy=MEASURE_AGAIN,
 )
 EPISODES_FILE: Final = EPISODES.file
@@ -183,6 +195,12 @@ MEASURES: Final = RecordTable(
             pa.field("why", pa.string()),
         ]
     ),
+    limits={
+        "value": (-LARGEST_VALUE, LARGEST_VALUE),
+        "sigma": (0, LARGEST_VALUE),
+        "frames": (0, LATEST_FRAME),
+        "inferred_share": (0, 1),
+    },
     may_be_empty=False,
     remedy=MEASURE_AGAIN,
 )

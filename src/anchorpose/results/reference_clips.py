@@ -11,12 +11,14 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.motion.database import FORMAT, ReferenceClips, join_clips, read_motions, read_skeletons, write_motions
 from anchorpose.recording.regular_file import read_arrays
+from anchorpose.recording.writable import check_file, new_folder
 from anchorpose.results.frame_time import LONGEST_STEP
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own
 
 SUFFIX = ".npz"
 SHORTEST_S: Final = 0.5  # the motion history, the frames that check it and one predicted step, at 30 Hz
+MOTIONS_MARK: Final = "format.npy"  # the first array of a file of movements
 
 
 def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, overwrite: bool) -> ReferenceClips:
@@ -27,13 +29,12 @@ def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, ove
     """
     if out.suffix != SUFFIX:
         raise InputError(out, f"does not end in {SUFFIX}", f"call it {out.name}{SUFFIX}")
-    if any(source.resolve() == out.resolve() for source in sources):
-        raise InputError(out, "is one of the sources", "choose another name")
+    check_file(out, MOTIONS_MARK, *sources)
     if out.exists() and not overwrite:
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
     clips = join_clips([_read(source, rate_hz) for source in sources])
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_motions(out, clips)
+    with new_folder(out.resolve().parent, out):
+        write_motions(out, clips)
     return clips
 
 

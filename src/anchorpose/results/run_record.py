@@ -24,7 +24,7 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.recording.document import LARGEST_WITH_HASHES, FileInFolder, Text, Version, read_json, validate
 from anchorpose.recording.recording_file import CameraPose, Seconds
-from anchorpose.recording.regular_file import open_regular
+from anchorpose.recording.regular_file import LARGEST_ARRAYS, open_regular, require_regular
 from anchorpose.results.corrections import CorrectionsRecord, Frame, Sha256
 from anchorpose.results.explained import ExplainedSummary
 from anchorpose.results.reviewed_recording import CameraClock
@@ -294,9 +294,13 @@ def sentence(poor: PoorDepth) -> str:
 
 
 def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ...]:
-    """(path relative to ``folder``, SHA-256 in hex) of each file."""
+    """(path relative to ``folder``, SHA-256 in hex) of each file.
+
+    Raises InputError for one of more than ``LARGEST_ARRAYS``: no table and no image is as large.
+    """
     hashes = []
     for file in files:
+        require_regular(file, LARGEST_ARRAYS)
         with open_regular(file) as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
         hashes.append((file.relative_to(folder).as_posix(), digest))

@@ -12,10 +12,15 @@ from scipy.spatial.transform import Rotation
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_NAMES, LOST, STATE_CODE, JointState
+from anchorpose.recording.recording_file import FARTHEST_CAMERA_M
 from anchorpose.results.frame_table import Codes, Column, Flags, FrameTable, Numbers
 from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN
 
 _STATES: Final = tuple(str(state) for state in JointState)
+
+LARGEST_DEG: Final = 360.0
+LARGEST_SIGMA: Final = 1e6
+"""Metres, degrees or radians: an angle that a pose hardly determines has a sigma of many turns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,11 +42,9 @@ class JointFrame:
             raise ValueError(f"position_m is {self.position_m.shape} and sigma_m {self.sigma_m.shape}, not 21 joints")
         if len(self.state) != JOINT_COUNT:
             raise ValueError(f"{len(self.state)} states given for {JOINT_COUNT} joints")
-        lost = np.array([state is JointState.LOST for state in self.state])
-        known = np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.sigma_m) & (self.sigma_m > 0)
-        blank = np.isnan(self.position_m).all(axis=1) & np.isnan(self.sigma_m)
-        if not np.where(lost, blank, known).all():
-            wrong = int(np.flatnonzero(~np.where(lost, blank, known))[0])
+        agree = _numbers_agree(self)
+        if not agree.all():
+            wrong = int(np.flatnonzero(~agree)[0])
             raise ValueError(
                 f"frame {self.frame}, joint {wrong}: position, sigma and state {self.state[wrong]} disagree"
             )
@@ -76,16 +79,24 @@ class JointTable:
         return JointTable(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
+def _numbers_agree(joints: JointFrame | JointTable) -> np.ndarray:
+    """(..., 21) bool: whether a lost joint has no numbers, and any other has all."""
+    known = np.isfinite(joints.position_m).all(axis=-1) & np.isfinite(joints.sigma_m) & (joints.sigma_m > 0)
+    blank = np.isnan(joints.position_m).all(axis=-1) & np.isnan(joints.sigma_m)
+    return np.where(joints.state_code == LOST, blank, known)
+
+
 JOINTS: Final = FrameTable(
     file="joints.parquet",
     arrays=JointTable,
     thing="joint",
     names=JOINT_NAMES,
     columns={
-        "position_m": Numbers(("x_m", "y_m", "z_m")),
+        "position_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, TRACK_AGAIN),
         "state_code": Codes("state", _STATES, TRACK_AGAIN),
-        "sigma_m": Numbers(("sigma_m",)),
+        "sigma_m": Numbers(("sigma_m",), 0.0, FARTHEST_CAMERA_M, TRACK_AGAIN),
     },
+    agree=lambda joints: bool(_numbers_agree(joints).all()),
     remedy=TRACK_AGAIN,
 )
 JOINTS_FILE, read_joints, write_joints = JOINTS.file, JOINTS.read, JOINTS.open
@@ -119,7 +130,10 @@ ANCHORS: Final = FrameTable(
     arrays=AnchorTable,
     thing="anchor",
     names=ANCHOR_NAMES,
-    columns={"position_m": Numbers(("x_m", "y_m", "z_m")), "sigma_m": Numbers(("sigma_m",))},
+    columns={
+        "position_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, TRACK_AGAIN),
+        "sigma_m": Numbers(("sigma_m",), 0.0, FARTHEST_CAMERA_M, TRACK_AGAIN),
+    },
     remedy=TRACK_AGAIN,
 )
 ANCHORS_FILE, read_anchors, write_anchors = ANCHORS.file, ANCHORS.read, ANCHORS.open
@@ -146,9 +160,9 @@ class AngleTable:
 
 
 _ANGLE_COLUMNS: Final[dict[str, Column]] = {
-    "degrees": Numbers(("degrees",)),
+    "degrees": Numbers(("degrees",), -LARGEST_DEG, LARGEST_DEG, MEASURE_AGAIN),
     "state_code": Codes("state", _STATES, MEASURE_AGAIN),
-    "sigma_deg": Numbers(("sigma_deg",)),
+    "sigma_deg": Numbers(("sigma_deg",), 0.0, LARGEST_SIGMA, MEASURE_AGAIN),
 }
 
 ANGLES: Final = FrameTable(
@@ -208,8 +222,8 @@ POSTURE: Final = FrameTable(
     file="posture.parquet",
     arrays=PostureTable,
     columns={
-        "com_m": Numbers(("com_x_m", "com_y_m", "com_z_m")),
-        "com_sigma_m": Numbers(("com_sigma_m",)),
+        "com_m": Numbers(("com_x_m", "com_y_m", "com_z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, MEASURE_AGAIN),
+        "com_sigma_m": Numbers(("com_sigma_m",), 0.0, FARTHEST_CAMERA_M, MEASURE_AGAIN),
         "upright": Flags("upright"),
         "state_code": Codes("state", _STATES, MEASURE_AGAIN),
     },
@@ -253,9 +267,9 @@ POSES: Final = FrameTable(
     thing="bone",
     names=MOVING_BONES,
     columns={
-        "head_m": Numbers(("x_m", "y_m", "z_m"), pa.float32()),
-        "quaternion": Numbers(("qw", "qx", "qy", "qz"), pa.float32()),
-        "axial_sigma_rad": Numbers(("axial_sigma_rad",), pa.float32()),
+        "head_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, TRACK_AGAIN, pa.float32()),
+        "quaternion": Numbers(("qw", "qx", "qy", "qz"), -1.001, 1.001, TRACK_AGAIN, pa.float32()),
+        "axial_sigma_rad": Numbers(("axial_sigma_rad",), 0.0, LARGEST_SIGMA, TRACK_AGAIN, pa.float32()),
     },
     remedy=TRACK_AGAIN,
 )

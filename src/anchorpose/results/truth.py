@@ -10,7 +10,7 @@ import numpy as np
 from anchorpose.body.contact_regions import REGION_BONES
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
-from anchorpose.recording.recording_file import FARTHEST_CAMERA_M, FARTHEST_TIME_S
+from anchorpose.recording.recording_file import FARTHEST_CAMERA_M, FARTHEST_TIME_S, require_seconds
 from anchorpose.recording.regular_file import read_arrays
 
 _READ = ("joints", "names", "time", "occluded", "seen_share")
@@ -47,17 +47,18 @@ def read_truth(path: Path) -> Truth:
     if missing:
         raise InputError(path, f"has no array '{missing[0]}'", remedy)
     joints, names, time_s = arrays["joints"], [str(name) for name in arrays["names"].ravel()], arrays["time"]
-    occluded = arrays.get("occluded", np.zeros(len(time_s), dtype=bool))
-    if joints.shape != (len(time_s), len(names), 3) or occluded.shape != time_s.shape or time_s.ndim != 1:
+    occluded = arrays.get("occluded", np.zeros(time_s.shape, dtype=bool))
+    if time_s.ndim != 1 or joints.shape != (*time_s.shape, len(names), 3) or occluded.shape != time_s.shape:
         raise InputError(path, f"its arrays do not fit together (joints {joints.shape}, time {time_s.shape})", remedy)
-    if joints.dtype.kind not in "fiu" or time_s.dtype.kind not in "fiu":
-        raise InputError(path, "its joints or times are not numbers", remedy)
+    if any(each.dtype.kind not in "fiub" for each in (joints, time_s, occluded)):
+        raise InputError(path, "its joints, times or occluded are not numbers", remedy)
     with np.errstate(invalid="ignore"):
         if (np.abs(joints) > FARTHEST_CAMERA_M).any() or not (np.abs(time_s) <= FARTHEST_TIME_S).all():
             problem = f"has joints over {FARTHEST_CAMERA_M:g} m away, or times that are no seconds"
             raise InputError(path, problem, "write metres and seconds")
     if len(time_s) == 0 or not (np.diff(time_s) > 0).all():
         raise InputError(path, "its times are none or do not increase", remedy)
+    require_seconds(path, time_s)
     order, seen = _order(path, names), arrays.get("seen_share")
     return Truth(
         time_s.astype(np.float64),
@@ -111,8 +112,9 @@ def read_true_touch(path: Path) -> TrueTouch | None:
     arrays = read_arrays(path, ("touched", "part_names", "time"), remedy)
     if "touched" not in arrays or "part_names" not in arrays:
         return None
-    touched, names, times = arrays["touched"], tuple(map(str, arrays["part_names"])), len(arrays["time"])
+    touched, names = arrays["touched"], tuple(map(str, arrays["part_names"].ravel()))
     known = {bone for bones in REGION_BONES.values() for bone in bones}
-    if touched.shape != (times, len(names)) or not known & set(names):
+    is_number = touched.dtype.kind in "fiub"
+    if touched.shape != (*arrays["time"].shape, len(names)) or not is_number or not known & set(names):
         raise InputError(path, "its touched and part_names do not fit", remedy)
     return TrueTouch(touched.astype(bool), names)

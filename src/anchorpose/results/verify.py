@@ -154,11 +154,11 @@ def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | No
 
 
 def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
-    """The hash of each file as it was written last. The log alone knows of tables that were measured again."""
+    """The hash of each file as it was written last: the log knows of tables that were measured again."""
     if run is None:
         run = read_run(results / RUN_FILE) if is_there(results / RUN_FILE) else {}
     written = run.get("outputs_sha256", {})
-    logged: dict[str, str | None] = {name: digest for name, digest in written.items() if name not in MEASURED}
+    logged: dict[str, str | None] = dict(written)
     log = read_log(results) if is_there(results / LOG_FILE) else None
     for event in log.events if log else ():
         logged |= event.files
@@ -184,13 +184,13 @@ class Fits(StrEnum):
 class Verified:
     """results, recording: what became of each file, the recording's None where none is given; program: whether version,
     code or libraries differ from today's, as sentences; corrected: who corrected what, as sentences; log: what was done
-    with the results, None where they have no log; broken: what is wrong with the log, as sentences."""
+    with the results; broken: what is wrong with the log, as sentences."""
 
     results: Mapping[str, Fits]
     recording: Mapping[str, Fits] | None
     program: tuple[str, ...]
     corrected: tuple[str, ...]
-    log: tuple[Event, ...] | None
+    log: tuple[Event, ...]
     broken: tuple[str, ...]
 
     @property
@@ -211,14 +211,10 @@ def verify(results: Path, recording: Path | None) -> Verified:
     written = run.get("outputs_sha256")
     if not written:
         raise InputError(path, "has no hashes of the tables: an older version wrote it", "track the recording again")
-    log = read_log(results)
-    outputs = _compare(written, _hashes(results, written)) if log is None else _by_log(results, written, log)
-    if log is None:
-        for name in MEASURED & outputs.keys():
-            if outputs[name] in (Fits.CHANGED, Fits.ADDED):
-                outputs[name] = Fits.MEASURED
-    events, broken = (None, ()) if log is None else (log.events, log.broken)
-    return Verified(outputs, _inputs(run, recording), _program(run), _corrections(run), events, broken)
+    log = read_log(results) or Log((), ())
+    gone = () if log.events else (f"{LOG_FILE}: is missing or empty, so what was done with the results is not known",)
+    outputs, broken = _by_log(results, written, log), (*log.broken, *gone)
+    return Verified(outputs, _inputs(run, recording), _program(run), _corrections(run), log.events, broken)
 
 
 def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fits]:

@@ -16,6 +16,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.equipment import write_equipment
 from anchorpose.recording.recording_file import camera_document
+from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.simulate.clinic import Clinic, Performance, Programme, draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import PATIENT, Figure
@@ -42,18 +43,19 @@ def simulate_recording(
     ``out`` is there and not empty, or a link.
     """
     out = Path(out)
+    check_place(out)
     if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
         raise InputError(out, "is there already and not empty, or a link", "choose another folder or remove it first")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
-    try:
-        _write_all(work, draw_clinic(config, programme), progress)
-        work.chmod(0o755)
-        if out.exists():
-            out.rmdir()
-        work.rename(out)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+    with new_folder(out.resolve().parent, out):
+        work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+        try:
+            _write_all(work, draw_clinic(config, programme), progress)
+            work.chmod(0o755)
+            if out.exists():
+                out.rmdir()
+            work.rename(out)
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
 
 
 def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] | None) -> None:

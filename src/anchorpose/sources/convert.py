@@ -19,11 +19,13 @@ from filelock import FileLock, Timeout
 
 from anchorpose import __version__
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.options import ConvertOptions
 from anchorpose.recording.document import LARGEST_BYTES, parse_json
 from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
+from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import hash_files
-from anchorpose.sources.plan import CameraPlan, CameraWriter, ConvertOptions, Plan, make_plan, turn_image
+from anchorpose.sources.plan import CameraPlan, CameraWriter, Plan, make_plan, turn_image
 from anchorpose.sources.source import Source, find_reader, open_source
 from anchorpose.threads import one_thread
 
@@ -146,6 +148,18 @@ def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress
     check_places(inputs, out)
     sources = [open_source(path) for path in inputs]
     plan = make_plan(sources, options)
+    with new_folder(out.resolve().parent, out):
+        return _convert(inputs, sources, plan, out, options, progress)
+
+
+def _convert(
+    inputs: Sequence[Path],
+    sources: Sequence[Source],
+    plan: Plan,
+    out: Path,
+    options: ConvertOptions,
+    progress: Progress,
+) -> Converted:
     begun = conversion_document(inputs, options)
     refusal: AnchorposeError | None = None
     with one_thread(), _claimed(out, begun):
@@ -165,12 +179,11 @@ def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
     """Raises InputError where ``out`` cannot be written, or an input would be given twice or overwritten."""
-    target, sources = out.resolve(), [path.resolve() for path in inputs]
+    check_place(out, *inputs)
+    sources = [path.resolve() for path in inputs]
     for path, source in zip(inputs, sources, strict=True):
         if sources.count(source) > 1:
             raise InputError(path, "is given twice", "give every input once")
-        if target.is_relative_to(source) or source.is_relative_to(target):
-            raise InputError(out, f"and the input {path} lie in one another", "choose another folder to write")
     if out.is_symlink() or (out.exists() and not out.is_dir()):
         raise InputError(out, "is a file or a link", "choose another name for the recording")
     if (out / RECORDING_FILE).exists():

@@ -7,8 +7,9 @@ Numbers in the names show which images are missing; a sidecar depth.json may giv
 
 from __future__ import annotations
 
-import math
 import re
+import struct
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,7 @@ from anchorpose.recording.recording_file import (
     Seconds,
     Size,
 )
-from anchorpose.recording.regular_file import LARGEST_ARRAYS, Unreadable, open_regular, read_bounded
+from anchorpose.recording.regular_file import LARGEST_ARRAYS, Unreadable, open_regular, read_bounded, read_whole
 from anchorpose.sources.grey_images import (
     GREY_M,
     FrameFile,
@@ -39,6 +40,7 @@ from anchorpose.sources.grey_images import (
     number_of,
     to_grey,
 )
+from anchorpose.sources.mat_file import list_arrays
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
 NEAREST_M, FARTHEST_M = 0.1, 50.0
@@ -46,7 +48,6 @@ NEAREST_M, FARTHEST_M = 0.1, 50.0
 
 LARGEST_SIDE: Final = 16384
 
-_CLASSES: Final = ("double", "single", "uint16")  # of MATLAB's arrays that can be depth
 _NPY, _MAT, _MAT_73 = b"\x93NUMPY", b"MATLAB 5.0", b"MATLAB 7.3"
 
 ReadImage = Callable[[int], np.ndarray]
@@ -140,26 +141,22 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 def _open_mat(path: Path) -> DepthArray:
     """Open a MATLAB file, which cannot be read in part: the array is held whole.
 
-    A damaged byte in the header of an uncompressed array can end the process inside scipy; nothing is written by then.
-    A file that is cut off, and any damage to a compressed one, is refused.
+    A damaged or cut off file is refused.
     """
-    from scipy.io import loadmat, whosmat
-
+    data = memoryview(read_whole(path, LARGEST_ARRAYS, "save it in several files, or as .npy"))
     try:
-        with open_regular(path) as file:
-            arrays = [(name, shape) for name, shape, kind in whosmat(file) if len(shape) == 3 and kind in _CLASSES]
-            named = [array for array in arrays if "depth" in array[0].lower()] or arrays
-            large = sum(math.prod(shape) for _, shape in named) * np.dtype(np.float64).itemsize > LARGEST_ARRAYS
-            if len(named) == 1 and not large:
-                images = loadmat(file, variable_names=[named[0][0]], mat_dtype=True)[named[0][0]]
-    except Exception:  # scipy raises whatever a damaged file leads it to
+        arrays = [array for array in list_arrays(data) if len(array.shape) == 3]
+        named = [array for array in arrays if "depth" in array.name.lower()] or arrays
+        large = sum(array.size_bytes for array in named) > LARGEST_ARRAYS
+        images = named[0].read() if len(named) == 1 and not large else np.empty(0)
+    except (ValueError, LookupError, StopIteration, struct.error, zlib.error, MemoryError):
         raise InputError(path, "is damaged, or of a kind that cannot be read", "save it again with '-v7'") from None
     if len(named) != 1:
         problem = f"holds {len(named)} arrays that could be depth images"
         raise InputError(path, problem, "save one array 'depth' of (height, width, images), uint16 or metres")
     if large:
         raise InputError(path, "holds more than fits into memory", "save it in several files, or as .npy")
-    height, width, count = named[0][1]
+    height, width, count = named[0].shape
     return DepthArray(path, (count, height, width), images.dtype, lambda position: images[:, :, position])
 
 

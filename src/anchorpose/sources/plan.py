@@ -12,38 +12,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 
 from anchorpose.camera import Camera
-from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics, LensModel
+from anchorpose.options import ConvertOptions
 from anchorpose.recording.depth_image import decode_grey_png
 from anchorpose.recording.document import validate
 from anchorpose.recording.recording_file import MOST_REPEATED, RecordingDocument, camera_document, read_timestamps
 from anchorpose.recording.regular_file import LARGEST_IMAGE, LARGEST_TABLE, read_whole
 from anchorpose.sources.source import Source, SourceCamera
 
-Degrees = Literal[0, 90, 180, 270]
-
 QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
 """Quarter turns clockwise, as one sees the image, by degrees."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ConvertOptions:
-    """What the user adds to the files.
-
-    intrinsics: fx, fy, cx, cy of cameras without a lens; depth_scale: metres per grey value, instead of the file's;
-    fps: where there are no times; rotate: clockwise, degrees; mirror: after that, left to right.
-    """
-
-    intrinsics: tuple[float, float, float, float] | None = None
-    depth_scale: float | None = None
-    fps: float | None = None
-    rotate: Degrees = 0
-    mirror: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -174,17 +158,6 @@ def _require_valid(sources: Sequence[Source], cameras: Sequence[Sequence[CameraP
     for source, own in zip(sources, cameras, strict=True):
         document = {"format": "rgbd-recording", "version": 1, "cameras": [plan.document() for plan in own]}
         validate(source.path, RecordingDocument, document)
-
-
-def parse_intrinsics(text: str) -> tuple[float, float, float, float]:
-    """Return ``fx,fy,cx,cy``; raises AnchorposeError otherwise."""
-    try:
-        fx, fy, cx, cy = (float(part) for part in text.split(","))
-    except ValueError:
-        fx = fy = cx = cy = -1.0
-    if not (0 < fx < 1e5 and 0 < fy < 1e5 and abs(cx) < 1e5 and abs(cy) < 1e5):
-        raise AnchorposeError(f"--intrinsics is '{text}'; write fx,fy,cx,cy in pixels, for example 504,504,320,288.")
-    return fx, fy, cx, cy
 
 
 def turn_image(grey: np.ndarray, degrees: int, mirror: bool) -> np.ndarray:

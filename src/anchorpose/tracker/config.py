@@ -7,6 +7,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from anchorpose.body.config import LearningConfig, RegistrationConfig, UncertaintyConfig, VisibilityConfig
 from anchorpose.calibration.camera_to_camera import PlacingConfig
 from anchorpose.calibration.clocks import ClockConfig
@@ -15,6 +17,8 @@ from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.people import IsolationConfig
 from anchorpose.motion.database import SHIPPED
 from anchorpose.motion.prediction import MotionConfig
+from anchorpose.recording.document import load_config
+from anchorpose.recording.recording_file import FARTHEST_CAMERA_M
 from anchorpose.results.contact_intervals import ContactConfig
 from anchorpose.settings import Count, Positive, settings
 from anchorpose.surface.surface import SurfaceConfig
@@ -78,6 +82,8 @@ class TrackConfig:
             raise ValueError(f"start must not be negative and stop must come after it, got {self.start} to {self.stop}")
         if self.patient_frame is not None and self.patient_xz_m is None:
             raise ValueError("patient_frame says when the patient is at patient_xz_m, which is not given")
+        if self.patient_xz_m is not None and not np.abs(self.patient_xz_m).max() <= FARTHEST_CAMERA_M:
+            raise ValueError(f"patient_xz_m is in metres, up to {FARTHEST_CAMERA_M:g}, got {self.patient_xz_m}")
         shortest, tallest = HEIGHTS_M
         if self.height_m is not None and not shortest <= self.height_m <= tallest:
             raise ValueError(f"height_m is in metres, {shortest} to {tallest}, got {self.height_m:g}")
@@ -86,3 +92,8 @@ class TrackConfig:
     def motion_file(self) -> Path:
         """The file of reference movements."""
         return SHIPPED if self.motions is None else Path(self.motions)
+
+
+def load_track_config(path: Path | None) -> TrackConfig:
+    """Return the settings of ``anchorpose track``; see ``load_config``. None = the defaults."""
+    return TrackConfig() if path is None else load_config(path, TrackConfig)

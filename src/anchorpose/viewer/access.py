@@ -1,12 +1,15 @@
-"""Who may send requests to a page's server: only the page that this program opened."""
+"""Who may use a page's server: only the page that this program opened, over so many connections and no more."""
 
 from __future__ import annotations
 
 import hmac
 import ipaddress
 import secrets
+import socket
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from threading import Condition
 from typing import Final
 from urllib.parse import urlsplit
 
@@ -63,3 +66,60 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+MOST: Final = 48  # at once; systems allow a program 256 open files or more, and depth images are written beside
+MOST_PER_CLIENT: Final = 24  # from one address: four windows, each with the six connections of a browser
+CLOSING_S: Final = 1.0  # a connection that was shut down is closed at once
+
+
+@dataclass(slots=True, eq=False)
+class _Connection:
+    request: socket.socket
+    client: str
+    known: bool = False  # has sent a request with the token
+    leaving: bool = False
+
+
+class Connections:
+    """Those that are open. One that has sent no request with the token gives way to a new one, the oldest first."""
+
+    def __init__(self) -> None:
+        self._open: list[_Connection] = []
+        self._changed = Condition()
+
+    def add(self, request: socket.socket, client: str) -> bool:
+        """Whether there is room for a connection from the address ``client``; it is counted from now on."""
+        with self._changed:
+            while full := self._in_the_way(client):
+                strangers = [one for one in full if not one.known and not one.leaving]
+                if not strangers or not self._close(strangers[0]):
+                    return False
+            self._open.append(_Connection(request, client))
+        return True
+
+    def trust(self, request: socket.socket) -> None:
+        """A connection has sent the token: it gives way to none."""
+        with self._changed:
+            for one in self._open:
+                one.known |= one.request is request
+
+    def remove(self, request: socket.socket) -> None:
+        """A connection is closed."""
+        with self._changed:
+            self._open = [one for one in self._open if one.request is not request]
+            self._changed.notify_all()
+
+    def _in_the_way(self, client: str) -> list[_Connection]:
+        """The connections of which one must go before another one of ``client`` may come; empty where none must."""
+        if len(self._open) >= MOST:
+            return self._open
+        own = [one for one in self._open if one.client == client]
+        return own if len(own) >= MOST_PER_CLIENT else []
+
+    def _close(self, stranger: _Connection) -> bool:
+        """Whether it is closed by the thread that serves it, soon."""
+        stranger.leaving = True
+        with suppress(OSError):  # it has gone by itself
+            stranger.request.shutdown(socket.SHUT_RDWR)
+        return self._changed.wait_for(lambda: stranger not in self._open, CLOSING_S)

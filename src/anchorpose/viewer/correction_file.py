@@ -23,7 +23,7 @@ from anchorpose.results.corrections import (
     write_corrections,
 )
 from anchorpose.results.run_record import as_json
-from anchorpose.viewer.overview import Overview
+from anchorpose.results.tables import JointTable
 
 PATIENCE_S: Final = 10.0
 """A change takes milliseconds: a program that holds the lock this long is stuck."""
@@ -62,9 +62,9 @@ class CorrectionFile:
     world.
     """
 
-    def __init__(self, path: Path, initial: Corrections, overview: Overview) -> None:
+    def __init__(self, path: Path, initial: Corrections, joints: JointTable) -> None:
         self.path, self.initial = path, initial
-        self._time_s = dict(zip(overview.frame.tolist(), overview.time_s.tolist(), strict=True))
+        self._time_s = dict(zip(joints.frame.tolist(), joints.time_s.tolist(), strict=True))
         self.current()
 
     def current(self) -> Corrections:

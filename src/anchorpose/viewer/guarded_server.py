@@ -1,26 +1,70 @@
-"""A small web server for one page of this program: HTTP, access and the files of the page."""
+"""A small web server for one page of this program: HTTP, access, the files of the page, the page in the browser."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
+import re
 import socket
 import sys
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+import tempfile
+import webbrowser
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from html import escape
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from anchorpose.errors import AnchorposeError
+from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.document import parse_json
-from anchorpose.viewer.access import Guard, is_loopback, new_token
-from anchorpose.viewer.connections import Connections
-from anchorpose.viewer.page_files import content_policy, load_assets
-from anchorpose.viewer.responses import JSON, Response, describe_error
+from anchorpose.viewer.access import Connections, Guard, is_loopback, new_token
 
 MOST_BYTES: Final = 64 * 1024  # of a request's body: a correction has some hundred
 IDLE_S: Final = 20.0  # a connection without a request for so long is closed; browsers open another one
 PATIENCE_S: Final = 120.0  # a browser that takes nothing of an answer for so long is gone
+
+
+BYTES: Final = "application/octet-stream"
+JSON: Final = "application/json"
+
+KINDS: Final = {
+    "html": "text/html; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "svg": "image/svg+xml",
+}
+VIEWER_PAGE: Final = "index.html"
+LIVE_PAGE: Final = "live.html"
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What is sent back: bytes and their media type."""
+
+    content: bytes
+    kind: str
+
+
+def json_response(value: Any) -> Response:
+    """Raises ValueError where a number is NaN: JSON has none."""
+    return Response(json.dumps(value, allow_nan=False).encode(), JSON)
+
+
+def describe_error(error: Exception) -> str:
+    """What the page may know of an error: the name of a file without its folder, which may name the patient."""
+    if isinstance(error, InputError):
+        return str(InputError(error.path.name, error.problem, error.remedy))
+    if isinstance(error, OSError):
+        name = Path(str(error.filename)).name if error.filename else "The computer"
+        return f"{name}: {error.strerror or 'cannot be used'}."
+    return str(error)
 
 
 class GuardedServer(ThreadingHTTPServer):
@@ -40,7 +84,7 @@ class GuardedServer(ThreadingHTTPServer):
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             super().__init__((host, port), handler)
-        except (OSError, OverflowError) as error:
+        except (OSError, OverflowError, TypeError, UnicodeError) as error:
             why = getattr(error, "strerror", None) or error
             sentence = f"Cannot listen on {host}, port {port} ({why}); choose another --host or --port."
             raise AnchorposeError(sentence) from None
@@ -86,7 +130,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             return
         asset = load_assets().get(name or self.server.page)
         if asset is not None:
-            self.send(HTTPStatus.OK, Response(asset.content, asset.kind))
+            self.send(HTTPStatus.OK, asset)
         else:
             self.answer_get(name)
 
@@ -174,3 +218,52 @@ def _object(text: bytes) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError("this is not a JSON object")
     return value
+
+
+@cache
+def load_assets() -> dict[str, Response]:
+    """The files of the pages by their names in the address: no part of an address ever becomes a path on the disk."""
+    return dict(_walk(resources.files("anchorpose.viewer").joinpath("static"), ""))
+
+
+@cache
+def content_policy(page: str) -> str:
+    """What a page (by its name) may load: its own files, and the one inline script (the import map), allowed by its
+    hash."""
+    scripts = re.findall(rb"<script type=\"importmap\">(.*?)</script>", load_assets()[page].content, re.DOTALL)
+    hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(text).digest()).decode()}'" for text in scripts)
+    return (
+        f"default-src 'none'; script-src 'self' {hashes}; style-src 'self'; connect-src 'self'; img-src 'self'; "
+        "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _walk(folder: Traversable, prefix: str) -> Iterator[tuple[str, Response]]:
+    for item in folder.iterdir():
+        if item.is_dir():
+            yield from _walk(item, f"{prefix}{item.name}/")
+        elif item.name.rpartition(".")[2] in KINDS:
+            yield f"{prefix}{item.name}", Response(item.read_bytes(), KINDS[item.name.rpartition(".")[2]])
+
+
+@contextmanager
+def opened_page(address: str) -> Iterator[None]:
+    """Opens ``address`` in the browser through a file that only this user can read, deleted when the block ends.
+
+    Every user of the computer can list the arguments of programs, so the secret address must not be one of them.
+    """
+    with tempfile.TemporaryDirectory(prefix="anchorpose-") as folder:  # only this user may enter it
+        page = Path(folder) / "page.html"
+        page.touch(mode=0o600)
+        page.write_text(_forwarding(address), encoding="utf-8")
+        webbrowser.open(page.as_uri())
+        yield
+
+
+def _forwarding(address: str) -> str:
+    place = escape(address)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><meta charset="utf-8"><meta name="referrer" content="no-referrer">\n'
+        f'<meta http-equiv="refresh" content="0; url={place}"><title>anchorpose</title>\n'
+        f'<p><a href="{place}">Open the page</a></p></html>\n'
+    )

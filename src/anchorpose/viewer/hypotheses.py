@@ -6,6 +6,7 @@ import multiprocessing
 import threading
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import count
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -16,8 +17,8 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.recording.recording import Recording
 from anchorpose.threads import one_thread
+from anchorpose.viewer.guarded_server import describe_error
 from anchorpose.viewer.payloads import pack
-from anchorpose.viewer.responses import describe_error
 
 FIRST_GUESS = (
     "With a first estimate of the body, from this frame on; 'anchorpose inspect --as-tracked' repeats the tracking."
@@ -49,13 +50,15 @@ class HypothesisWorker:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._process: BaseProcess | None = None
+        self._work: tuple[BaseProcess, Connection] | None = None
         self._status, self._data = WorkStatus(Progress.IDLE), b""
 
     @property
     def status(self) -> WorkStatus:
-        """As of now."""
+        """As of now: what the process has sent since it was last asked for is read."""
         with self._lock:
+            while self._work is not None and self._work[1].poll():
+                self._receive(self._work[1])
             return self._status
 
     @property
@@ -72,45 +75,31 @@ class HypothesisWorker:
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
         with self._lock:  # cancel finds the process started, or none
             process.start()
-            self._process, self._data = process, b""
+            self._work, self._data = (process, ours), b""
             self._status = WorkStatus(Progress.WORKING, position)
         theirs.close()
-        threading.Thread(target=self._listen, args=(process, ours), daemon=True).start()
 
     def cancel(self) -> None:
         """Ends the work, if there is any."""
         with self._lock:
-            process, self._process = self._process, None
-            if process is None:
+            work, self._work = self._work, None
+            if work is None:
                 return
             self._status = replace(self._status, progress=Progress.CANCELLED)
-        process.terminate()
-        process.join()
+        work[0].terminate()
+        work[0].join()
 
-    def _listen(self, process: BaseProcess, ours: Connection) -> None:
-        while True:
-            try:
-                kind, what = ours.recv()
-            except EOFError:
-                self._take(process, "failed", ("The work ended without a result.",))
-                return
-            self._take(process, kind, what)
-            if kind != "frames":
-                return
-
-    def _take(self, process: BaseProcess, kind: str, what: Any) -> None:
-        with self._lock:
-            if process is not self._process:  # cancelled, or another frame was started
-                return
-            if kind == "frames":
-                self._status = replace(self._status, frames_read=what)
-                return
-            self._process = None
-            if kind == "done":
-                self._data, messages = what
-                self._status = replace(self._status, progress=Progress.DONE, messages=messages)
-            else:
-                self._status = replace(self._status, progress=Progress.FAILED, messages=what)
+    def _receive(self, pipe: Connection) -> None:
+        try:
+            received: int | tuple[bytes, tuple[str, ...]] = pipe.recv()
+        except EOFError:
+            received = b"", ("The work ended without a result.",)
+        if isinstance(received, int):
+            self._status = replace(self._status, frames_read=received)
+            return
+        self._work, (self._data, messages) = None, received
+        progress = Progress.DONE if self._data else Progress.FAILED
+        self._status = replace(self._status, progress=progress, messages=messages)
 
 
 def hypotheses_of(
@@ -145,17 +134,10 @@ def hypotheses_of(
 
 
 def _work(pipe: Connection, recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None) -> None:
-    read = 0
-
-    def tick() -> None:
-        nonlocal read
-        read += 1
-        pipe.send(("frames", read))
-
+    read = count(1)
     try:
         with one_thread():
-            data, messages = hypotheses_of(recording, frame, patient_xz_m, tick)
+            found = hypotheses_of(recording, frame, patient_xz_m, lambda: pipe.send(next(read)))
     except AnchorposeError as error:
-        pipe.send(("failed", (describe_error(error),)))
-        return
-    pipe.send(("done", (data, messages)) if data else ("failed", messages))
+        found = b"", (describe_error(error),)
+    pipe.send(found)

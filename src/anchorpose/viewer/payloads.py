@@ -16,10 +16,10 @@ from anchorpose.body.asset import BodyAsset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.body.segments import load_body_asset
+from anchorpose.joints import STATE_CODE, JointState
 from anchorpose.results.explained import unexplained
 from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.review import Review
-from anchorpose.viewer.thinned_curves import thin_curves
 
 MAGIC: Final = b"APV1"
 ALIGNED: Final = 8  # bytes: typed arrays of a browser begin at a multiple of their item's size
@@ -68,6 +68,7 @@ def _up(place: int) -> int:
 
 MILLIMETRES: Final = 1000.0
 MOST_FRAMES: Final = 32  # in one answer
+SAMPLED: Final = 2000  # frames that the middle of the view is taken from
 MOST_ROWS: Final = 512  # frames of the tables in one answer: some hundred kilobytes
 
 
@@ -77,17 +78,21 @@ def overview_payload(review: Review) -> bytes:
 
     meta: middle_m, the patient's median position, and lowest_m, the height of the lowest joint; null where unknown.
     """
-    overview = review.overview
+    joints = review.joints
     arrays: dict[str, np.ndarray] = {
-        "time_s": overview.time_s.astype(np.float64),
-        "frame": overview.frame.astype(np.int32),
-        "observed": overview.observed,
-        "lost": overview.lost.sum(axis=1).astype(np.uint8),
+        "time_s": joints.time_s.astype(np.float64),
+        "frame": joints.frame.astype(np.int32),
+        "observed": (joints.state_code == STATE_CODE[JointState.OBSERVED]).sum(axis=1).astype(np.uint8),
+        "lost": joints.lost.sum(axis=1).astype(np.uint8),
     }
     if review.explained is not None:
         arrays["unexplained"] = unexplained(review.explained).astype(np.float32)
-    middle = None if overview.middle_m is None else overview.middle_m.tolist()
-    return pack({"middle_m": middle, "lowest_m": overview.lowest_m}, arrays)
+    sampled_m = joints.position_m[:: max(1, len(joints.frame) // SAMPLED)].reshape(-1, 3)
+    seen_m = sampled_m[np.isfinite(sampled_m).all(axis=1)]
+    lowest_m = float(np.nanmin(joints.position_m[..., 1], initial=np.inf))
+    known = len(seen_m) > 0 and bool(np.isfinite(lowest_m))
+    meta = {"middle_m": np.median(seen_m, axis=0).tolist(), "lowest_m": lowest_m} if known else {}
+    return pack({"middle_m": None, "lowest_m": None, **meta}, arrays)
 
 
 def motion_payload(review: Review, first: int, count: int) -> bytes:
@@ -96,40 +101,75 @@ def motion_payload(review: Review, first: int, count: int) -> bytes:
     joints (n, 21, 3), sigma (n, 21), state (n, 21) uint8 of ``JointState``, angles, angle_sigma, angle_state (n, a),
     and where the results have them poses (n, 21, 7: head, quaternion w x y z) and anchors (n, 5, 4: place, sigma).
     """
-    rows = _rows(len(review.overview.frame), first, count, MOST_ROWS)
-    joints, angles = review.joints.rows(rows.start, rows.stop), review.angles.rows(rows.start, rows.stop)
+    rows = _rows(len(review.joints.frame), first, count, MOST_ROWS)
+    joints, angles = review.joints, review.angles
     arrays: dict[str, np.ndarray] = {
-        "joints": joints.position_m.astype(np.float32),
-        "sigma": joints.sigma_m.astype(np.float32),
-        "state": joints.state_code.astype(np.uint8),
-        "angles": angles.degrees.astype(np.float32),
-        "angle_sigma": angles.sigma_deg.astype(np.float32),
-        "angle_state": angles.state_code.astype(np.uint8),
+        "joints": joints.position_m[rows].astype(np.float32),
+        "sigma": joints.sigma_m[rows].astype(np.float32),
+        "state": joints.state_code[rows].astype(np.uint8),
+        "angles": angles.degrees[rows].astype(np.float32),
+        "angle_sigma": angles.sigma_deg[rows].astype(np.float32),
+        "angle_state": angles.state_code[rows].astype(np.uint8),
     }
     if review.poses is not None:
-        poses = review.poses.rows(rows.start, rows.stop)
-        arrays["poses"] = np.concatenate([poses.head_m, poses.quaternion], axis=2).astype(np.float32)
+        poses = np.concatenate([review.poses.head_m[rows], review.poses.quaternion[rows]], axis=2)
+        arrays["poses"] = poses.astype(np.float32)
     if review.anchors is not None:
-        found = review.anchors.rows(rows.start, rows.stop)
-        arrays["anchors"] = np.concatenate([found.position_m, found.sigma_m[..., None]], axis=2).astype(np.float32)
+        anchors = np.concatenate([review.anchors.position_m[rows], review.anchors.sigma_m[rows][..., None]], axis=2)
+        arrays["anchors"] = anchors.astype(np.float32)
     return pack({"first": first}, arrays)
 
 
 def curves_payload(review: Review, first: int, count: int) -> bytes:
-    """The angle curves of the frames from row ``first`` on, as many points as can be drawn: ``ThinnedCurves``."""
-    frames = len(review.overview.frame)
-    rows = _rows(frames, first, count, frames)
-    curves = thin_curves(review.angles, rows.start, rows.stop)
+    """The angle curves of the frames from row ``first`` on, with no more points than a screen shows.
+
+    The points of all angles, one angle after the other, each in the order of time. start (a + 1,) int32: where each
+    angle's points begin. row (m,) int32 of the results' frames, degrees and sigma (m,) float32, state (m,) uint8: as in
+    that very frame.
+    """
+    frames = len(review.joints.frame)
+    rows, table = _rows(frames, first, count, frames), review.angles
+    kept = [rows.start + each for each in thinned(table.degrees[rows], table.sigma_deg[rows], table.state_code[rows])]
+    angle, row = (
+        np.repeat(np.arange(len(kept)), [len(each) for each in kept]),
+        np.concatenate([np.empty(0, int), *kept]),
+    )
     return pack(
         {},
         {
-            "start": curves.start,
-            "row": curves.row,
-            "degrees": curves.degrees,
-            "sigma": curves.sigma_deg,
-            "state": curves.state,
+            "start": np.cumsum([0, *map(len, kept)]).astype(np.int32),
+            "row": row.astype(np.int32),
+            "degrees": table.degrees[row, angle].astype(np.float32),
+            "sigma": table.sigma_deg[row, angle].astype(np.float32),
+            "state": table.state_code[row, angle].astype(np.uint8),
         },
     )
+
+
+INTERVALS: Final = 800
+"""Of the time that is drawn: a chart is some 400 pixels wide."""
+
+KEPT: Final = 5
+"""Frames of an interval at most, per angle: the least and the largest value, the widest sigma, the first frame in which
+the angle is unknown and the first in which it is inferred. So no peak, no gap and no inferred frame disappears."""
+
+
+def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) -> list[np.ndarray]:
+    """Return for each angle the rows to draw of its values (n, angles), in their order; of few frames all."""
+    count, angles = degrees.shape
+    size = count // INTERVALS  # frames in an interval
+    if size <= KEPT:
+        return [np.arange(count)] * angles
+
+    def first_largest(values: np.ndarray) -> np.ndarray:
+        filled = np.pad(values.astype(np.float64), ((0, -count % size), (0, 0)), constant_values=-np.inf)
+        starts = np.arange(0, len(filled), size)
+        return starts[:, None] + filled.reshape(len(starts), size, angles).argmax(axis=1)
+
+    low, high = (np.where(np.isnan(degrees), -np.inf, each) for each in (-degrees, degrees))
+    widest = np.nan_to_num(sigma_deg, nan=-1.0)
+    found = np.stack([first_largest(each) for each in (low, high, widest, np.isnan(degrees), state_code > 0)])
+    return [np.unique(found[..., angle]) for angle in range(angles)]
 
 
 def rays_payload(depth_frames: DepthFrames) -> bytes:
@@ -143,7 +183,10 @@ def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool
     Frame by frame, camera by camera; meta counts has one list per frame with one count per camera. A point in the
     world is ``T_world_camera @ (ray x, ray y, 1) * grey * depth_scale``.
     """
-    frames = [depth_frames.points(position, room) for position in _rows(len(depth_frames.frame), first, count)]
+    frames = [
+        depth_frames.points(position, room)
+        for position in range(len(depth_frames.frame))[_rows(len(depth_frames.frame), first, count)]
+    ]
     meta: dict[str, Any] = {
         "first": first,
         "counts": [[len(camera) for camera in cameras] for cameras, _ in frames],
@@ -158,7 +201,10 @@ def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
 
     meta counts has [vertices, faces] of each frame; a frame's faces count from its own first vertex.
     """
-    frames = [depth_frames.surface(position) for position in _rows(len(depth_frames.frame), first, count)]
+    frames = [
+        depth_frames.surface(position)
+        for position in range(len(depth_frames.frame))[_rows(len(depth_frames.frame), first, count)]
+    ]
     meta = {"first": first, "counts": [[len(vertices), len(faces)] for vertices, faces in frames]}
     limits = np.iinfo(np.int16)
     vertices_mm = np.rint(MILLIMETRES * np.concatenate([vertices for vertices, _ in frames]))
@@ -171,11 +217,11 @@ def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
     )
 
 
-def _rows(frames: int, first: int, count: int, most: int = MOST_FRAMES) -> range:
+def _rows(frames: int, first: int, count: int, most: int = MOST_FRAMES) -> slice:
     """Raises ValueError for frames that do not exist, or more than ``most``."""
     if not (0 <= first < frames and 1 <= count <= most):
         raise ValueError(f"there are no frames {first} to {first + count - 1}")
-    return range(first, min(first + count, frames))
+    return slice(first, min(first + count, frames))
 
 
 INFLUENCES: Final = 4  # bones per point on the graphics card; the others move no point by more than 5 mm

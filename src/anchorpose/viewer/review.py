@@ -12,32 +12,28 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES, LIMBS, JointState
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained, worst_moments
-from anchorpose.results.frame_table import FrameTable, StoredFrames, open_frames
+from anchorpose.results.frame_table import FrameTable
 from anchorpose.results.frame_time import worst_rows
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.run_record import RUN_FILE, as_json, read_run
 from anchorpose.results.tables import ANCHORS, ANGLES, JOINTS, POSES, AnchorTable, AngleTable, JointTable, PoseTable
 from anchorpose.results.verify import require_own
 from anchorpose.viewer.depth_frames import DepthFrames, open_depth_frames
-from anchorpose.viewer.overview import Overview, overview_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Review:
-    """overview: of all frames; of joints, angles, poses and anchors some frames are read at a time.
-
-    poses, anchors, explained: None in results of a release that did not keep them. depth_frames: None without a
+    """poses, anchors, explained: None in results of a release that did not keep them. depth_frames: None without a
     recording.
     """
 
     name: str
     run: dict[str, Any]
-    overview: Overview
-    joints: StoredFrames[JointTable]
-    angles: StoredFrames[AngleTable]
+    joints: JointTable
+    angles: AngleTable
     contacts: tuple[Contact, ...]
-    poses: StoredFrames[PoseTable] | None
-    anchors: StoredFrames[AnchorTable] | None
+    poses: PoseTable | None
+    anchors: AnchorTable | None
     explained: ExplainedTable | None
     depth_frames: DepthFrames | None
 
@@ -53,11 +49,11 @@ class Review:
 
 def open_review(results: Path, recording: Path | None) -> Review:
     """Raises InputError where the results cannot be read, or the recording is not the one they were made of."""
-    joints, run = open_frames(JOINTS, results / JOINTS.file), read_run(results / RUN_FILE)
+    joints, run = JOINTS.read(results / JOINTS.file), read_run(results / RUN_FILE)
     require_own(results, (JOINTS.file, POSES.file, ANCHORS.file, ANGLES.file, EXPLAINED_FILE, CONTACTS_FILE), run)
     poses, anchors = (_if_there(table, results) for table in (POSES, ANCHORS))
     explained = read_explained(results / EXPLAINED_FILE) if (results / EXPLAINED_FILE).exists() else None
-    angles = open_frames(ANGLES, results / ANGLES.file)
+    angles = ANGLES.read(results / ANGLES.file)
     tables = {POSES.file: poses, ANCHORS.file: anchors, EXPLAINED_FILE: explained, ANGLES.file: angles}
     for file, table in tables.items():
         if table is not None and not np.array_equal(table.frame, joints.frame):
@@ -66,7 +62,6 @@ def open_review(results: Path, recording: Path | None) -> Review:
     return Review(
         name=results.resolve().name,
         run=run,
-        overview=overview_of(joints),
         joints=joints,
         angles=angles,
         contacts=contacts,
@@ -77,9 +72,9 @@ def open_review(results: Path, recording: Path | None) -> Review:
     )
 
 
-def _if_there(table: FrameTable[Any], results: Path) -> StoredFrames[Any] | None:
+def _if_there(table: FrameTable[Any], results: Path) -> Any:
     path = results / table.file
-    return open_frames(table, path) if path.exists() else None
+    return table.read(path) if path.exists() else None
 
 
 def describe(review: Review) -> dict[str, Any]:
@@ -95,7 +90,7 @@ def describe(review: Review) -> dict[str, Any]:
         "anchors": list(ANCHOR_NAMES),
         "angles": list(review.angles.names),
         "contacts": [{**as_json(contact), "state": contact.state} for contact in review.contacts],
-        "worst": as_json(worst_frames(review.overview, review.matched_share, review.run.get("dropped", []))),
+        "worst": as_json(worst_frames(review.joints, review.matched_share, review.run.get("dropped", []))),
         "unexplained": None if review.explained is None else as_json(unexplained_frames(review.explained)),
         "dropped": review.run.get("dropped", []),
         "patient": {
@@ -160,47 +155,35 @@ def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
 
 
 def worst_frames(
-    overview: Overview, matched_share: np.ndarray, dropped: Sequence[dict[str, Any]]
+    joints: JointTable, matched_share: np.ndarray, dropped: Sequence[dict[str, Any]]
 ) -> tuple[WorstFrame, ...]:
     """Frames to check: lost joints first, then unusable depth images, few matches, and the largest sigma.
 
     matched_share (n,): NaN where no point was followed. Of each kind the worst frame, then the worst at least a second
     away, and so on.
     """
-    return (*_lost(overview), *_dropped(overview, dropped), *_unmatched(overview, matched_share), *_uncertain(overview))
 
+    def worst(badness: np.ndarray) -> list[int]:
+        return worst_rows(badness, joints.time_s, APART_S, MOST_OF_A_KIND)
 
-def _lost(overview: Overview) -> list[WorstFrame]:
-    count = overview.lost.sum(axis=1)
-    found = []
-    for position in _apart(np.where(count > 0, count.astype(float), np.nan), overview.time_s):
-        names = [JOINT_NAMES[joint] for joint in np.flatnonzero(overview.lost[position])]
-        reason = "all joints lost" if len(names) == len(JOINT_NAMES) else f"lost: {', '.join(names)}"
-        found.append(WorstFrame(position, reason, None))
-    return found
-
-
-def _dropped(overview: Overview, dropped: Sequence[dict[str, Any]]) -> list[WorstFrame]:
-    rows = {int(number): row for row, number in enumerate(overview.frame)}
-    known = [drop for drop in dropped if drop["frame"] in rows]
-    return [WorstFrame(rows[drop["frame"]], drop["why"], None) for drop in known[:MOST_OF_A_KIND]]
-
-
-def _unmatched(overview: Overview, share: np.ndarray) -> list[WorstFrame]:
-    few = np.where(share < FEW_MATCHED, 1.0 - share, np.nan)
-    return [
-        WorstFrame(row, f"{100 * share[row]:.0f} % of the points found again in the next frame", None)
-        for row in _apart(few, overview.time_s)
+    count = joints.lost.sum(axis=1)
+    lost = [
+        WorstFrame(row, _lost(joints.lost[row]), None) for row in worst(np.where(count, count.astype(float), np.nan))
     ]
+    rows = {int(number): row for row, number in enumerate(joints.frame)}
+    unusable = [WorstFrame(rows[drop["frame"]], drop["why"], None) for drop in dropped if drop["frame"] in rows]
+    few = np.where(matched_share < FEW_MATCHED, 1.0 - matched_share, np.nan)
+    text = "{:.0f} % of the points found again in the next frame"
+    unmatched = [WorstFrame(row, text.format(100 * matched_share[row]), None) for row in worst(few)]
+    sigma_m = np.where(np.isnan(joints.sigma_m), -np.inf, joints.sigma_m)
+    largest_m, joint = sigma_m.max(axis=1), sigma_m.argmax(axis=1).tolist()
+    uncertain = [
+        WorstFrame(row, f"{JOINT_NAMES[joint[row]]}: sigma {1000 * largest_m[row]:.0f} mm", joint[row])
+        for row in worst(np.where(np.isfinite(largest_m), largest_m, np.nan))
+    ]
+    return (*lost, *unusable[:MOST_OF_A_KIND], *unmatched, *uncertain)
 
 
-def _uncertain(overview: Overview) -> list[WorstFrame]:
-    found = []
-    for row in _apart(overview.worst_sigma_m, overview.time_s):
-        joint, sigma_m = int(overview.worst_joint[row]), overview.worst_sigma_m[row]
-        found.append(WorstFrame(row, f"{JOINT_NAMES[joint]}: sigma {1000 * sigma_m:.0f} mm", joint))
-    return found
-
-
-def _apart(badness: np.ndarray, time_s: np.ndarray) -> list[int]:
-    return worst_rows(badness, time_s, APART_S, MOST_OF_A_KIND)
+def _lost(lost: np.ndarray) -> str:
+    names = [JOINT_NAMES[joint] for joint in np.flatnonzero(lost)]
+    return "all joints lost" if len(names) == len(JOINT_NAMES) else f"lost: {', '.join(names)}"

@@ -157,7 +157,7 @@ def test_the_config_on_the_page_is_what_the_command_reads(
 ) -> None:
     import html
 
-    from anchorpose.cli.config_file import load_config
+    from anchorpose.recording.document import load_config
 
     text = html.unescape(re.findall(r"<pre>(.*?)</pre>", page, re.DOTALL)[1])
     (tmp_path / "experiment.toml").write_text(text)

@@ -23,6 +23,7 @@ from anchorpose.recording.document import LARGEST_BYTES, parse_json
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.regular_file import is_there, read_image, read_whole
+from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.research.benchmark.plan import ALL_GROUPS, GAPS, NODES, TRACKING, VERSION, Group
 from anchorpose.research.benchmark.truth import truth_of
 from anchorpose.research.experiment.clips import cut_holes, draw_hole_frames
@@ -69,6 +70,7 @@ def make_benchmark(
 
     Raises InputError where the folder is neither empty nor a benchmark of this version.
     """
+    check_place(out)
     if out.exists() and any(out.iterdir()):
         _read_document(out)
     else:
@@ -213,8 +215,8 @@ def _write_document(out: Path, found: dict[str, Fingerprint]) -> None:
         "gaps": GAPS,
         "recordings": {name: asdict(mark) for name, mark in found.items()},
     }
-    out.mkdir(parents=True, exist_ok=True)
-    write_text_whole(out / DOCUMENT, json.dumps(document, indent=1) + "\n")
+    with new_folder(out.resolve(), out):
+        write_text_whole(out / DOCUMENT, json.dumps(document, indent=1) + "\n")
 
 
 def _read_document(folder: Path) -> dict[str, Fingerprint]:

@@ -38,7 +38,6 @@ PRESENTING: Final = (
     "research/experiment/costs.py",
     "research/experiment/run.py",
     "viewer/",
-    "viewing.py",
 )
 """Code that no stored result depends on."""
 

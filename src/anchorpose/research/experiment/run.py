@@ -19,6 +19,7 @@ import numpy as np
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.motion.database import ReferenceClips, write_motions
 from anchorpose.recording.document import read_json
+from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.research.experiment.clip_jobs import Part, Progress, do
 from anchorpose.research.experiment.clips import Clip, plan_clips, simulation_of
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
@@ -104,10 +105,12 @@ def run_experiment(
     MissingPackage without matplotlib.
     """
     _require_matplotlib()
+    check_place(out, real)
     _require_own_folder(out)
     methods, clips = load_methods(config.methods), plan_clips(config, real)
     if real is not None and not any(clip.folder for clip in clips):
         raise InputError(real, "contains no recording folder with a skeleton.npz", "check the folder")
+    _make_own_folder(out)
     trainers = tuple(training_clips(config))
     spec = _untuned_plan(out / CACHE, trainers, config)
     costs = _costs(spec, clips, trainers, processes, report)
@@ -171,12 +174,13 @@ def _require_own_folder(out: Path) -> None:
     is_own = mark.is_file() and read_json(mark).get("format") == FORMAT
     if out.exists() and not is_own and (not out.is_dir() or any(out.iterdir())):
         raise InputError(out, "exists and is not an experiment", "choose another folder; nothing in it was changed")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        write_text_whole(mark, json.dumps({"format": FORMAT, "version": 1}) + "\n")
-        (out / CACHE).mkdir(exist_ok=True)
-    except OSError as error:
-        raise InputError(out, f"cannot be made ({error.strerror})", "choose a place where you may write") from None
+
+
+def _make_own_folder(out: Path) -> None:
+    with new_folder(out.resolve(), out):
+        write_text_whole(out / MARK_FILE, json.dumps({"format": FORMAT, "version": 1}) + "\n")
+    with new_folder(out.resolve() / CACHE, out):
+        pass
 
 
 def _untuned_plan(cache: Path, trainers: Sequence[Clip], config: ExperimentConfig) -> PlanSpec:

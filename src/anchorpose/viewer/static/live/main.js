@@ -4,8 +4,7 @@ import { getJson, postJson } from "../view/api.js";
 import { isFull, remember, remembered } from "./choice.js";
 import { Dial } from "./dials.js";
 import { showFacts } from "./facts.js";
-import { Figure } from "./figure.js";
-import { People } from "./people.js";
+import { Figure, People } from "./figure.js";
 import { Sound } from "./sound.js";
 import { Stream } from "./stream.js";
 

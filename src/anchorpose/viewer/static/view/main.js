@@ -2,19 +2,16 @@
 
 import { getArrays, getJson } from "./api.js";
 import { Axis } from "./axis.js";
-import { Corrections } from "./corrections.js";
+import { Corrections, Signing } from "./corrections.js";
 import { Curves } from "./curves.js";
 import { Frames } from "./frames.js";
-import { keyTable } from "./key_table.js";
-import { listKeys, listen } from "./keys.js";
+import { keyTable, listKeys, listen } from "./keys.js";
 import { JointMover } from "./moving.js";
 import { PatientNamer } from "./naming.js";
-import { Pace } from "./pace.js";
 import { JointCard, WorstList, layerList, presetButtons, tabs } from "./panels.js";
-import { Playback } from "./playback.js";
-import { Rows } from "./rows.js";
+import { Pace, Playback } from "./playback.js";
+import { Rows } from "./chunks.js";
 import { View } from "./scene.js";
-import { Signing } from "./signing.js";
 import { Hypotheses } from "./spots.js";
 import { Timeline } from "./timeline.js";
 

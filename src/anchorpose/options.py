@@ -1,0 +1,176 @@
+"""Settings that are options of the command line as they stand, and the ranges of its numbers.
+
+The text below a field is the help of its option. This module imports no library that computes, so that help is instant.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from cyclopts import Parameter, Token
+from cyclopts.validators import Number
+
+from anchorpose.errors import AnchorposeError
+
+DAY_S: Final = 86_400.0
+TALLEST_M: Final = 3.0
+FARTHEST_M: Final = 100.0
+"""No room is that large; a place in millimetres is beyond."""
+
+FASTEST_HZ: Final = 1000.0
+MOST_FRAMES: Final = 10**9
+MOST_PROCESSES: Final = 1024
+LARGEST_SEED: Final = 2**63 - 1
+LARGEST_PORT: Final = 65535
+
+OUTPUT: Final = Parameter(name=["--output", "-o"])
+SIGNED: Final = Parameter(allow_leading_hyphen=True)  # a text that may begin with a minus
+
+
+def positive(most: float) -> Parameter:
+    """Above zero, up to ``most``; not a number is refused as well."""
+    return Parameter(validator=Number(gt=0, lte=most), converter=_as_number)
+
+
+def between(least: float, most: float) -> Parameter:
+    """From ``least`` to ``most``, both allowed."""
+    return Parameter(validator=Number(gte=least, lte=most), converter=_as_number)
+
+
+def whole(least: int, most: int) -> Parameter:
+    """A whole number from ``least`` to ``most``; the parser alone would round 1.7 to 2."""
+    return Parameter(validator=Number(gte=least, lte=most), converter=_as_whole)
+
+
+def _as_number(kind: Any, tokens: Sequence[Token]) -> float:
+    try:
+        return plain_number(tokens[0].value)
+    except ValueError:
+        raise ValueError(f'"{tokens[0].value[:40]}" is not a number') from None
+
+
+def plain_number(text: str) -> float:
+    """A number without the underscores that Python allows between digits; raises ValueError for NaN, too."""
+    number = float(text)
+    if "_" in text or math.isnan(number):
+        raise ValueError
+    return number
+
+
+def _as_whole(kind: Any, tokens: Sequence[Token]) -> int:
+    try:
+        plain_number(tokens[0].value)
+        return int(tokens[0].value)
+    except ValueError:
+        raise ValueError(f'"{tokens[0].value[:40]}" is not a whole number') from None
+
+
+def parse_intrinsics(text: str) -> tuple[float, float, float, float]:
+    """Return ``fx,fy,cx,cy``; raises AnchorposeError otherwise."""
+    try:
+        fx, fy, cx, cy = (float(part) for part in text.split(","))
+    except ValueError:
+        fx = fy = cx = cy = -1.0
+    if not (0 < fx < 1e5 and 0 < fy < 1e5 and abs(cx) < 1e5 and abs(cy) < 1e5):
+        raise AnchorposeError(f"--intrinsics is '{text}'; write fx,fy,cx,cy in pixels, for example 504,504,320,288.")
+    return fx, fy, cx, cy
+
+
+def _as_intrinsics(kind: Any, tokens: Sequence[Token]) -> tuple[float, float, float, float]:
+    return parse_intrinsics(tokens[0].value)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConvertOptions:
+    """What the files of a recorder do not say, for ``anchorpose convert``."""
+
+    intrinsics: Annotated[
+        tuple[float, float, float, float] | None,
+        Parameter(converter=_as_intrinsics, n_tokens=1, metavar="STR", allow_leading_hyphen=True),
+    ] = None
+    """The lens as fx,fy,cx,cy in pixels of the depth image, for files that have none."""
+
+    depth_scale: Annotated[float | None, positive(1.0)] = None
+    """Metres per grey value, for example 0.001 where depth is in millimetres; where given, it replaces the file's."""
+
+    fps: Annotated[float | None, positive(FASTEST_HZ)] = None
+    """Depth images per second, for files that have no times."""
+
+    rotate: Literal[0, 90, 180, 270] = 0
+    """Turn the images clockwise by so many degrees, where the camera was mounted on its side or upside down."""
+
+    mirror: bool = False
+    """Exchange left and right, where the recorder mirrored its images: depth alone cannot show that it did."""
+
+
+class HipCentre(StrEnum):
+    """Where hip centres come from if the other system gives none."""
+
+    HARRINGTON = "harrington"
+    FUNCTIONAL = "functional"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ReferenceSettings:
+    """How the files of another system are read, for ``anchorpose evaluate``."""
+
+    unit: Literal["mm", "cm", "m"] | None = None
+    """The unit of the reference's lengths, where its file does not state it."""
+
+    names: Path | None = None
+    """A CSV with the columns joint,label: which labels of the reference are which joint."""
+
+    hip: HipCentre = HipCentre.HARRINGTON
+    """Hip centres from pelvis markers: by the regression of Harrington et al. 2007, or from the thigh's movement."""
+
+    transform: Path | None = None
+    """A JSON file with reference_to_world, if the position of the reference's axes is known."""
+
+    exchange_sides: bool = False
+    """The reference has left and right the wrong way round."""
+
+
+class CoordinateModel(StrEnum):
+    """The OpenSim models whose coordinates a MOT can follow; they differ in the sign of the knee."""
+
+    RAJAGOPAL = "rajagopal"
+    GAIT2392 = "gait2392"
+
+
+def _label(prefix: str) -> Parameter:
+    """A label of BIDS, which may be given with its prefix."""
+    return Parameter(converter=lambda kind, tokens: tokens[0].value.removeprefix(prefix))
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportConfig:
+    """What only some formats of ``anchorpose export`` use.
+
+    Raises AnchorposeError for a label that BIDS does not allow.
+    """
+
+    subject: Annotated[str, _label("sub-")] = "01"
+    """Pseudonym of the patient for bids, letters and digits only."""
+
+    session: Annotated[str | None, _label("ses-")] = None
+    """Label of the session for bids, letters and digits only; left out by default."""
+
+    task: Annotated[str, _label("task-")] = "standing"
+    """What the patient did, for bids; letters and digits only."""
+
+    model: CoordinateModel = CoordinateModel.RAJAGOPAL
+    """Whose signs mot and model.osim follow: rajagopal (a bent knee is positive) or gait2392 (negative)."""
+
+    def __post_init__(self) -> None:
+        for name in ("subject", "session", "task"):
+            label = getattr(self, name)
+            if label is not None and not (label.isascii() and label.isalnum()):
+                raise AnchorposeError(f"--{name} is '{label}', and BIDS allows letters and digits only.")

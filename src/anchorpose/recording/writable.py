@@ -1,0 +1,107 @@
+"""Whether something may be written at a path, which every verb asks before any work, and files that are written whole.
+
+Recordings, inputs and files of the user stay as they are.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Final
+
+from anchorpose.errors import InputError
+from anchorpose.recording.regular_file import open_regular
+
+ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)  # one letter alone is a drive of Windows
+
+RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")
+
+BEGINNING: Final = 4096  # bytes of a file in which its mark is looked for
+
+
+def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) -> None:
+    """Raises InputError where nothing may be written: at an address, at the root, in a recording, or where an input
+    would lie in what is written, or what is written in an input.
+
+    of_recording: what is written becomes a part of a recording, and may lie in one.
+    """
+    if ADDRESS.match(str(path)):
+        problem, remedy = "is an address", "give a local path; only 'anchorpose track' writes to an address"
+        raise InputError(str(path).replace(":/", "://", 1), problem, remedy)
+    target = path.resolve()
+    if not target.name:
+        raise InputError(path, "is the root of the disk", "choose a folder in it")
+    for folder in target.parents:
+        if not of_recording and any(os.path.isfile(folder / mark) for mark in RECORDING_MARKS):
+            raise InputError(path, f"lies inside the recording {folder}", "choose a place outside of it")
+    for source in (given.resolve() for given in inputs if given is not None):
+        if target == source:
+            raise InputError(path, "is given twice", "choose another name for what is written")
+        if target.is_relative_to(source):
+            raise InputError(path, f"lies inside {source}, which is used", "choose a place outside of it")
+        if source.is_relative_to(target):
+            raise InputError(path, f"holds {source}, which is used", "choose another name")
+
+
+def check_file(path: Path, mark: str, *inputs: Path | None, of_recording: bool = False) -> None:
+    """Raises InputError where no file may be written: as ``check_place``, or where something stands there that does not
+    begin as what this verb writes, with ``mark`` in its first 4,096 bytes."""
+    check_place(path, *inputs, of_recording=of_recording)
+    if os.path.lexists(path) and not _begins_with(path, mark):
+        raise InputError(path, "exists already, with other content", "choose another name; nothing was changed")
+
+
+def _begins_with(path: Path, mark: str) -> bool:
+    """Return whether a file, and no link to one, is empty or has the mark in its first bytes."""
+    if path.is_symlink():
+        return False
+    try:
+        with open_regular(path) as file:
+            beginning = file.read(BEGINNING)
+    except (InputError, OSError):
+        return False
+    return not beginning or mark.encode() in beginning
+
+
+@contextmanager
+def new_folder(folder: Path, path: Path) -> Iterator[None]:
+    """Makes a folder and its parents where they are absent; those that are empty vanish when the block raises.
+
+    Raises InputError about ``path``, which the user named, where they cannot be made.
+    """
+    made = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
+    try:
+        _make(folder, path)
+        yield
+    except BaseException:
+        for each in made:
+            with suppress(OSError):  # something else was put there: then it stays
+                each.rmdir()
+        raise
+
+
+def _make(folder: Path, path: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(path, f"cannot be made ({error.strerror})", "choose a place that you may write to") from None
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """The name of a file beside ``path`` that takes its place when the block ends without an error, and vanishes
+    otherwise; an error of the disk names ``path``."""
+    partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
+    try:
+        yield partial
+        partial.replace(path)
+    except BaseException as error:
+        with suppress(OSError):
+            partial.unlink()
+        if isinstance(error, OSError) and error.filename in (None, str(partial)):
+            error.filename, error.filename2 = str(path), None
+        raise
