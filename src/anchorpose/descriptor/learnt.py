@@ -106,11 +106,22 @@ def describe(depth_m: np.ndarray, camera: Camera, weights: Weights | None = None
     row, column, inside = _sampling(camera.intrinsics, camera.width, camera.height)
     seen_m = np.where(inside, depth_m[row, column], 0.0).astype(np.float32)
     seen_m[~((seen_m > NEAREST_M) & (seen_m < FARTHEST_M))] = 0.0
-    (said,) = weights.session.run(["said"], {"depth": inputs_of(seen_m)[None]})
+    ((said,),) = weights.session.run(["said"], {"depth": inputs_of(seen_m)[None]})
     every = (slice(None, None, STEP), slice(None, None, STEP))
-    read = seen_m[every] > 0.0
-    return _answers(
-        np.ascontiguousarray(said[0].transpose(1, 2, 0)), read, camera, depth_m, (row[every], column[every]), weights
+    read, row, column = seen_m[every] > 0.0, row[every], column[every]
+    person = np.where(read, _probability(said[: len(weights.centres) + 1]), np.float32(0.0))
+    found = person >= 0.5
+    depth = depth_m[row[found], column[found], None]
+    surface = np.concatenate([camera.pixel_rays()[row[found], column[found]] * depth, depth], axis=1)
+    place, error, vote = _answers(said[:, found].T, weights)
+    return Described(
+        np.where(read, row, 0),
+        np.where(read, column, 0),
+        read,
+        person,
+        _spread(place, found),
+        _spread(error, found),
+        _spread(surface + vote, found),
     )
 
 
@@ -153,36 +164,22 @@ def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarr
     return row, column, inside.reshape(down, across)
 
 
-def _answers(
-    said: np.ndarray,
-    read: np.ndarray,
-    camera: Camera,
-    depth_m: np.ndarray,
-    pixel: tuple[np.ndarray, np.ndarray],
-    weights: Weights,
-) -> Described:
-    """From the network's numbers (h, w, outputs) to what they mean."""
+def _probability(classes: np.ndarray) -> np.ndarray:
+    """Probability (h, w) that a pixel shows any patch, of the numbers (p + 1, h, w) of which the last is for nobody."""
+    raised = np.exp(classes - classes.max(axis=0))
+    return np.asarray(1.0 - raised[-1] / raised.sum(axis=0))
+
+
+def _answers(said: np.ndarray, weights: Weights) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Place (n, 3), expected error (n,) and vote for the pelvis (n, 3) m, of what is said (n, outputs) of n pixels.
+
+    The numbers are one for each patch and for nobody, the log of the error, the vote, and the features of which the
+    offset within the patch is a linear function.
+    """
     patches = len(weights.centres)
-    logits = said[..., : patches + 1]
-    raised = np.exp(logits - logits.max(axis=-1, keepdims=True))
-    person = np.where(read, 1.0 - raised[..., patches] / raised.sum(axis=-1), 0.0).astype(np.float32)
-    found = person >= 0.5
-    body = said[found]
-    patch = body[:, :patches].argmax(axis=1)
-    offset = np.einsum("nij,nj->ni", weights.slope[patch], body[:, patches + 5 :]) + weights.base[patch]
-    row, column = pixel
-    rays = camera.pixel_rays()[row[found], column[found]]
-    depth = depth_m[row[found], column[found], None]
-    surface = np.concatenate([rays * depth, depth], axis=1)
-    return Described(
-        np.where(read, row, 0),
-        np.where(read, column, 0),
-        read,
-        person,
-        _spread(weights.centres[patch] + OFFSET * offset, found),
-        _spread(np.exp(body[:, patches + 1]), found),
-        _spread(surface + body[:, patches + 2 : patches + 5], found),
-    )
+    patch, rest = said[:, :patches].argmax(axis=1), said[:, patches + 1 :]
+    offset = np.einsum("nij,nj->ni", weights.slope[patch], rest[:, 4:]) + weights.base[patch]
+    return weights.centres[patch] + OFFSET * offset, np.exp(rest[:, 0]), rest[:, 1:4]
 
 
 def _spread(values: np.ndarray, found: np.ndarray) -> np.ndarray:
