@@ -185,12 +185,6 @@ def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind
         raise InputError(path, "exists already", "choose another name, or give --overwrite to replace it")
 
 
-def _remove_empty(folders: list[Path]) -> None:
-    with suppress(OSError):  # someone else has put something there: then it stays
-        for folder in folders:
-            folder.rmdir()
-
-
 JOURNAL: Final = "journal"
 """The folder in an unfinished results folder that holds what the run has done so far."""
 
