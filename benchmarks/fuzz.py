@@ -37,8 +37,8 @@ from spoil_recording import spoil
 
 from anchorpose.calibration.first_frames import noise_per_m
 from anchorpose.errors import InputError
-from anchorpose.recording.pairing import find_gaps
 from anchorpose.recording.reader import input_files, open_recording, read_frames
+from anchorpose.recording.recording import find_gaps
 
 BY_THE_CLOCK = 20  # times the limit of processor time, since other programs may have the processor
 SAVED_EVERY: Final = 500  # cases

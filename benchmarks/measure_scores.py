@@ -14,8 +14,8 @@ import numpy as np
 from recordings import Ready
 from suite import Scores
 
-from anchorpose.recording.pairing import half_period_s, nearest_within
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.recording.recording import half_period_s, nearest_within
+from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.measuring import MeasureConfig, measure_session
 from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Episode, Measure
 from anchorpose.results.stand_training.centre_of_mass import centre_of_mass

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from anchorpose.joints import JOINT_COUNT
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.tables import JointTable
 
 

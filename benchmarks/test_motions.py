@@ -14,10 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anchorpose.motion.database import pose_vectors
-from anchorpose.motion.database_file import SHIPPED, load_motions, read_skeletons, write_motions
-from anchorpose.motion.prediction import MotionConfig, joint_database, predict_joints
-from anchorpose.motion.sublists import best_sublists
+from anchorpose.motion.database import SHIPPED, pose_vectors, read_skeletons, write_motions
+from anchorpose.motion.prediction import MotionConfig, best_sublists, joint_database, load_motions, predict_joints
 
 ASKED, FRAMES = 7, 100_000
 CONFIG = MotionConfig()

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from results_builder import make_frame, standing_joints, write_results
 
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.tables import read_joints, write_angles
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording

@@ -22,7 +22,7 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, LIMBS, STATE_CODE, JointState
 from anchorpose.pipeline import track_recording
 from anchorpose.results.explained import SEEN_PAST, UNCOVERED_CM2, read_explained
-from anchorpose.results.people_labels import decode_labels, read_people
+from anchorpose.results.records import decode_labels, read_people
 from anchorpose.results.tables import JointTable, pose_of, read_anchors, read_joints, read_poses
 from anchorpose.simulate.config import SimulationConfig, clinic, single
 from anchorpose.simulate.write import simulate_recording

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.motion.database_file import SHIPPED, ReferenceClips, write_motions
+from anchorpose.motion.database import SHIPPED, ReferenceClips, write_motions
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import MOTIONS, SimulationConfig
 

@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from scipy.spatial.transform import Rotation
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LIMBS
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.tables import JointTable
 
 X, Y, Z = np.eye(3)

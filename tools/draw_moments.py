@@ -18,7 +18,7 @@ from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
 from anchorpose.pages.canvas import GREEN, projector, scale_of, whole, write
 from anchorpose.pages.overlay import OverlayScene, draw_scene
 from anchorpose.recording.reader import open_recording, read_frame
-from anchorpose.results.people_labels import PEOPLE_FILE, decode_labels, read_people
+from anchorpose.results.records import PEOPLE_FILE, decode_labels, read_people
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.truth import read_truth
 from anchorpose.tracker.config import TrackConfig

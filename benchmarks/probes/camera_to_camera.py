@@ -10,8 +10,7 @@ from probe import Row, Scene, answer
 
 from anchorpose.calibration.camera_to_camera import CameraToCamera, PlacingConfig, place_cameras
 from anchorpose.calibration.equipment_pose import angle_between
-from anchorpose.calibration.first_frames import noise_per_m
-from anchorpose.calibration.floor import FloorPlane, find_floor
+from anchorpose.calibration.first_frames import FloorPlane, find_floor, noise_per_m
 from anchorpose.camera import invert_rigid
 from anchorpose.recording.reader import open_recording, read_frames
 

@@ -15,7 +15,7 @@ import numpy as np
 from probe import Row, Scene, answer
 
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.motion.database_file import load_motions
+from anchorpose.motion.prediction import load_motions
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.simulate.clinic import draw_clinic

@@ -25,10 +25,10 @@ from spoilt_poses import Kind, Spoil, spoilt
 
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
-from anchorpose.motion.database_file import load_motions
+from anchorpose.motion.prediction import load_motions
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.recording.recording import FrameSet
-from anchorpose.results.evaluate_confidence import LIMBS_JUDGED, in_plain_view
+from anchorpose.results.evaluate import LIMBS_JUDGED, in_plain_view
 from anchorpose.results.truth import Truth, read_truth
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate

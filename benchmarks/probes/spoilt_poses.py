@@ -48,7 +48,7 @@ class Spoil:
 
     @property
     def limbs(self) -> tuple[str, ...]:
-        """Return the limbs concerned, by their names in ``anchorpose.results.evaluate_confidence.LIMBS_JUDGED``."""
+        """Return the limbs concerned, by their names in ``anchorpose.results.evaluate.LIMBS_JUDGED``."""
         match self.kind:
             case Kind.ARM_IN_TRUNK:
                 return (f"arm_{self.side.lower()}",)

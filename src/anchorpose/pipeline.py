@@ -14,17 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.body.skin_points import body_points
-from anchorpose.calibration.calibration import Calibration, PoseRecord
+from anchorpose.calibration.calibration import Calibration, PoseRecord, write_calibration
 from anchorpose.calibration.first_frames import noise_per_m, what_stays
-from anchorpose.calibration.marker_pose import place_by_markers
-from anchorpose.calibration.markers import read_marker_layout
-from anchorpose.motion.database_file import load_motions
+from anchorpose.calibration.markers import place_by_markers, read_marker_layout
+from anchorpose.motion.prediction import load_motions
 from anchorpose.pages.canvas import as_png
 from anchorpose.pages.stage_drawing import draw_model
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording, depths_of
-from anchorpose.results.calibration_file import write_calibration
-from anchorpose.results.unfinished import begin_journal, end_journal
+from anchorpose.results.folder import begin_journal, end_journal
 from anchorpose.threads import one_thread
 from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig

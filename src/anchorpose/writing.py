@@ -20,17 +20,14 @@ from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pages.overlay import draw_chosen, save_pictures
-from anchorpose.recording.pairing import CameraGaps, find_gaps
-from anchorpose.recording.recording import CoveredPart
+from anchorpose.recording.recording import CameraGaps, CoveredPart, find_gaps
 from anchorpose.report.page import REPORT_FILE, write_report
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.corrections import CorrectionsRecord, JointCorrection
-from anchorpose.results.event_log import add_event
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedSummary, read_explained, summarise, write_explained
 from anchorpose.results.measuring import MeasureConfig, write_measured
-from anchorpose.results.people_labels import PEOPLE_FILE, write_people
 from anchorpose.results.processing import ProcessingConfig
-from anchorpose.results.records import CONTACTS_FILE, write_contacts
+from anchorpose.results.records import CONTACTS_FILE, PEOPLE_FILE, write_contacts, write_people
 from anchorpose.results.run_record import (
     RUN_FILE,
     BodyRecord,
@@ -60,6 +57,7 @@ from anchorpose.results.tables import (
     write_joints,
     write_poses,
 )
+from anchorpose.results.verify import add_event
 from anchorpose.track_inputs import ReviewFile, TrackInputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_record import TrackedFrame
@@ -214,8 +212,8 @@ def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
 
 
 def _depth(scene: Scene) -> DepthRecord:
-    model = scene.background
-    return DepthRecord(model.noise, model.step_per_m, model.detail.edge_px)
+    sensor = scene.background.sensor
+    return DepthRecord(sensor.noise, sensor.step_per_m, sensor.edge_px)
 
 
 def _pose_residuals(calibration: Calibration) -> list[Residual]:
@@ -256,7 +254,7 @@ def _coarse_cameras(room: Room) -> list[str]:
         f"camera {scene.camera.name}: its filters draw depth edges out over {detail.edge_px:.0f} pixels: farther than "
         f"{detail.limbs_until_m:.1f} m from it an arm cannot be told from what is beside it"
         for scene in room.scenes
-        if (detail := scene.background.detail).filtered
+        if (detail := scene.background.sensor).filtered
     ]
 
 
@@ -266,7 +264,7 @@ def _unmeasured_cameras(room: Room) -> list[str]:
         f"camera {scene.camera.name}: no still background is seen to measure its noise on; what neighbouring readings "
         "differ by is used, without the errors that they share, so sigma may be too small"
         for scene in room.scenes
-        if not scene.background.noise.measured
+        if not scene.background.sensor.noise.measured
     ]
 
 

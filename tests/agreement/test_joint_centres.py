@@ -9,14 +9,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from anchorpose.agreement.captured import read_captured
-from anchorpose.agreement.joint_centres import (
+from anchorpose.agreement.reference import (
     functional_centre,
     harrington_hip,
     known_marking,
     other_side,
     pelvis_frame,
+    read_reference,
 )
-from anchorpose.agreement.reference import read_reference
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.options import HipCentre

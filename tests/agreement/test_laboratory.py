@@ -11,11 +11,10 @@ from laboratory_builder import Laboratory, make_laboratory, missed
 
 from anchorpose.agreement.captured import read_captured
 from anchorpose.agreement.clock import Clock
-from anchorpose.agreement.evaluating import compare_with_reference
+from anchorpose.agreement.evaluating import ALL, AS_MEASURED, OFFSET_REMOVED, agreement_rows, compare_with_reference
 from anchorpose.agreement.matching import Match, match_results
-from anchorpose.agreement.placement import moved
 from anchorpose.agreement.reference import exchanged, read_reference
-from anchorpose.agreement.rows import ALL, AS_MEASURED, OFFSET_REMOVED, agreement_rows
+from anchorpose.camera import transform_points
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
@@ -43,7 +42,7 @@ def test_clock_and_frame_are_found_from_the_movement(lab, match):
 def test_statistics_are_those_of_the_true_clock_and_frame_within_their_intervals(lab, match):
     """The same rows with the laboratory's joints put where they truly were."""
     found, true = match.placement.T_world_reference, lab.T_world_reference
-    exact = replace(match, theirs_m=moved(true, moved(np.linalg.inv(found), match.theirs_m)))
+    exact = replace(match, theirs_m=transform_points(true, transform_points(np.linalg.inv(found), match.theirs_m)))
     checked = 0
     for row, best in zip(agreement_rows([match], ["a"]), agreement_rows([exact], ["a"]), strict=True):
         if row.kind == "joint" and row.state == ALL and row.offset == AS_MEASURED:

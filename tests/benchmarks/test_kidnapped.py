@@ -23,7 +23,7 @@ from anchorpose.body.pose import LIMB_OF_JOINTS, Pose
 from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.recording.reader import open_recording
-from anchorpose.results.evaluate_confidence import LIMBS_JUDGED
+from anchorpose.results.evaluate import LIMBS_JUDGED
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import FollowConfig, TrackConfig

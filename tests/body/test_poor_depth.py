@@ -37,10 +37,11 @@ def found(evidence: Evidence, *details: DepthDetail) -> tuple[PoorDepth | None, 
 def estimated(evidence: Evidence, *details: DepthDetail) -> Estimate:
     """What is reported of a frame that cameras of such detail show."""
     seen = posterior(BODY, POSE, vague_belief(POSE), evidence, RegistrationConfig())
-    pieces = [
-        replace(pieces_of(view, camera), detail=detail)
-        for view, camera, detail in zip(evidence.views, evidence.cameras, details, strict=True)
-    ]
+    pieces = []
+    for view, camera, detail in zip(evidence.views, evidence.cameras, details, strict=True):
+        own = pieces_of(view, camera)
+        sensor = replace(own.sensor, edge_px=detail.edge_px, focal_px=detail.focal_px, step_per_m=detail.step_per_m)
+        pieces.append(replace(own, sensor=sensor))
     frame = type("Seen", (), {"evidence": evidence, "pieces": pieces, "frame_set": None})()
     return estimate_of(BODY, seen, frame, None, TrackConfig())
 

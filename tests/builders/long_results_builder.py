@@ -15,8 +15,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from anchorpose.results.parquet import open_parquet
-from anchorpose.results.people_labels import PEOPLE
-from anchorpose.results.records import MEASURES_FILE
+from anchorpose.results.records import MEASURES_FILE, PEOPLE
 from anchorpose.results.run_record import RUN_FILE, hash_files, output_files
 
 RATE_HZ: Final = 30.0

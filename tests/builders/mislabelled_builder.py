@@ -9,8 +9,7 @@ from body_builder import FRONT, LEFT, adult_body, asset, before_wall, evidence_o
 
 from anchorpose.body.pose import Pose
 from anchorpose.camera import Camera, transform_points
-from anchorpose.isolation.components import JumpLimit
-from anchorpose.isolation.depth_noise import DepthDetail, neighbour_noise
+from anchorpose.isolation.depth_noise import Sensor, neighbour_noise
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.tracker.bystanders import Bystanders
@@ -35,10 +34,7 @@ def pieces_of(view: View, camera: Camera) -> Pieces:
         1,
         world.astype(np.float32),
         area.astype(np.float32),
-        JumpLimit(0.01, 0.02),
-        0.0012,
-        neighbour_noise(0.0012),
-        DepthDetail(2.0, camera.intrinsics.fx),
+        Sensor(2.0, camera.intrinsics.fx, noise_per_m=0.0012, noise=neighbour_noise(0.0012)),
     )
 
 

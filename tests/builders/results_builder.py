@@ -10,7 +10,7 @@ import numpy as np
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.results.explained import EXPLAINED_FILE, PART_NAMES, ExplainedFrame, write_explained
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.run_record import (
     RUN_FILE,
     CameraRecord,

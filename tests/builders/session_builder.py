@@ -6,7 +6,7 @@ import numpy as np
 from results_builder import standing_joints
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LOST
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.measuring import MeasureConfig, measure_session
 from anchorpose.results.records import Contact, Measure
 from anchorpose.results.stand_training.stance import Session

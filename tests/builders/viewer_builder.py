@@ -21,9 +21,8 @@ from anchorpose.joints import JOINT_INDEX, JointState
 from anchorpose.recording.reader import input_files, open_recording
 from anchorpose.recording.recording import Clock
 from anchorpose.results.explained import ExplainedFrame
-from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.people_labels import PEOPLE_FILE, LabelImage, write_people
-from anchorpose.results.records import CONTACTS_FILE, Contact, write_contacts
+from anchorpose.results.joint_angles import joint_angles
+from anchorpose.results.records import CONTACTS_FILE, PEOPLE_FILE, Contact, LabelImage, write_contacts, write_people
 from anchorpose.results.run_record import RUN_FILE, hash_files
 from anchorpose.results.tables import (
     ANCHORS_FILE,

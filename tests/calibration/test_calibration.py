@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from room_builder import FRONT, KNEE_BAR, NOISE_PER_M, ROOM, body, camera_at, picture, unposed
 
-from anchorpose.calibration.first_frames import noise_per_m
-from anchorpose.calibration.floor import FloorPlane, NoFloor, find_floor, floor_of_room
+from anchorpose.calibration.first_frames import FloorPlane, NoFloor, find_floor, floor_of_room, noise_per_m
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import transform_points
 from anchorpose.errors import InputError

@@ -18,7 +18,7 @@ from anchorpose.calibration.camera_to_camera import (
     place_cameras,
 )
 from anchorpose.calibration.common_view import level_frame, level_view, outside_silhouette
-from anchorpose.calibration.floor import FloorPlane, NoFloor, find_floor
+from anchorpose.calibration.first_frames import FloorPlane, NoFloor, find_floor
 from anchorpose.camera import invert_rigid
 from anchorpose.recording.recording import FrameSet
 

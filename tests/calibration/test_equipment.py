@@ -10,7 +10,7 @@ from clinic_builder import bare, shoot
 from room_builder import NOISE_PER_M, ROOM, body, camera_at, picture, unposed
 
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.equipment_agreement import agreement
+from anchorpose.calibration.equipment_agreement import share_seen_through
 from anchorpose.calibration.equipment_model import EquipmentCaster, find_symmetry, prepare_equipment, sample_equipment
 from anchorpose.calibration.equipment_pose import (
     EquipmentPose,
@@ -21,8 +21,7 @@ from anchorpose.calibration.equipment_pose import (
     find_equipment,
 )
 from anchorpose.calibration.equipment_refine import see_still
-from anchorpose.calibration.first_frames import what_stays
-from anchorpose.calibration.floor import find_floor
+from anchorpose.calibration.first_frames import find_floor, what_stays
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.errors import InputError
@@ -194,12 +193,10 @@ def test_cameras_agree_only_in_the_right_pose():
     left, right = camera_at((2.3, 1.3, 0.8), (0, 0.8, 0)), camera_at((1.5, 1.3, -1.9), (0, 0.8, 0))
     people = (*ROOM, *body(0.3, 0.2), *body(-0.5, -0.6))
     pictures = [(picture(left, *people, seed=1), picture(right, *people, seed=2))]
-    assert (
-        agreement((left, right), pictures, 0.0, NOISE_PER_M).through_share < 0.10
-    )  # rims, where one looks past a body
+    assert share_seen_through((left, right), pictures, 0.0, NOISE_PER_M) < 0.10  # rims, where one looks past a body
     half_turn = np.diag([-1.0, 1.0, -1.0, 1.0]) @ right.T_world_camera
     wrong = replace(right, T_world_camera=half_turn)
-    assert agreement((left, wrong), pictures, 0.0, NOISE_PER_M).through_share > 0.4
+    assert share_seen_through((left, wrong), pictures, 0.0, NOISE_PER_M) > 0.4
 
 
 @pytest.fixture(scope="module")

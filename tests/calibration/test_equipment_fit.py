@@ -16,8 +16,7 @@ from anchorpose.calibration.proposal_joining import hollow_share
 from anchorpose.calibration.proposal_readings import Region, gather_readings
 from anchorpose.calibration.proposal_shape import first_fit
 from anchorpose.cli import main
-from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
-from anchorpose.recording.equipment_file import read_equipment, write_equipment
+from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, read_equipment, write_equipment
 
 POST = Box("post", np.array([0.3, 0.5, -0.4]), np.array([0.05, 1.0, 0.05]), np.eye(3))
 RAIL = Cylinder("rail", np.array([-0.1, 0.8, -0.4]), np.array([1.0, 0.0, 0.0]), 0.02, 0.7)

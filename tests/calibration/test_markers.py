@@ -11,10 +11,18 @@ import pytest
 from room_builder import camera_at
 from scipy.spatial.transform import Rotation
 
-from anchorpose.calibration import marker_pose, markers
+from anchorpose.calibration import markers
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.marker_pose import MarkerPose, place_by_markers, pose_from_markers
-from anchorpose.calibration.markers import Board, MarkerLayout, NoMarkers, Tag, read_marker_layout
+from anchorpose.calibration.markers import (
+    Board,
+    MarkerLayout,
+    MarkerPose,
+    NoMarkers,
+    Tag,
+    place_by_markers,
+    pose_from_markers,
+    read_marker_layout,
+)
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import UNKNOWN, Recording
@@ -165,7 +173,7 @@ def test_one_small_flat_tag_is_ambiguous_or_uncertain_and_never_a_wrong_pose():
 
 def test_depth_decides_between_the_two_poses_of_a_flat_tag(monkeypatch):
     for name, value in (("WORST_SIGMA_M", 0.1), ("WORST_SIGMA_RAD", 0.1), ("CORNER_SIGMA_PX", 0.5)):
-        monkeypatch.setattr(marker_pose, name, value)  # one small tag: only the two poses are at stake here
+        monkeypatch.setattr(markers, name, value)  # one small tag: only the two poses are at stake here
     near = camera_at((1.8, 0.8, 0.05), (0.0, 0.8, 0.0), width=512, height=424)
     only = tag(0, (0.0, 0.8, 0.0), size_m=0.2, turn=(0, 20, 0))
     grey = photo(near, [only], blur_px=0.8, noise=8.0)

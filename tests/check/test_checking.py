@@ -14,8 +14,7 @@ from recording_builder import edit_json, write_picture, write_recording
 from anchorpose.camera import Camera
 from anchorpose.check import material
 from anchorpose.check.material import Finding, Level, OfCamera, SeenPatient, level_of, of_cameras
-from anchorpose.check.patient import _borders
-from anchorpose.check.recording_check import check_recording
+from anchorpose.check.recording_check import _borders, check_recording
 from anchorpose.cli import main
 from anchorpose.isolation.people import Person
 from anchorpose.isolation.view import PixelLabel, View

@@ -9,12 +9,18 @@ import numpy as np
 import pytest
 from recording_builder import camera_entry, edit_json, write_recording
 
-from anchorpose.calibration.calibration import Calibration, PoseFigure, PoseRecord, PoseSource
+from anchorpose.calibration.calibration import (
+    Calibration,
+    PoseFigure,
+    PoseRecord,
+    PoseSource,
+    calibration_rows,
+    write_calibration,
+)
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import read_calibration, with_poses
-from anchorpose.results.calibration_file import calibration_rows, write_calibration
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.write import simulate_recording
 

@@ -17,7 +17,7 @@ from exports_builder import angle_names, angle_of, column, times, true_joints, w
 from scipy.spatial.transform import Rotation
 
 from anchorpose.errors import InputError, MissingPackage
-from anchorpose.exports import c3d, csv_tables
+from anchorpose.exports import c3d, exporting
 from anchorpose.exports.exporting import export_results
 from anchorpose.exports.formats import STATES, Format, rounded_text
 from anchorpose.joints import JOINT_NAMES
@@ -159,8 +159,8 @@ def test_pictures_are_not_even_read_for_csv(results, tmp_path, monkeypatch):
     other = tmp_path / "other"
     shutil.copytree(results, other)
     pq.write_table(pa.table({"frame": [1], "labels": [b"picture"]}), other / "people.parquet")
-    read, whole = [], csv_tables._rows
-    monkeypatch.setattr(csv_tables, "_rows", lambda path: read.append(path.name) or whole(path))
+    read, whole = [], exporting._rows
+    monkeypatch.setattr(exporting, "_rows", lambda path: read.append(path.name) or whole(path))
     folder = export(other, tmp_path / "out", Format.CSV)
     assert "joints.parquet" in read
     assert "people.parquet" not in read  # an hour of three cameras is more than a gigabyte

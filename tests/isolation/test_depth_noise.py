@@ -154,8 +154,8 @@ def test_a_recording_of_people_alone_has_no_background_to_measure_on():
         frames.append(frame)
     model = learn_background(None, frames, CAMERA, None)
     assert model.source is BackgroundSource.REMOVED
-    assert model.noise == neighbour_noise(model.noise_per_m)
-    assert not model.noise.measured
+    assert model.sensor.noise == neighbour_noise(model.sensor.noise_per_m)
+    assert not model.sensor.noise.measured
 
 
 DETAIL = DepthDetail(edge_px=12.0, focal_px=303.0, step_per_m=0.003)
@@ -186,8 +186,8 @@ def test_a_frame_of_one_value_has_no_step():
 
 def test_a_sharp_recording_resolves_limbs_to_the_end_of_a_room_and_a_filtered_one_does_not():
     empty = picture(FRONT, *ROOM, seed=9)
-    sharp = learn_background(empty, [shot(seed) for seed in range(4)], FRONT, 0.0).detail
-    soft = learn_background(filtered(empty, 11), [filtered(shot(seed), 11) for seed in range(4)], FRONT, 0.0).detail
+    sharp = learn_background(empty, [shot(seed) for seed in range(4)], FRONT, 0.0).sensor
+    soft = learn_background(filtered(empty, 11), [filtered(shot(seed), 11) for seed in range(4)], FRONT, 0.0).sensor
     assert not sharp.filtered
     assert sharp.limbs_until_m > 6.0
     assert soft.filtered

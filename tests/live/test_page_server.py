@@ -18,7 +18,7 @@ from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, LOST
 from anchorpose.live.output import angles_of
 from anchorpose.live.page_server import BUFFER_BYTES, PageOutput
 from anchorpose.live.people import PersonInView
-from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
+from anchorpose.results.joint_angles import ANGLE_NAMES
 
 
 @pytest.fixture

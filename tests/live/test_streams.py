@@ -10,7 +10,7 @@ from anchorpose.cli.live_verbs import make_outputs
 from anchorpose.errors import AnchorposeError, MissingPackage
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, LOST
 from anchorpose.live.output import LiveFrame, Outputs
-from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
+from anchorpose.results.joint_angles import ANGLE_NAMES
 
 
 def frame_sent() -> LiveFrame:

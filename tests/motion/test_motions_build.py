@@ -11,17 +11,16 @@ from results_builder import make_frame, standing_joints, write_results
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
-from anchorpose.motion.database import pose_vectors
-from anchorpose.motion.database_file import (
+from anchorpose.motion.database import (
     DERIVED,
     SHIPPED,
     ReferenceClips,
-    load_motions,
+    pose_vectors,
     read_motions,
     read_skeletons,
     write_motions,
 )
-from anchorpose.motion.prediction import MotionConfig, MotionRule
+from anchorpose.motion.prediction import MotionConfig, MotionRule, load_motions
 from anchorpose.results.reference_clips import clips_of_results
 
 UIPRMD = Path(__file__).parents[3] / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"

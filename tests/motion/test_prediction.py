@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.motion.database import COMPARED, heading_rad, joints_after, pose_vectors, poses_at
-from anchorpose.motion.database_file import read_skeletons
+from anchorpose.motion.database import COMPARED, heading_rad, joints_after, pose_vectors, poses_at, read_skeletons
 from anchorpose.motion.prediction import (
     DAMPING,
     SPANS,
     MotionConfig,
     MotionRule,
     PredictionSource,
+    best_sublists,
     joint_database,
     predict,
     predict_joints,
@@ -23,7 +23,6 @@ from anchorpose.motion.prediction import (
     span_shares,
     velocity,
 )
-from anchorpose.motion.sublists import best_sublists
 
 UIPRMD = Path(__file__).parents[3] / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
 BODY = np.random.default_rng(4).normal(0, 0.4, (21, 3))

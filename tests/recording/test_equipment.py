@@ -12,8 +12,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from anchorpose.errors import InputError
-from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, Mesh
-from anchorpose.recording.equipment_file import read_equipment, read_ply
+from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, Mesh, read_equipment, read_ply
 
 TURN = Rotation.from_euler("xyz", [0.4, -0.8, 1.1]).as_matrix()
 BOX = Box("box", np.array([0.3, 0.5, -0.2]), np.array([0.2, 0.5, 0.8]), TURN)

@@ -11,9 +11,16 @@ from hypothesis import strategies as st
 from recording_builder import write_recording, write_timestamps
 
 from anchorpose.errors import InputError
-from anchorpose.recording.pairing import find_gaps, nearest_within, nominal_period_s, pair_frames
 from anchorpose.recording.reader import open_recording, read_frames
-from anchorpose.recording.recording import Clock, DepthStream, align_clocks
+from anchorpose.recording.recording import (
+    Clock,
+    DepthStream,
+    align_clocks,
+    find_gaps,
+    nearest_within,
+    nominal_period_s,
+    pair_frames,
+)
 
 times = st.lists(st.integers(0, 400), min_size=1, max_size=30, unique=True).map(lambda t: np.sort(t) / 100.0)
 

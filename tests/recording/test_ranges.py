@@ -14,7 +14,7 @@ from anchorpose.results.corrections import JointCorrection, NamedPatient, Unusab
 from anchorpose.results.reviewed_recording import ReviewedRecording
 from anchorpose.settings import LARGEST, LEAST, Positive
 
-for _module in ("recording.recording_file", "recording.equipment_file", "calibration.markers", "sources.image_folder"):
+for _module in ("recording.recording_file", "recording.equipment", "calibration.markers", "sources.image_folder"):
     import_module(f"anchorpose.{_module}")
 
 

@@ -17,8 +17,7 @@ from report_builder import squats, write_session
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import differences
-from anchorpose.report.page import kept_frames, write_report
-from anchorpose.report.provenance import corrections, problems, provenance, settings
+from anchorpose.report.page import corrections, kept_frames, problems, provenance, settings, write_report
 from anchorpose.report.session import Session, input_hashes, read_session
 from anchorpose.report.summary import summary
 from anchorpose.report.timeline import kept_rows, matched_percent

@@ -24,8 +24,7 @@ from anchorpose.pages.overlay import FramePicture, save_pictures
 from anchorpose.report.chart import MOST_BINS, make_bins
 from anchorpose.report.curves import step_path
 from anchorpose.report.measure_section import GROUPS, grouped_measures, words_of
-from anchorpose.report.page import write_report
-from anchorpose.report.provenance import _depth
+from anchorpose.report.page import _depth, write_report
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import Measure

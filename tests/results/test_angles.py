@@ -9,13 +9,7 @@ from results_builder import make_frame, standing_joints, write_results
 from scipy.spatial.transform import Rotation
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
-from anchorpose.results.kinematics.joint_angles import (
-    ANGLE_GROUPS,
-    ANGLE_NAMES,
-    AT_ONCE,
-    angles_with_sigma,
-    joint_angles,
-)
+from anchorpose.results.joint_angles import ANGLE_GROUPS, ANGLE_NAMES, AT_ONCE, angles_with_sigma, joint_angles
 from anchorpose.results.tables import JointTable, read_angles
 
 NAMES = list(ANGLE_NAMES)

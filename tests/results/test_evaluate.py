@@ -11,9 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
-from anchorpose.results import frame_time
-from anchorpose.results.evaluate import evaluate
-from anchorpose.results.evaluate_confidence import LIMBS_JUDGED
+from anchorpose.results.evaluate import LIMBS_JUDGED, evaluate
 from anchorpose.results.evaluation_file import (
     compared_sentence,
     confidence_sentences,
@@ -262,7 +260,7 @@ def test_the_json_and_the_sentences_state_what_is_wrong_in_view(tmp_path):
     assert covered.startswith("Within 1.96 sigma: 98.1 % of observed joints;")  # 12 of 630 axes are outside
 
 
-def test_a_few_frames_at_a_time_and_shares_in_either_precision_give_the_same_figures(tmp_path, monkeypatch):
+def test_shares_in_either_precision_give_the_same_figures(tmp_path):
     rng = np.random.default_rng(6)
     frames = [
         make_frame(i, i / 10, _shifted(rng.normal(scale=0.1, size=(JOINT_COUNT, 3))), lost=JOINT_NAMES[i : i + 2])
@@ -278,8 +276,6 @@ def test_a_few_frames_at_a_time_and_shares_in_either_precision_give_the_same_fig
     found = evaluate(results, single)
     assert max(wrong.seconds for _, wrong in found.wrong_in_view) > 0
     assert evaluate(results, double) == found
-    monkeypatch.setattr(frame_time, "FRAMES_AT_ONCE", 3)
-    assert evaluate(results, single) == found
 
 
 def test_seen_shares_are_read_in_the_order_of_the_joints(tmp_path):

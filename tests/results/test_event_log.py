@@ -12,9 +12,8 @@ from report_builder import squats, write_session
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import input_files, open_recording
-from anchorpose.results.event_log import LOCK_FILE, LOG_FILE, add_event, read_log
 from anchorpose.results.run_record import RUN_FILE, hash_files
-from anchorpose.results.verify import Fits, verify
+from anchorpose.results.verify import LOCK_FILE, LOG_FILE, Fits, add_event, read_log, verify
 
 SIGNED = {"reason": "a curtain", "who": "AB", "when": "2026-03-01T09:30:00Z"}
 UNUSABLE = {"first_frame": 2, "last_frame": 4, "start_s": 0.1, "end_s": 0.2, **SIGNED}

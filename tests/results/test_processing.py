@@ -11,22 +11,20 @@ from results_builder import standing_joints
 
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
-from anchorpose.results.filters import (
-    FIRST_ACCELERATION_M_S2,
-    FIRST_SPEED_M_S,
-    low_pass,
-    shortest_frames,
-    smooth_stretch,
-)
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.processing import (
     FILLED,
+    FIRST_ACCELERATION_M_S2,
+    FIRST_SPEED_M_S,
     MEASURED,
     SMOOTHED,
     ProcessingConfig,
     fill_gaps,
+    low_pass,
     process_angles,
     process_joints,
+    shortest_frames,
+    smooth_stretch,
 )
 from anchorpose.results.tables import (
     PROCESSING,

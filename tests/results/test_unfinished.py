@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 
 from anchorpose.errors import InputError
-from anchorpose.results.folder import RESULTS
-from anchorpose.results.unfinished import (
+from anchorpose.results.folder import (
     BEGUN_FILE,
     JOURNAL,
     LOCK_FILE,
     MARK,
     MARK_FILE,
+    RESULTS,
     begin_journal,
     begun_identity,
     end_journal,

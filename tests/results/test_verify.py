@@ -12,9 +12,8 @@ from results_builder import make_frame, standing_joints, write_results
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import input_files, open_recording
-from anchorpose.results.event_log import add_event
 from anchorpose.results.run_record import RUN_FILE, hash_files
-from anchorpose.results.verify import Fits, verify
+from anchorpose.results.verify import Fits, add_event, verify
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 from azure_builder import PARAMETERS, SIZES, calibration, elements
 
 from anchorpose.lens import LensModel, rays_of_pixels
-from anchorpose.sources.azure_calibration import MODES, DepthMode, lens_of
+from anchorpose.sources.azure_kinect import MODES, DepthMode, lens_of
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "recorder_files" / "azure_kinect_nfov.mkv"
 needs_the_real_file = pytest.mark.skipif(not REAL.is_file(), reason="../shared/data/recorder_files is not there")

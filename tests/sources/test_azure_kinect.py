@@ -16,8 +16,7 @@ from azure_builder import SIZES, TAGS, TIMES_US, calibration, elements, images, 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics
-from anchorpose.sources.azure_calibration import MODES, depth_mode, lens_of
-from anchorpose.sources.azure_kinect import AzureKinectFile, matches, open_source
+from anchorpose.sources.azure_kinect import MODES, AzureKinectFile, depth_mode, lens_of, matches, open_source
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "recorder_files" / "azure_kinect_nfov.mkv"
 needs_the_real_file = pytest.mark.skipif(not REAL.is_file(), reason="../shared/data/recorder_files is not there")

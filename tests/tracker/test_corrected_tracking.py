@@ -23,8 +23,7 @@ from anchorpose.results.corrections import (
     write_corrections,
 )
 from anchorpose.results.explained import read_explained
-from anchorpose.results.people_labels import read_people
-from anchorpose.results.records import read_contacts
+from anchorpose.results.records import read_contacts, read_people
 from anchorpose.results.reviewed_recording import recording_of_run
 from anchorpose.results.run_record import read_run
 from anchorpose.results.tables import JointTable, read_joints, read_poses

@@ -14,7 +14,7 @@ from anchorpose.body.segments import load_body_asset
 from anchorpose.body.skin_points import FittedShape, body_points, build_body, even_clothes
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.results.people_labels import (
+from anchorpose.results.records import (
     ROOM,
     LabelImage,
     StoredPeople,

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from anchorpose.calibration.common_view import Displacement, common_surfaces, find_displacement
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.background import BackgroundModel, BackgroundSource
-from anchorpose.isolation.depth_noise import DepthNoise
+from anchorpose.isolation.depth_noise import DepthNoise, Sensor
 from anchorpose.isolation.scene import Scene, find_all_pieces, set_scene
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.recording import FrameSet
@@ -45,7 +45,8 @@ def scene(given: Camera, true: Camera, smear_px: int = 0) -> Scene:
     room = picture(true, person=False)
     sigma = np.full_like(room, NOISE_PER_M) * room**2
     noise = DepthNoise((WALL_M,), (NOISE_PER_M * WALL_M**2,))
-    model = BackgroundModel(room, sigma, NOISE_PER_M, LENS.fx, BackgroundSource.PICTURE, noise, smear_px=smear_px)
+    sensor = Sensor(max(smear_px, 2.0), LENS.fx, noise_per_m=NOISE_PER_M, noise=noise)
+    model = BackgroundModel(room, sigma, sensor, BackgroundSource.PICTURE)
     return set_scene(given, model, None)
 
 
@@ -103,7 +104,7 @@ def test_surfaces_in_common_view_decide_and_without_them_what_is_seen_past(
 def test_people_are_no_evidence_where_a_camera_draws_their_outlines_out():
     scenes, pair = agree([camera("front", 0.0), camera("left", 0.7)], smear_px=10)
     assert pair.past.measured == "see past 0 % of the room"
-    assert all(one.background.detail.filtered for one in scenes)
+    assert all(one.background.sensor.filtered for one in scenes)
 
 
 def test_cameras_that_share_nothing_are_not_judged():

@@ -10,7 +10,7 @@ from body_builder import adult_body, standing
 
 from anchorpose.body.pose import Pose
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
-from anchorpose.results.people_labels import LabelImage
+from anchorpose.results.records import LabelImage
 from anchorpose.tracker.config import FollowConfig
 from anchorpose.tracker.smoothing import PassResult, course_of, smooth, smooth_in_time, smoothed_result
 

@@ -30,7 +30,7 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.recording import Clock
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.tables import JointTable
 from anchorpose.surface.mesh import build_surface
 from anchorpose.viewer import payloads

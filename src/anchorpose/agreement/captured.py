@@ -28,7 +28,6 @@ METRES: Final[Mapping[str, float]] = {
 }
 """Metres per unit, by the names that files use."""
 
-LEAST_FRAMES: Final = 2
 LONGEST_S: Final = 86_400.0  # a day; a movement of more is in milliseconds or less
 FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # a body of metres that is read as millimetres is found by its size
 
@@ -74,7 +73,7 @@ def checked(captured: Captured) -> Captured:
     if not known.any() and not np.isfinite(captured.degrees).any():
         what = "holds no markers, joint centres or angles" if not captured.points else "has only markers without values"
         raise InputError(path, what, "export the labelled trajectories of the other system and give that file")
-    if len(captured.time_s) < LEAST_FRAMES:
+    if len(captured.time_s) < 2:
         raise InputError(path, "has a single frame", "give the file of a movement")
     if not (np.isfinite(captured.time_s).all() and (np.diff(captured.time_s) > 0).all()):
         raise InputError(path, "has times that do not increase", "export it again with a time for each frame")

@@ -1,9 +1,12 @@
-"""Compare results folders with the recordings of another system (``anchorpose evaluate --reference``)."""
+"""Compare results folders with the recordings of another system (``anchorpose evaluate --reference``).
+
+Each joint, axis, angle and state gets a row of agreement.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,22 +14,275 @@ import numpy as np
 
 from anchorpose.agreement.matching import Match, match_results
 from anchorpose.agreement.reference import exchanged, read_reference
-from anchorpose.agreement.rows import (
-    ALL,
-    AS_MEASURED,
-    INFERRED,
-    MM,
-    OFFSET_REMOVED,
-    Agreement,
-    agreement_rows,
-    in_state,
+from anchorpose.agreement.statistics import (
+    LEAST_SAMPLES,
+    LEAST_UNITS,
+    Limits,
+    calibration_error,
+    coverage_95,
+    limits_of_agreement,
+    waveform_correlation,
 )
-from anchorpose.agreement.statistics import LEAST_SAMPLES
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.joints import JOINT_NAMES, JointState
+from anchorpose.joints import JOINT_NAMES, LOST, JointState
 from anchorpose.options import ReferenceSettings
 from anchorpose.recording.document import read_json, require_rigid
 from anchorpose.settings import Unfit
+
+AXES: Final = ("x", "y", "z")
+AS_MEASURED, OFFSET_REMOVED = "as_measured", "offset_removed"
+ALL, INFERRED = "all", "inferred"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Agreement:
+    """One row; None where it is not defined. All in ``unit``, differences are ours minus theirs.
+
+    kind: joint (centres), angle (from both systems' joints by our formula) or given_angle (as the other system computes
+    it). axis: x, y, z of the world, distance, or degrees. state: all, inferred, or one of ``JointState``. offset:
+    as_measured, or with the constant difference of the definitions removed. repeated: what the units of repetition are.
+    """
+
+    kind: str
+    name: str
+    axis: str
+    state: str
+    offset: str
+    unit: str
+    samples: int
+    repeated: str
+    units: int
+    bias: float | None = None
+    bias_low: float | None = None
+    bias_high: float | None = None
+    lower: float | None = None
+    lower_low: float | None = None
+    lower_high: float | None = None
+    upper: float | None = None
+    upper_low: float | None = None
+    upper_high: float | None = None
+    within_sd: float | None = None
+    between_sd: float | None = None
+    rmse: float
+    mean_abs: float
+    largest: float
+    cmc: float | None = None
+    range_ours: float | None = None
+    range_theirs: float | None = None
+    range_error: float | None = None
+    coverage_95: float | None = None
+    calibration_error: float | None = None
+
+
+COLUMNS: Final = tuple(each.name for each in fields(Agreement))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared:
+    """Of one quantity in one recording: ours, theirs, sigma (n,), state_code (n,), time_s (n,); NaN where unknown.
+
+    offset (n,): the constant difference of the definitions at each time, in the same axes.
+    """
+
+    ours: np.ndarray
+    theirs: np.ndarray
+    sigma: np.ndarray
+    offset: np.ndarray
+    state_code: np.ndarray
+    time_s: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """What is compared, and how to take it from a match; None where a recording does not have it."""
+
+    kind: str
+    name: str
+    axis: str
+    unit: str
+    take: Callable[[Match], Compared | None]
+
+
+def quantities(matches: Sequence[Match]) -> list[Quantity]:
+    """Joint centres by axis, angles from joints, angles as the other system gives them: those that any match has."""
+    found = [
+        Quantity("joint", name, axis, "mm", lambda match, j=joint, k=column: _joint(match, j, k))  # type: ignore[misc]
+        for joint, name in enumerate(JOINT_NAMES)
+        for column, axis in enumerate(AXES)
+        if any(np.isfinite(match.theirs_m[:, joint]).any() for match in matches)
+    ]
+    names = matches[0].ours.names
+    found += [
+        Quantity("angle", name, "degrees", "deg", lambda match, n=name: _angle(match, n))  # type: ignore[misc]
+        for name in names
+        if any(match.theirs is not None and np.isfinite(_theirs(match, name)).any() for match in matches)
+    ]
+    found += [
+        Quantity("given_angle", name, "degrees", "deg", lambda match, n=name: _given(match, n))  # type: ignore[misc]
+        for name in dict.fromkeys(name for match in matches for name in match.given_names)
+    ]
+    return found
+
+
+def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
+    """All rows of all recordings together; subjects: of each match, the same text for the same person."""
+    rows = list[Agreement]()
+    for quantity in quantities(matches):
+        taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]
+        series = [(each, subject) for each, subject in taken if each is not None]
+        for offset in (AS_MEASURED, OFFSET_REMOVED):
+            rows += [row for row in _of_states(quantity, series, offset) if row is not None]
+    return rows
+
+
+def _of_states(quantity: Quantity, series: Sequence[tuple[Compared, str]], offset: str) -> Iterator[Agreement | None]:
+    for state in (ALL, INFERRED, *(each for each in JointState if each is not JointState.LOST)):
+        parts = [(each, subject, _known(each) & in_state(each.state_code, state)) for each, subject in series]
+        parts = [part for part in parts if part[2].any()]
+        if sum(int(chosen.sum()) for _, _, chosen in parts) >= LEAST_SAMPLES:
+            yield _row(quantity, parts, str(state), offset)
+
+
+def _row(
+    quantity: Quantity, parts: Sequence[tuple[Compared, str, np.ndarray]], state: str, offset: str
+) -> Agreement | None:
+    differences = [_difference(each, offset)[chosen] for each, _, chosen in parts]
+    units = [_units(each.time_s[chosen], d) for (each, _, chosen), d in zip(parts, differences, strict=True)]
+    repeated, unit = _repeated([subject for _, subject, _ in parts], units)
+    error = np.concatenate(differences)
+    sigma = np.concatenate([each.sigma[chosen] for each, _, chosen in parts])
+    extra = _shape(parts, offset) if state == ALL else {}
+    return Agreement(
+        kind=quantity.kind,
+        name=quantity.name,
+        axis=quantity.axis,
+        state=state,
+        offset=offset,
+        unit=quantity.unit,
+        samples=len(error),
+        repeated=repeated,
+        **_numbers(limits_of_agreement(error, unit)),
+        rmse=float(np.sqrt(np.mean(error**2))),
+        mean_abs=float(np.abs(error).mean()),
+        largest=float(np.abs(error).max()),
+        coverage_95=coverage_95(error, sigma),
+        calibration_error=calibration_error(error, sigma),
+        **extra,
+    )
+
+
+def _numbers(found: Limits) -> dict[str, Any]:
+    numbers: dict[str, Any] = {"units": found.units, "within_sd": found.within_sd, "between_sd": found.between_sd}
+    for name in ("bias", "lower", "upper"):
+        estimate = getattr(found, name)
+        numbers |= {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+    return numbers
+
+
+def _shape(parts: Sequence[tuple[Compared, str, np.ndarray]], offset: str) -> dict[str, Any]:
+    """CMC and ranges, each the mean over recordings; the range error that of its absolute values."""
+    cmc, ranges = list[float](), list[tuple[float, float]]()
+    for each, _, chosen in parts:
+        theirs = each.theirs[chosen] + (each.offset[chosen] if offset == OFFSET_REMOVED else 0.0)
+        found = waveform_correlation(each.ours[chosen], theirs)
+        if found is not None:
+            cmc.append(found)
+        ranges.append((float(np.ptp(each.ours[chosen])), float(np.ptp(theirs))))
+    ours, theirs_range = np.mean(ranges, axis=0)
+    return {
+        "cmc": float(np.mean(cmc)) if len(cmc) == len(parts) else None,
+        "range_ours": float(ours),
+        "range_theirs": float(theirs_range),
+        "range_error": float(np.mean([a - b for a, b in ranges])),
+    }
+
+
+def _units(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
+    """Stretches of time after which errors are independent: twice their correlation time, at least one second."""
+    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
+    centred = difference - difference.mean()
+    most = min(len(centred) - 1, round(10.0 / step_s))
+    variance = float((centred**2).mean())
+    correlation = (
+        [float((centred[:-lag] * centred[lag:]).mean()) / variance for lag in range(1, most)] if variance else []
+    )
+    below = next((k for k, r in enumerate(correlation) if r < 0.1), len(correlation))
+    length_s = max(1.0, 2.0 * step_s * (1.0 + 2.0 * sum(correlation[:below])))
+    return np.floor((time_s - time_s[0]) / length_s).astype(np.int64)
+
+
+def _repeated(subjects: Sequence[str], units: Sequence[np.ndarray]) -> tuple[str, np.ndarray]:
+    if len(set(subjects)) >= LEAST_UNITS:
+        names = sorted(set(subjects))
+        return "subject", np.concatenate(
+            [np.full(len(unit), names.index(subject)) for subject, unit in zip(subjects, units, strict=True)]
+        )
+    start, parts = 0, list[np.ndarray]()
+    for unit in units:
+        parts.append(unit + start)
+        start += int(unit.max()) + 1
+    return "stretch of time", np.concatenate(parts)
+
+
+def _difference(each: Compared, offset: str) -> np.ndarray:
+    difference = each.ours - each.theirs
+    return difference - each.offset if offset == OFFSET_REMOVED else difference
+
+
+def _known(each: Compared) -> np.ndarray:
+    return np.asarray(np.isfinite(each.ours + each.theirs + each.offset) & (each.state_code != LOST))
+
+
+def in_state(state_code: np.ndarray, state: str) -> np.ndarray:
+    if state == ALL:
+        return np.ones(len(state_code), dtype=bool)
+    if state == INFERRED:
+        return np.asarray((state_code > 0) & (state_code < LOST))
+    return np.asarray(state_code == [str(each) for each in JointState].index(str(state)))
+
+
+def _joint(match: Match, joint: int, axis: int) -> Compared | None:
+    if match.placement is None or not np.isfinite(match.placement.offset_m[joint]).all():
+        return None
+    offset_m = (match.axes[:, joint] @ match.placement.offset_m[joint])[:, axis]
+    joints = match.joints
+    return Compared(
+        1000.0 * joints.position_m[:, joint, axis],
+        1000.0 * match.theirs_m[:, joint, axis],
+        1000.0 * joints.sigma_m[:, joint],
+        1000.0 * offset_m,
+        joints.state_code[:, joint],
+        joints.time_s,
+    )
+
+
+def _angle(match: Match, name: str) -> Compared | None:
+    return None if match.theirs is None else _of_angle(match, name, _theirs(match, name))
+
+
+def _given(match: Match, name: str) -> Compared | None:
+    return (
+        _of_angle(match, name, match.given_deg[:, match.given_names.index(name)]) if name in match.given_names else None
+    )
+
+
+def _theirs(match: Match, name: str) -> np.ndarray:
+    assert match.theirs is not None
+    return match.theirs.degrees[:, match.theirs.column(name)]
+
+
+def _of_angle(match: Match, name: str, theirs: np.ndarray) -> Compared | None:
+    column = match.ours.column(name)
+    ours = match.ours.degrees[:, column]
+    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # the short way round
+    known = np.isfinite(ours - theirs)
+    if not known.any():
+        return None
+    offset = np.full(len(ours), float(np.median((ours - theirs)[known])))
+    return Compared(
+        ours, theirs, match.ours.sigma_deg[:, column], offset, match.ours.state_code[:, column], match.joints.time_s
+    )
+
 
 TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four numbers}, in metres'
 
@@ -101,7 +357,7 @@ def _distance(match: Match, column: int | None, state: str, offset: str) -> np.n
     away = match.joints.position_m - match.theirs_m
     if offset == OFFSET_REMOVED:
         away = away - np.einsum("njik,jk->nji", match.axes, match.placement.offset_m)
-    length = MM * np.linalg.norm(away, axis=2)
+    length = 1000.0 * np.linalg.norm(away, axis=2)
     chosen = np.isfinite(length) & in_state(match.joints.state_code.ravel(), state).reshape(length.shape)
     picked = slice(None) if column is None else slice(column, column + 1)
     return np.asarray(length[:, picked][chosen[:, picked]])

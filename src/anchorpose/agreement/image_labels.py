@@ -12,9 +12,8 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, LOST, JointState
 from anchorpose.recording.document import read_rows
-from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.recording.reader import open_recording
-from anchorpose.recording.recording import Clock, Recording
+from anchorpose.recording.recording import Clock, Recording, half_period_s, nearest_within
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.verify import require_own

@@ -9,13 +9,21 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.agreement.clock import Clock, NoCommonMovement, find_clock, refine_clock
-from anchorpose.agreement.placement import Placement, moved, place, residual, segment_axes
+from anchorpose.agreement.clock import (
+    Clock,
+    NoCommonMovement,
+    common_signals,
+    find_clock,
+    position_signals,
+    refine_clock,
+    resampled,
+)
+from anchorpose.agreement.placement import Placement, place, residual, segment_axes
 from anchorpose.agreement.reference import Reference, exchanged
-from anchorpose.agreement.signals import common_signals, position_signals, resampled
+from anchorpose.camera import transform_points
 from anchorpose.errors import DegenerateGeometry, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.sides import Sides, require_as_is
 from anchorpose.results.tables import JOINTS_FILE, AngleTable, JointTable, read_joints
 from anchorpose.results.verify import require_own
@@ -94,7 +102,7 @@ def _match(
         placement = place(joints.position_m, joints.sigma_m, theirs_m, axes, given)
     except DegenerateGeometry:
         raise NoCommonMovement("the joints that both have do not determine a frame") from None
-    theirs_m = moved(placement.T_world_reference, theirs_m)
+    theirs_m = transform_points(placement.T_world_reference, theirs_m)
     given_deg = resampled(reference.time_s, reference.degrees, at_s)
     theirs = _angles_of(joints, theirs_m)
     return Match(results, reference, clock, placement, joints, theirs_m, axes, ours, theirs, given_deg)
@@ -106,8 +114,8 @@ def _clock_of_positions(
     """The clock again, now that the frame is known: positions say more about time than distances between them."""
     nothing = np.zeros_like(joints.position_m)
     ours = position_signals(joints.time_s, residual(joints.position_m, nothing, axes, placement.offset_m))
-    theirs = position_signals(reference.time_s, moved(placement.T_world_reference, reference.centres.position_m))
-    return refine_clock(ours, theirs, clock)
+    theirs_m = transform_points(placement.T_world_reference, reference.centres.position_m)
+    return refine_clock(ours, position_signals(reference.time_s, theirs_m), clock)
 
 
 def _angles_of(joints: JointTable, position_m: np.ndarray) -> AngleTable:
@@ -175,4 +183,4 @@ def _distance_m(ours_m: np.ndarray, theirs_m: np.ndarray) -> float:
     """Median distance of joints (n, 21, 3), NaN where missing, after the best rigid motion of theirs onto ours."""
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2)
     T = fit_rigid_transform(theirs_m[both], ours_m[both])
-    return float(np.median(np.linalg.norm(ours_m[both] - moved(T, theirs_m[both]), axis=1)))
+    return float(np.median(np.linalg.norm(ours_m[both] - transform_points(T, theirs_m[both]), axis=1)))

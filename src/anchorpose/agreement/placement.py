@@ -13,8 +13,9 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.camera import transform_points
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.results.kinematics.definition import Axes, pelvis_axes, trunk_axes
+from anchorpose.results.angle_definition import Axes, pelvis_axes, trunk_axes
 from anchorpose.rotations import fit_rigid_transform, rotation_matrices, rotation_vectors, unit
 
 ROUNDS: Final = 15
@@ -58,14 +59,13 @@ class Placement:
 
     x forward, y up, z to the right when the person stands with limbs hanging; NaN for joints that are not common.
     translation_sigma_m, rotation_sigma_deg: one standard deviation, by how much the frame changes when a joint is left
-    out; NaN where it was given. typical_m: median distance of joints after both were taken out.
+    out; NaN where it was given.
     """
 
     T_world_reference: np.ndarray
     offset_m: np.ndarray
     translation_sigma_m: float
     rotation_sigma_deg: float
-    typical_m: float
 
 
 def segment_axes(position_m: np.ndarray) -> np.ndarray:
@@ -101,13 +101,11 @@ def place(
     T = _frame(ours_m, theirs_m, axes, weight) if given is None else given
     offset = _fit(ours_m, theirs_m, axes, weight, TURN_PRIOR_FRAMES, T)[1]
     joints = np.flatnonzero(both.any(axis=0))
-    left = residual(ours_m, moved(T, theirs_m), axes, offset)[both]
-    typical = float(np.median(np.linalg.norm(left[np.isfinite(left).all(axis=1)], axis=1)))
     sigma = (np.nan, np.nan)
     if given is None and len(joints) > 3:
         others = [_frame(ours_m, theirs_m, axes, weight * (np.arange(JOINT_COUNT) != joint)) for joint in joints]
         sigma = _spread(T, others, ours_m[both].mean(axis=0))
-    return Placement(T, offset, *sigma, typical)
+    return Placement(T, offset, *sigma)
 
 
 def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> np.ndarray:
@@ -125,13 +123,8 @@ def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: n
     )
     middle = theirs_m[weight > 0].mean(axis=0)
     T = turned.copy()
-    T[:3, 3] = moved(placed, middle) - turned[:3, :3] @ middle
+    T[:3, 3] = transform_points(placed, middle) - turned[:3, :3] @ middle
     return T
-
-
-def moved(T_target_source: np.ndarray, position_m: np.ndarray) -> np.ndarray:
-    """Positions (..., 3) in the target frame."""
-    return position_m @ T_target_source[:3, :3].T + T_target_source[:3, 3]
 
 
 def residual(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
@@ -157,7 +150,7 @@ def _fit(
     T = fit_rigid_transform(source, target) if given is None else given
     offset = np.zeros((len(joints), 3))
     for _ in range(ROUNDS):
-        placed = moved(T, source)
+        placed = transform_points(T, source)
         left = target - placed - np.einsum("kij,kj->ki", own, offset[column])
         far = np.linalg.norm(left, axis=1)
         weight = certain * np.minimum(1.0, FARTHEST * np.median(far) / np.maximum(far, 1e-9)) ** 2

@@ -1,8 +1,15 @@
-"""Read another system's recording as joints and angles of ours, on its own clock and in its own frame."""
+"""Read another system's recording as joints and angles of ours, on its own clock and in its own frame.
+
+Joint centres are found by labels: given, midway between markers, or a hip by an estimate. By regression: Harrington et
+al. 2007 (doi:10.1016/j.jbiomech.2006.02.003), their equations of one variable each, which Sangeux et al. 2014
+(doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults. By function: the point of the
+pelvis about which the thigh's markers move on spheres, Gamage and Lasenby 2002 (doi:10.1016/S0021-9290(01)00160-9).
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -10,19 +17,265 @@ from typing import Final
 import numpy as np
 
 from anchorpose.agreement.captured import Captured, read_captured
-from anchorpose.agreement.joint_centres import (
-    SIDES,
-    CentreTrack,
-    given_marking,
-    joint_centres,
-    known_marking,
-    other_side,
-    with_sides_exchanged,
-)
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_NAMES
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.options import HipCentre
-from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
+from anchorpose.recording.document import read_rows
+from anchorpose.results.joint_angles import ANGLE_NAMES
+from anchorpose.rotations import unit
+
+SIDES: Final = {"L": "Left", "R": "Right"}
+
+_CENTRES: Final = {
+    "Hip": ("{s}HJC", "{s}FEP"),
+    "Knee": ("{s}KJC", "{s}FEO"),
+    "Ankle": ("{s}AJC", "{s}TIO"),
+    "Shoulder": ("{s}SJC", "{s}CLO"),
+    "Elbow": ("{s}EJC", "{s}HUO"),
+    "Wrist": ("{s}WJC", "{s}RAO"),
+}
+"""Joint centres as Plug-in Gait, the Conventional Gait Model 2 and Visual3D name them."""
+
+_PAIRS: Final = {
+    "Knee": (
+        ("{s}KNE", "{s}LFE", "{s}FLE", "{s}LKNE", "{s}LFC", "{s}KNEELAT"),
+        ("{s}KNM", "{s}MFE", "{s}FME", "{s}MKNE", "{s}MFC", "{s}KNEEMED"),
+    ),
+    "Ankle": (
+        ("{s}ANK", "{s}LM", "{s}FAL", "{s}LANK", "{s}LMAL", "{s}ANKLELAT"),
+        ("{s}MED", "{s}MM", "{s}TAM", "{s}MANK", "{s}MMAL", "{s}ANM", "{s}ANKLEMED"),
+    ),
+    "Elbow": (("{s}ELB", "{s}HLE", "{s}LELB", "{s}ELBOWLAT"), ("{s}ELM", "{s}HME", "{s}MELB", "{s}ELBOWMED")),
+    "Wrist": (("{s}WRA", "{s}RSP", "{s}WRISTRAD"), ("{s}WRB", "{s}USP", "{s}WRISTULN")),
+}
+"""Lateral and medial markers of joints whose centre is taken midway between the two."""
+
+_PELVIS: Final = {"ASIS": ("{s}ASI", "{s}ASIS", "{s}IAS"), "PSIS": ("{s}PSI", "{s}PSIS", "{s}IPS")}
+
+_THIGH: Final = re.compile(r"^([LR])(THI|THAP|THAD|TH|THIGH)\d*$")
+
+_SPELT: Final = re.compile(r"^(L|R|LEFT|RIGHT)(HIP|KNEE|ANKLE|SHOULDER|ELBOW|WRIST)(JC|JOINT)?(CENTER|CENTRE)?$")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Marking:
+    """Labels of the file by what they stand for.
+
+    centres: joint to the label of its centre. midpoints: joint to the labels whose mean is its centre. pelvis: ASIS
+    left and right, PSIS left and right; None where one is missing. thighs: for left and right the markers on the thigh.
+    """
+
+    centres: dict[str, str]
+    midpoints: dict[str, tuple[str, ...]]
+    pelvis: tuple[str, str, str, str] | None
+    thighs: dict[str, tuple[str, ...]]
+
+    @property
+    def empty(self) -> bool:
+        """No joint follows from these labels."""
+        return not self.centres and not self.midpoints and self.pelvis is None
+
+
+def known_marking(labels: tuple[str, ...]) -> Marking:
+    """What labels in common use stand for; upper or lower case, dots, dashes and underscores do not matter."""
+    own = {re.sub(r"[^A-Z0-9]", "", label.upper()): label for label in reversed(labels)}
+    centres = {name: own[name.upper()] for name in JOINT_NAMES if name.upper() in own}
+    midpoints = dict[str, tuple[str, ...]]()
+    for plain, label in own.items():
+        spelt = _SPELT.match(plain)
+        if spelt is not None:
+            centres.setdefault(f"{spelt[2].capitalize()}{SIDES[spelt[1][0]]}", label)
+    for side, name in SIDES.items():
+        for joint, patterns in _CENTRES.items():
+            centre = _first(own, patterns, side)
+            if centre is not None:
+                centres.setdefault(f"{joint}{name}", centre)
+        for joint, (lateral, medial) in _PAIRS.items():
+            pair = (_first(own, lateral, side), _first(own, medial, side))
+            if f"{joint}{name}" not in centres and pair[0] is not None and pair[1] is not None:
+                midpoints[f"{joint}{name}"] = (pair[0], pair[1])
+    pelvis = [_first(own, _PELVIS[bone], side) for bone in ("ASIS", "PSIS") for side in SIDES]
+    whole = all(label is not None for label in pelvis)
+    return Marking(
+        centres=centres,
+        midpoints=midpoints,
+        pelvis=tuple(pelvis) if whole else None,  # type: ignore[arg-type]  # four texts where all are known
+        thighs={name: _thigh(own, midpoints, side, name) for side, name in SIDES.items()},
+    )
+
+
+def given_marking(path: Path, labels: tuple[str, ...]) -> Marking:
+    """The user's table: rows ``joint,label``; several rows of a joint mean the middle of these labels.
+
+    ASISLeft, ASISRight, PSISLeft and PSISRight may stand in place of a joint, and ThighLeft, ThighRight. Raises
+    InputError for an unknown joint or label.
+    """
+    remedy = "give rows joint,label with our joint's name and a label of the reference"
+    rows = [row for _, row in read_rows(path)]
+    if not rows or [cell.lower() for cell in rows[0]] != ["joint", "label"]:
+        raise InputError(path, "does not begin with the line joint,label", remedy)
+    found = dict[str, list[str]]()
+    bones = [f"{bone}{side}" for bone in ("ASIS", "PSIS", "Thigh") for side in SIDES.values()]
+    for row in rows[1:]:
+        joint, label = [*row, "", ""][:2]
+        if joint not in JOINT_NAMES and joint not in bones:
+            raise InputError(path, f"names the unknown joint '{joint}'", f"use {', '.join((*JOINT_NAMES, *bones))}")
+        if label not in labels:
+            raise InputError(path, f"names '{label}', which the reference does not have", remedy)
+        found.setdefault(joint, []).append(label)
+    pelvis = tuple(found[bone][0] for bone in bones[:4] if bone in found)
+    return Marking(
+        centres={name: each[0] for name, each in found.items() if name in JOINT_NAMES and len(each) == 1},
+        midpoints={name: tuple(each) for name, each in found.items() if name in JOINT_NAMES and len(each) > 1},
+        pelvis=pelvis if len(pelvis) == 4 else None,
+        thighs={side: tuple(found.get(f"Thigh{side}", ())) for side in SIDES.values()},
+    )
+
+
+def _first(own: dict[str, str], patterns: tuple[str, ...], side: str) -> str | None:
+    return next((own[pattern.format(s=side)] for pattern in patterns if pattern.format(s=side) in own), None)
+
+
+def _thigh(own: dict[str, str], midpoints: dict[str, tuple[str, ...]], side: str, name: str) -> tuple[str, ...]:
+    """Markers that move with the thigh: those on it, and both of the knee."""
+    cluster = [label for plain, label in own.items() if (match := _THIGH.match(plain)) and match[1] == side]
+    return (*sorted(cluster), *midpoints.get(f"Knee{name}", ()))
+
+
+LEAST_SWING: Final = 0.02
+"""Least ratio of the smallest to the largest singular value of the spheres' equations: below it the thigh moved in a
+plane or hardly at all, and the centre is not determined along one direction."""
+
+
+FARTHEST_M: Final = 0.04
+"""From the hip of the regression, which is good to 15 mm: a fit farther away followed skin that slid over the bone. In
+a recording of walking (ezc3d's example of Qualisys) both hips were 67 mm away."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CentreTrack:
+    """position_m (t, 21, 3) in the frame of the other system, NaN where missing; origin: how each joint was found."""
+
+    position_m: np.ndarray
+    origin: tuple[str | None, ...]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints that there are."""
+        return tuple(name for name, how in zip(JOINT_NAMES, self.origin, strict=True) if how is not None)
+
+
+def joint_centres(captured: Captured, marking: Marking, hip: HipCentre) -> CentreTrack:
+    """All joints that the labels determine; raises InputError where ``hip`` cannot be used."""
+    position = np.full((len(captured.time_s), JOINT_COUNT, 3), np.nan)
+    origin: list[str | None] = [None] * JOINT_COUNT
+
+    def put(joint: str, place_m: np.ndarray, how: str) -> None:
+        if np.isfinite(place_m).all(axis=1).any():
+            position[:, JOINT_INDEX[joint]], origin[JOINT_INDEX[joint]] = place_m, how
+
+    for joint, label in marking.centres.items():
+        put(joint, captured.point(label), f"{label}, as given")
+    for joint, labels in marking.midpoints.items():
+        put(joint, np.mean([captured.point(label) for label in labels], axis=0), f"middle of {' and '.join(labels)}")
+    pelvis = [] if marking.pelvis is None else [captured.point(label) for label in marking.pelvis]
+    if pelvis and np.isfinite(pelvis).all(axis=(0, 2)).any():
+        axes, middle_m, width_m, depth_m = pelvis_frame(*pelvis)
+        for side, sign in (("Left", -1.0), ("Right", 1.0)):
+            if f"Hip{side}" in marking.centres or f"Hip{side}" in marking.midpoints:
+                continue
+            local = harrington_hip(width_m, depth_m) * [1.0, 1.0, sign]
+            if hip is HipCentre.FUNCTIONAL:
+                thigh = [captured.point(label) for label in marking.thighs[side]]
+                local = _functional_centre(captured, side, thigh, (axes, middle_m), local)
+            put(f"Hip{side}", middle_m + np.einsum("tij,j->ti", axes, local), _HOW[hip])
+    elif hip is HipCentre.FUNCTIONAL:
+        raise InputError(captured.path, "has no four markers of the pelvis", "leave out --hip functional")
+    return CentreTrack(position, tuple(origin))
+
+
+_HOW: Final = {
+    HipCentre.HARRINGTON: "regression of Harrington 2007",
+    HipCentre.FUNCTIONAL: "functional fit of the thigh's movement",
+}
+
+
+def pelvis_frame(
+    left_asis: np.ndarray, right_asis: np.ndarray, left_psis: np.ndarray, right_psis: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Axes (t, 3, 3), columns x forward, y up, z right; origin (t, 3) midway between the ASIS; width and depth in m.
+
+    All inputs (t, 3). Width and depth are medians over the recording, since a bone does not change.
+    """
+    middle, behind = 0.5 * (left_asis + right_asis), 0.5 * (left_psis + right_psis)
+    z = unit(right_asis - left_asis)
+    ahead = middle - behind
+    x = unit(ahead - (ahead * z).sum(axis=1, keepdims=True) * z)
+    width = float(np.nanmedian(np.linalg.norm(right_asis - left_asis, axis=1)))
+    depth = float(np.nanmedian(np.linalg.norm(ahead, axis=1)))
+    return np.stack([x, np.cross(z, x), z], axis=-1), middle, width, depth
+
+
+def harrington_hip(width_m: float, depth_m: float) -> np.ndarray:
+    """(3,) metres of the right hip centre in ``pelvis_frame``: x forward, y up, z right; the left one has -z."""
+    return np.array([-0.24 * depth_m - 0.0099, -0.30 * width_m - 0.0109, 0.33 * width_m + 0.0073])
+
+
+def functional_centre(markers_m: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
+    """(3,) the common centre of spheres on which each marker (t, 3) moves, and how well it is determined.
+
+    The second is the ratio of the smallest to the largest singular value of the equations. Raises ValueError for no
+    marker with four known positions.
+    """
+    matrix, right = np.zeros((3, 3)), np.zeros(3)
+    for marker in markers_m:
+        known = marker[np.isfinite(marker).all(axis=1)]
+        if len(known) < 4:
+            continue
+        square = (known**2).sum(axis=1)
+        centred = known - known.mean(axis=0)
+        matrix += 2.0 * centred.T @ centred / len(known)
+        right += centred.T @ (square - square.mean()) / len(known)
+    values = np.linalg.svd(matrix, compute_uv=False)
+    if values[0] == 0.0:
+        raise ValueError("no marker moved")
+    return np.linalg.lstsq(matrix, right, rcond=None)[0], float(np.sqrt(values[2] / values[0]))
+
+
+def _functional_centre(
+    captured: Captured,
+    side: str,
+    markers: list[np.ndarray],
+    pelvis: tuple[np.ndarray, np.ndarray],
+    regression_m: np.ndarray,
+) -> np.ndarray:
+    """In the pelvis; raises InputError where the thigh has no markers or its movement does not determine it."""
+    axes, origin_m = pelvis
+    if not markers:
+        raise InputError(captured.path, f"has no markers on the {side.lower()} thigh", "leave out --hip functional")
+    local = [np.einsum("tij,ti->tj", axes, marker - origin_m) for marker in markers]
+    centre, swing = functional_centre(local)
+    if swing < LEAST_SWING or np.linalg.norm(centre - regression_m) > FARTHEST_M:
+        problem = f"shows too little movement of the {side.lower()} thigh in several planes for a functional fit"
+        raise InputError(captured.path, problem, "leave out --hip functional, or record a movement of the hip")
+    return centre
+
+
+def with_sides_exchanged(track: CentreTrack) -> CentreTrack:
+    """Left joints take the place of right ones and the other way round."""
+    other = [JOINT_INDEX[other_side(name)] for name in JOINT_NAMES]
+    return CentreTrack(track.position_m[:, other], tuple(track.origin[index] for index in other))
+
+
+def other_side(name: str) -> str:
+    """The same joint or angle of the other side; itself where it has none."""
+    for left, right in ((*SIDES.values(),), ("_left", "_right")):
+        if name.endswith(left):
+            return name.removesuffix(left) + right
+        if name.endswith(right):
+            return name.removesuffix(right) + left
+    return name
+
 
 _OPENSIM: Final = {
     "knee_angle": "knee_flexion",

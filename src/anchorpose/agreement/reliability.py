@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
-from anchorpose.agreement.statistics import LEAST_UNITS, Estimate
+from anchorpose.agreement.statistics import CONFIDENCE, LEAST_UNITS, Estimate
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.recording.document import cell_text, read_rows, require_distinct
 from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
@@ -25,8 +25,6 @@ from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 from anchorpose.settings import LARGEST
-
-TAIL: Final = 0.975
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +88,8 @@ def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Estimate
     freedom = (a * ms.repeats + b * ms.rest) ** 2 / (
         (a * ms.repeats) ** 2 / (k - 1) + (b * ms.rest) ** 2 / ((n - 1) * (k - 1))
     )
-    above, below = stats.f.ppf(TAIL, n - 1, freedom), stats.f.ppf(TAIL, freedom, n - 1)
+    tail = 0.5 + CONFIDENCE / 2.0
+    above, below = stats.f.ppf(tail, n - 1, freedom), stats.f.ppf(tail, freedom, n - 1)
     other = k * ms.repeats + (k * n - k - n) * ms.rest
     low = n * (ms.subjects - above * ms.rest) / (above * other + n * ms.subjects)
     high = n * (below * ms.subjects - ms.rest) / (other + n * below * ms.subjects)
@@ -100,8 +99,9 @@ def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Estimate
 def consistency(ms: MeanSquares, subjects: int, repeats: int) -> Estimate:
     """ICC(3,1): a constant difference between repeats does not count as error."""
     n, k = subjects, repeats
+    tail = 0.5 + CONFIDENCE / 2.0
     ratio, freedom = ms.subjects / ms.rest, (n - 1) * (k - 1)
-    low, high = ratio / stats.f.ppf(TAIL, n - 1, freedom), ratio * stats.f.ppf(TAIL, freedom, n - 1)
+    low, high = ratio / stats.f.ppf(tail, n - 1, freedom), ratio * stats.f.ppf(tail, freedom, n - 1)
     value, below, above = ((each - 1.0) / (each + k - 1.0) for each in (ratio, low, high))
     return Estimate(float(value), float(below), float(above))
 

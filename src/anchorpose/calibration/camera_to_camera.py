@@ -18,11 +18,10 @@ import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
 
 from anchorpose.calibration.common_view import LevelView, SurfaceFit, fit_people, level_view
-from anchorpose.calibration.floor import FloorPlane, NoFloor
+from anchorpose.calibration.first_frames import FloorPlane, NoFloor
 from anchorpose.camera import Camera, invert_rigid, transform_points
-from anchorpose.recording.pairing import pair_frames
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import FrameSet, Recording, depths_of
+from anchorpose.recording.recording import FrameSet, Recording, depths_of, pair_frames
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6

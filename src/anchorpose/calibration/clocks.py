@@ -30,7 +30,7 @@ from anchorpose.calibration.clock_lags import (
     rough_lags,
     stamped_lags,
 )
-from anchorpose.calibration.floor import FloorPlane, floor_of_room
+from anchorpose.calibration.first_frames import FloorPlane, floor_of_room
 from anchorpose.camera import Camera
 from anchorpose.recording.depth_image import DepthFrames, RecordedFrames
 from anchorpose.recording.recording import Clock, Recording, align_clocks

@@ -16,8 +16,7 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 
-from anchorpose.calibration.first_frames import MAD_OF_NORMAL
-from anchorpose.calibration.floor import FloorPlane, up_of
+from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane, up_of
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
 NEARER_M: Final = 0.12  # people stand off the room by more than this

@@ -65,27 +65,16 @@ class SeenEquipment:
     pose: EquipmentPose
 
 
-@dataclass(frozen=True, slots=True)
-class Agreement:
-    """tested: points of one camera that are not hidden from the other; through: those that it sees through."""
-
-    tested: int
-    through: int
-
-    @property
-    def through_share(self) -> float:
-        return self.through / max(self.tested, 1)
-
-
-def agreement(
+def share_seen_through(
     cameras: tuple[Camera, Camera],
     depths_m: Sequence[tuple[np.ndarray, np.ndarray]],
     floor_height_m: float,
     noise_per_m: float,
-) -> Agreement:
-    """Both ways, over pairs of depth frames of about the same moment.
+) -> float | None:
+    """Return the share of unhidden points of one camera that the other sees through; None where they are too few.
 
-    cameras: both with a pose; depths_m: frames (height, width) of the first and the second, 0 = no reading.
+    Both ways, over pairs of depth frames of about the same moment. cameras: both with a pose; depths_m: frames (height,
+    width) of the first and the second, 0 = no reading.
     """
     tested = through = 0
     for pair in depths_m:
@@ -96,14 +85,12 @@ def agreement(
             points = points[np.isfinite(points[:, 2])].astype(np.float64)
             world = transform_points(cameras[here].require_pose(), points)
             world = world[world[:, 1] > floor_height_m + ABOVE_FLOOR_M]
-            seen = transform_points(invert_rigid(other.require_pose()), world)
-            column, row, inside = other.pixel_of(seen)
-            reading, z = pair[there][row, column], seen[:, 2]
+            z, reading, inside = other.look(world, pair[there])
             margin = APART_M + NOISE_GATE * noise_per_m * np.square(z)
             usable = inside & (reading > 0) & (z > 0)
             tested += int(np.count_nonzero(usable & (reading > z - margin)))
             through += int(np.count_nonzero(usable & (reading > z + margin)))
-    return Agreement(tested, through)
+    return through / tested if tested >= LEAST_COMPARED else None
 
 
 def _disagreement(
@@ -120,8 +107,7 @@ def _disagreement(
     up = cameras[1].require_pose()[:3, :3] @ one.view.floor.up
     foot = transform_points(cameras[1].require_pose(), -one.view.floor.height_m * one.view.floor.up)
     floor_m = float(foot @ up / up[1])
-    found = agreement(cameras, pairs, floor_m, one.view.noise_per_m)
-    return found.through_share if found.tested >= LEAST_COMPARED else None
+    return share_seen_through(cameras, pairs, floor_m, one.view.noise_per_m)
 
 
 def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> FloorPrior:

@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.equipment_model import Equipment
+from anchorpose.calibration.equipment_model import SAME_M, Equipment
 from anchorpose.calibration.equipment_refine import (
     FINE,
+    STEADY_ERROR_M,
     FloorPrior,
     Gate,
     Prediction,
@@ -23,7 +24,7 @@ from anchorpose.calibration.equipment_refine import (
     standing_prior,
 )
 from anchorpose.calibration.equipment_search import search_floor
-from anchorpose.calibration.floor import NOISE_GATE
+from anchorpose.calibration.first_frames import NOISE_GATE
 from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 
@@ -33,14 +34,13 @@ MOST_THROUGH: Final = 0.10  # of what is not hidden, seen through: edges of thin
 MOST_THROUGH_OF_PART: Final = 0.35
 MOST_UNREAD_OF_PART: Final = 0.7  # of what nothing hides: an absent part in front of a distant wall is not read either
 LEAST_PIXELS_OF_PART: Final = 40  # fewer are no evidence about a part
-MOST_PART_SHIFT_M: Final = 0.012  # equipment is measured with a tape; two clinics' frames differ by more
 MOST_FILLED: Final = 0.5  # of the outline's places: within a wall it is all
 LEAST_OUTLINED: Final = 0.6  # of the outline's places that nothing hides: the part ends there
 MOST_OFF_PX: Final = 2.0  # within this of its place; edge pixels are often one off
 MOST_SIGMA_M: Final = 0.006
 MOST_SIGMA_RAD: Final = 0.0087  # half a degree
 LEAST_COSINE: Final = 0.25  # of incidence: flatter, no camera reads a surface well
-STEADY_M, STEADY_RAD = 0.0015, 0.0008  # 1 to 2 mm over the image; between bars a metre apart 0.05 degrees
+STEADY_RAD: Final = 0.0008  # smooth error of a device: between bars a metre apart 0.05 degrees
 
 
 class NoPose(StrEnum):
@@ -162,7 +162,7 @@ def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | No
     if evidence.through_share > MOST_THROUGH:
         return NoPose.SEEN_THROUGH, None
     shift = np.nan_to_num(evidence.shift_m)
-    if shift.max(initial=0.0) > MOST_PART_SHIFT_M:
+    if shift.max(initial=0.0) > SAME_M:
         return NoPose.PART_ELSEWHERE, int(shift.argmax())
     if evidence.outlined_share < LEAST_OUTLINED:
         return NoPose.OUTLINE, None
@@ -176,7 +176,7 @@ def sigma_of(fit: Refined) -> tuple[float, float]:
     What a device's steady error adds does not shrink with the number of pixels.
     """
     turn, place = (np.linalg.eigvalsh(block)[-1] for block in (fit.covariance[:3, :3], fit.covariance[3:, 3:]))
-    return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_M))
+    return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
 
 
 TRIED: Final = 6  # places of the search that are refined; the right one was always among the first two

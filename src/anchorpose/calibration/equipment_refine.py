@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 
 from anchorpose.calibration.equipment_model import Equipment, Outline, Rendering
-from anchorpose.calibration.first_frames import what_stays
-from anchorpose.calibration.floor import NOISE_GATE, FloorPlane
+from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane, what_stays
 from anchorpose.camera import Camera, transform_points
 
 MOSTLY: Final = 0.4  # of the frames: an edge pixel of a thin bar reads the bar six times in ten

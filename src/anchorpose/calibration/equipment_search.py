@@ -9,7 +9,7 @@ import numpy as np
 
 from anchorpose.calibration.equipment_model import EquipmentSamples, rotation_about_y
 from anchorpose.calibration.equipment_refine import StillView
-from anchorpose.calibration.floor import NOISE_GATE, FloorPlane
+from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane
 from anchorpose.camera import Camera
 from anchorpose.lens import lens_array, pixel_of_ray
 

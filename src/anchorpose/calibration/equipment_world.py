@@ -29,8 +29,7 @@ from anchorpose.calibration.equipment_pose import (
     refit,
 )
 from anchorpose.calibration.equipment_refine import FloorPrior, StillView, see_still, standing_prior
-from anchorpose.calibration.first_frames import noise_per_m, what_stays
-from anchorpose.calibration.floor import NOISE_GATE, FloorPlane, NoFloor, find_floor
+from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane, NoFloor, find_floor, noise_per_m, what_stays
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording

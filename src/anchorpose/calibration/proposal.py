@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.calibration.proposal_joining import extended, guessed_lengths, hollow_share, merged, on_its_feet
-from anchorpose.calibration.proposal_readings import Found, Readings, Region, find_parts, gather_readings
+from anchorpose.calibration.proposal_readings import LEAST_PIXELS, Found, Readings, Region, find_parts, gather_readings
 from anchorpose.calibration.proposal_shape import REACH_M, Fit, first_fit, refine
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
@@ -26,7 +26,6 @@ EXPLAINED_M: Final = 0.015  # of a part's surface: what the part explains
 WELL_M: Final = 0.006  # spread of the readings of a part that fits well, so that it need not be turned
 WORST_RESIDUAL_M: Final = 0.012  # spread of a part's readings about it; more is neither a bar nor a plate
 MOST_HOLLOW: Final = 0.2  # of the rays through a part's core; more pass through where a wrong part was proposed
-LEAST_READINGS: Final = 40
 END_SHARE: Final = 0.15  # of a bar's length at each end, left out of its cross-section
 RUNNER_M, SEAT_M = 0.15, 0.30  # heights that separate names
 SAMPLES: Final = 8  # frames by which the place of the patient is found where no pose is given
@@ -128,7 +127,7 @@ def propose_equipment(
     seen is known: a side that no camera sees is placed so that the bar is square, and named in ``guessed``.
     """
     readings = gather_readings(cameras, rooms_m, floor_height_m, region)
-    if readings.stands.sum() < LEAST_READINGS:
+    if readings.stands.sum() < LEAST_PIXELS:
         return NoEquipment.NOTHING_STANDS
     points = readings.points_m[readings.stands]
     found = find_parts(points)
@@ -138,7 +137,7 @@ def propose_equipment(
     fits = [_begin(part, readings, yaw) for part in found]
     fits = _fit_together(fits, readings, 1)
     fits = _fit_together(merged(fits, readings), readings, ROUNDS)
-    fits = [on_its_feet(fit, readings, floor_height_m) for fit in fits if fit.readings >= LEAST_READINGS]
+    fits = [on_its_feet(fit, readings, floor_height_m) for fit in fits if fit.readings >= LEAST_PIXELS]
     fits = [fit for fit in fits if fit.residual_m < WORST_RESIDUAL_M and hollow_share(fit, readings) < MOST_HOLLOW]
     if not fits:
         return NoEquipment.NO_SHAPE
@@ -220,7 +219,7 @@ def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[
         for index, fit in enumerate(fits):
             own = np.zeros(len(readings.depth_m), dtype=bool)
             own[stands[owner == index]] = True
-            if own.sum() >= LEAST_READINGS:
+            if own.sum() >= LEAST_PIXELS:
                 kept.append(_settled(fit, readings, own, tubes=number == ROUNDS - 1))
         fits = kept
         if not fits:

@@ -13,11 +13,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from anchorpose.calibration.first_frames import noise_per_m
+from anchorpose.calibration.first_frames import TOLERANCES_M, noise_per_m
 from anchorpose.camera import Camera, transform_points
 from anchorpose.settings import Positive, settings
 
-FLAT_M: Final = 0.02  # floors and mats are level to this
 FLOOR_SIGMAS: Final = 4.0  # of the depth noise as seen across the floor
 JUMP_M, JUMP_SIGMAS = 0.03, 4.0  # between neighbours on one object: a bar's slanted side, and noise
 SUPPORT: Final = 4  # of eight neighbours at a pixel's own depth; flying pixels and their like have fewer
@@ -92,7 +91,7 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
     points = transform_points(camera.require_pose(), camera.back_project(room_m).astype(np.float64))
     height = points[..., 1] - floor_height_m
     lift = abs(camera.position_m[1] - floor_height_m)  # depth noise a z^2 is a z h across a floor h below
-    standing = (room_m > 0) & (height > FLAT_M + FLOOR_SIGMAS * noise * room_m * lift)
+    standing = (room_m > 0) & (height > TOLERANCES_M[0] + FLOOR_SIGMAS * noise * room_m * lift)
     limit = JUMP_M + JUMP_SIGMAS * noise * room_m**2
     supported = _support(room_m, standing, limit) >= SUPPORT
     ground = points[..., [0, 2]] - np.array(region.center_xz_m)

@@ -20,8 +20,14 @@ from anchorpose.calibration.camera_to_camera import NoCameraToCamera, PlacingCon
 from anchorpose.calibration.equipment_agreement import ChooseHeading
 from anchorpose.calibration.equipment_pose import EquipmentPoseConfig
 from anchorpose.calibration.equipment_world import check_given_poses, world_from_equipment
-from anchorpose.calibration.first_frames import USUAL_DISTANCE_M, start_of_patient
-from anchorpose.calibration.floor import FloorPlane, NoFloor, floor_of_room, is_upside_down
+from anchorpose.calibration.first_frames import (
+    USUAL_DISTANCE_M,
+    FloorPlane,
+    NoFloor,
+    floor_of_room,
+    is_upside_down,
+    start_of_patient,
+)
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording, depths_of

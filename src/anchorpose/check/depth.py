@@ -9,19 +9,22 @@ import cv2
 import numpy as np
 
 from anchorpose.body.visibility import MOST_MISSING
-from anchorpose.calibration.first_frames import USUAL_DISTANCE_M, noise_per_m, people_only, step_per_m
-from anchorpose.calibration.floor import FloorPlane, find_floor, up_of
+from anchorpose.calibration.first_frames import (
+    USUAL_DISTANCE_M,
+    FloorPlane,
+    find_floor,
+    noise_per_m,
+    people_only,
+    up_of,
+)
 from anchorpose.camera import Camera
 from anchorpose.check.material import Finding, Level, Material, OfCamera, level_of, of_cameras
 from anchorpose.isolation.background import BackgroundModel
-from anchorpose.isolation.depth_noise import LIMB_M, SHARP_EDGE_PX, DepthDetail, smear_px
+from anchorpose.isolation.depth_noise import LIMB_M, measure_detail
 from anchorpose.isolation.room_planes import find_planes
 from anchorpose.isolation.view import View
 
-KINECT_V1_PER_M: Final = 1.425e-3  # Khoshelham and Elberink 2012: the noisiest camera that is common in clinics
-NOISY: Final = 2.0  # times that
-LIMB_LOST_M: Final = LIMB_M / 2  # one sigma as large as a limb's radius: its surface is in the noise
-COARSE_M: Final = LIMB_M / 4  # steps: a limb shows in four of them
+NOISY_PER_M: Final = 2 * 1.425e-3  # of a Kinect v1, the noisiest common camera: Khoshelham and Elberink 2012
 SOME_GONE, MOST_GONE = 0.40, 0.70  # of the image: 0.05 to 0.35 indoors, where windows and far walls return nothing
 HOLED: Final = 0.15  # of the patient's outline: hair and shoes are less
 BURST: Final = 1.3  # of the usual noise in a single frame: within 10 % from frame to frame of undisturbed cameras
@@ -59,17 +62,16 @@ def _noise(camera: Camera, frames_m: Sequence[np.ndarray], at_m: float) -> OfCam
     except ValueError:
         return OfCamera(camera.name, Level.RED, "too few readings to measure", "look at the depth images")
     sigma_m = noise * at_m**2
-    level = max(level_of(noise, NOISY * KINECT_V1_PER_M, np.inf), level_of(sigma_m, np.inf, LIMB_LOST_M))
+    level = max(level_of(noise, NOISY_PER_M, np.inf), level_of(sigma_m, np.inf, LIMB_M / 2))
     remedy = "move the camera nearer to the patient, keep sunlight out, and choose its mode of high accuracy"
     return OfCamera(camera.name, level, f"{1000 * sigma_m:.0f} mm (one sigma) at {at_m:.1f} m", remedy)
 
 
 def _detail(camera: Camera, frames_m: Sequence[np.ndarray], at_m: float) -> OfCamera:
-    edge_px = max(float(smear_px(frames_m)), SHARP_EDGE_PX)
-    detail = DepthDetail(edge_px, camera.intrinsics.fx, step_per_m(frames_m))
+    detail = measure_detail(frames_m, camera)
     edge_m, step_m = detail.edge_m(at_m), detail.step_m(at_m)
     drawn_out = max(level_of(edge_m, LIMB_M, LIMB_M), Level.YELLOW if detail.filtered else Level.GREEN)
-    coarse = level_of(step_m, COARSE_M, LIMB_M)
+    coarse = level_of(step_m, LIMB_M / 4, LIMB_M)
     edges = f"edges {100 * edge_m:.0f} cm wide" if detail.filtered else "sharp edges"
     measured, remedies = f"steps of {1000 * step_m:.0f} mm, {edges} at {at_m:.1f} m", list[str]()
     if drawn_out > Level.GREEN:
@@ -189,7 +191,7 @@ def _room_through_lens(material: Material) -> list[Finding]:
     flat, upright = list[OfCamera](), list[OfCamera]()
     for scene in material.floor_scenes:
         room, camera = scene.background, scene.camera
-        floor = find_floor(room.depth_m, camera, room.noise_per_m, up=up_of(camera))
+        floor = find_floor(room.depth_m, camera, room.sensor.noise_per_m, up=up_of(camera))
         if not isinstance(floor, FloorPlane):
             continue
         bend_m, lean_deg = _bend_m(room.depth_m, camera, floor), _lean_deg(room, camera, floor)
@@ -228,7 +230,7 @@ def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float
     parallel to the image stays so whatever the lens is, and where the sensor's range cuts a wall off, the strip that is
     left of it looks like one.
     """
-    planes = find_planes(room.depth_m, camera, room.noise_per_m, most_beyond=1.0)
+    planes = find_planes(room.depth_m, camera, room.sensor.noise_per_m, most_beyond=1.0)
     facing = [plane[:3] for plane in planes if FACING < plane[2] < PARALLEL]
     leans = [abs(float(np.degrees(np.arcsin(np.clip(normal @ floor.up, -1.0, 1.0))))) for normal in facing]
     return min((lean for lean in leans if lean < UPRIGHT_DEG), default=float("nan"))

@@ -18,9 +18,16 @@ from anchorpose.isolation.people import PatientChoice, Person, find_people
 from anchorpose.isolation.scene import Scene, find_all_pieces
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.recording.pairing import nominal_period_s, pair_frames
 from anchorpose.recording.reader import frame_range, read_frame
-from anchorpose.recording.recording import DepthStream, FrameSet, Recording, align_clocks, depths_of
+from anchorpose.recording.recording import (
+    DepthStream,
+    FrameSet,
+    Recording,
+    align_clocks,
+    depths_of,
+    nominal_period_s,
+    pair_frames,
+)
 from anchorpose.tracker.bystanders import ordinary_body, person_evidence, rough_body
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.look import Look

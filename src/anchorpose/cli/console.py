@@ -126,7 +126,7 @@ def counter(what: str) -> Iterator[Callable[[], None]]:
 
 def log_event(results: Path, what: str, files: Iterable[str], by: str, about: dict[str, Any] | None = None) -> None:
     """Adds a line to the results' log; where that fails, as on a disk that is read-only, a sentence says so."""
-    from anchorpose.results.event_log import LOG_FILE, add_event
+    from anchorpose.results.verify import LOG_FILE, add_event
 
     try:
         add_event(results, what, files, by, about)

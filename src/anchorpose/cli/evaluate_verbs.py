@@ -112,8 +112,13 @@ def _with_labels(results: Path, labels: Path, recording: Path | None) -> None:
 
 def print_comparison(comparison: Comparison) -> None:
     """How the recordings lie, and the main figures as a table."""
-    from anchorpose.agreement.evaluation_page import DIFFERENCE_HEAD, DISTANCE_HEAD, angle_rows, distance_rows
-    from anchorpose.agreement.writing import alignment_sentences
+    from anchorpose.agreement.writing import (
+        DIFFERENCE_HEAD,
+        DISTANCE_HEAD,
+        alignment_sentences,
+        angle_rows,
+        distance_rows,
+    )
 
     for match in comparison.matches:
         for sentence in alignment_sentences(match):

@@ -53,7 +53,7 @@ def fit(
     from anchorpose.calibration.proposal import fit_equipment
     from anchorpose.pages.canvas import as_png
     from anchorpose.pages.stage_drawing import draw_model
-    from anchorpose.recording.equipment_file import read_equipment, write_equipment
+    from anchorpose.recording.equipment import read_equipment, write_equipment
     from anchorpose.recording.reader import open_recording
     from anchorpose.recording.writable import check_file, new_folder, whole_file
     from anchorpose.results.folder import naming_place

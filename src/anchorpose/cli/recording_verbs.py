@@ -138,8 +138,7 @@ def calibrate(
         A TOML or JSON file with settings that differ from the defaults, as for track.
     """
     from anchorpose.pipeline import calibrate_recording
-    from anchorpose.results.calibration_file import CALIBRATION
-    from anchorpose.results.folder import check_results_path, new_results_folder
+    from anchorpose.results.folder import CALIBRATION, check_results_path, new_results_folder
     from anchorpose.tracker.config import load_track_config
 
     settings = load_track_config(config)
@@ -154,7 +153,7 @@ def calibrate(
 
 
 def _print_poses(found: Calibration) -> None:
-    from anchorpose.results.calibration_file import calibration_rows
+    from anchorpose.calibration.calibration import calibration_rows
 
     show_table(("camera", "pose", "± mm", "± degrees", "surface rms mm", "outline rms px"), calibration_rows(found))
     for note in found.notes:

@@ -131,8 +131,7 @@ def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: st
     from anchorpose.cli.console import print_outcome, progress_bar
     from anchorpose.cli.recording_verbs import as_recording
     from anchorpose.pipeline import track_recording
-    from anchorpose.results.folder import check_results_path
-    from anchorpose.results.unfinished import RESUME, unfinished_results
+    from anchorpose.results.folder import RESUME, check_results_path, unfinished_results
 
     settings = given.settings()
     check_results_path(results, recording, given.overwrite)

@@ -108,7 +108,7 @@ def motion_rows(channels: Sequence[Channel]) -> Iterator[tuple[str, ...]]:
 EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "part", "person", "state")
 
 
-def events_of(folder: Path, start_s: float, missing: str) -> list[tuple[str, ...]]:
+def events_of(folder: Path, start_s: float) -> list[tuple[str, ...]]:
     """Rows in order of onset, in seconds since ``start_s``; none where the results have neither table."""
     found: list[tuple[float, float, str, str, str, str]] = []
     if (folder / CONTACTS_FILE).exists():
@@ -118,11 +118,11 @@ def events_of(folder: Path, start_s: float, missing: str) -> list[tuple[str, ...
         ]
     if (folder / EPISODES_FILE).exists():
         found += [
-            (episode.start_s, episode.end_s, episode.kind, missing, missing, str(episode.state))
+            (episode.start_s, episode.end_s, episode.kind, MISSING, MISSING, str(episode.state))
             for episode in read_episodes(folder / EPISODES_FILE)
         ]
     return [
-        (rounded_text(start - start_s, 6, missing), rounded_text(end - start, 6, missing), *texts)
+        (rounded_text(start - start_s, 6, MISSING), rounded_text(end - start, 6, MISSING), *texts)
         for start, end, *texts in sorted(found)
     ]
 
@@ -187,7 +187,7 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 def _events(stem: Path, source: Source) -> None:
     """Writes no file where there are no events, as BIDS requires."""
-    events = events_of(source.folder, float(source.samples.time_s[0]), MISSING)
+    events = events_of(source.folder, float(source.samples.time_s[0]))
     if events:
         write_rows(stem.with_suffix(".tsv"), "\t", [EVENT_COLUMNS], events)
         _write_json(stem.with_suffix(".json"), events_sidecar())

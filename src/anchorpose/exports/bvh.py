@@ -175,7 +175,6 @@ def _middle(quaternion: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
 
 
 STEM: Final = "motion"
-CM_PER_M: Final = 100.0
 DIGITS: Final = 5
 _PLACE, _TURN = "Xposition Yposition Zposition", "Zrotation Xrotation Yrotation"
 
@@ -227,7 +226,7 @@ def write_bvh_file(
     """Writes the file of some ``rows``; kept: indices of the nodes to write, the root first; root_m (n, 3)."""
     order, lines = _hierarchy(nodes, kept)
     values = np.empty((rows.stop - rows.start, 3 + 3 * len(order)))
-    values[:, :3] = root_m[rows] * CM_PER_M
+    values[:, :3] = 100.0 * root_m[rows]
     for number, place in enumerate(order, 1):
         values[:, 3 * number : 3 * number + 3] = _turns_deg(nodes, place, rows)
     head = ["HIERARCHY", *lines, "MOTION", f"Frames: {len(values)}", f"Frame Time: {1.0 / rate_hz:.9f}"]
@@ -280,4 +279,4 @@ def _hierarchy(nodes: list[Node], kept: list[int]) -> tuple[list[int], list[str]
 
 
 def _centimetres(vector_m: np.ndarray) -> str:
-    return " ".join(rounded_text(float(value), DIGITS, "0") for value in vector_m * CM_PER_M)
+    return " ".join(rounded_text(float(value), DIGITS, "0") for value in 100.0 * vector_m)

@@ -27,7 +27,6 @@ from anchorpose.results.records import (
 )
 
 STEM: Final = "joints"
-MM_PER_M: Final = 1000.0
 LARGEST_FRAMES: Final = 65535
 """The format counts frames in 16 bits; a longer recording goes into several files."""
 
@@ -119,8 +118,8 @@ def _add_frames(file: Any, samples: Samples) -> None:
     """Gives the file its frames, points and channels in the order of their labels."""
     angles = np.zeros((*samples.degrees.shape, 3))
     angles[..., 0] = samples.degrees
-    places = np.concatenate([samples.position_m * MM_PER_M, angles], axis=1)
-    sigma = np.concatenate([samples.joint_sigma_m * MM_PER_M, samples.sigma_deg], axis=1)
+    places = np.concatenate([1000.0 * samples.position_m, angles], axis=1)
+    sigma = np.concatenate([1000.0 * samples.joint_sigma_m, samples.sigma_deg], axis=1)
     missing = np.isnan(places).any(axis=2)
     residual = np.where(missing, -1.0, np.clip(np.ceil(np.nan_to_num(sigma)), 1.0, LARGEST_RESIDUAL))
     state_code = np.concatenate([samples.joint_state_code, samples.angle_state_code], axis=1)

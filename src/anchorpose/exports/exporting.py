@@ -1,29 +1,243 @@
-"""Export a results folder: every format into a folder of its own, all of them or none."""
+"""Export a results folder: every format into a folder of its own, all of them or none; CSV is written here.
+
+CSV has every table of the results as it is, wide tables of joints and angles, and a dictionary of all columns.
+"""
 
 from __future__ import annotations
 
+import csv
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from glob import escape
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+import pyarrow as pa
+
 from anchorpose import __version__
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.bids import write_bids
 from anchorpose.exports.bvh import write_bvh
 from anchorpose.exports.c3d import write_c3d
-from anchorpose.exports.csv_tables import write_csv
-from anchorpose.exports.formats import Format, Product, Source, read_source
+from anchorpose.exports.formats import STATES, Format, Product, Source, number_text, read_source
 from anchorpose.exports.opensim_coordinates import write_mot
 from anchorpose.exports.opensim_trc import write_trc
+from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import ExportConfig
-from anchorpose.recording.document import read_json
+from anchorpose.recording.document import cell_text, read_json
 from anchorpose.recording.writable import check_place
 from anchorpose.results.folder import whole_or_nothing
+from anchorpose.results.frame_time import blocks
+from anchorpose.results.parquet import opened_parquet, pieces
 from anchorpose.results.run_record import hash_files
+
+_STATE_MEANING: Final = f"how it is known: {', '.join(STATES)}; or, of intervals, seen or inferred"
+
+# Column: unit and meaning, the same in every table that has it.
+_MEANING: Final = {
+    "frame": ("", "frame of the first camera, counted from 0"),
+    "time_s": ("s", "time on the clock of the first camera"),
+    "joint": ("", "one of the 21 joints; Left and Right are the patient's"),
+    "x_m": ("m", "forward"),
+    "y_m": ("m", "up"),
+    "z_m": ("m", "to the patient's right"),
+    "state": ("", _STATE_MEANING),
+    "sigma_m": ("m", "one standard deviation of the error along each axis"),
+    "angle": ("", "name of the angle; docs/angles.md of anchorpose defines it"),
+    "degrees": ("deg", "the angle"),
+    "sigma_deg": ("deg", "one standard deviation of the angle's error"),
+    "processing": ("", "measured, smoothed or filled"),
+    "part": ("", "region of the patient's body"),
+    "person": ("", "who touches; the same name as long as this person is followed"),
+    "first_frame": ("", "first frame of the interval; it belongs to it"),
+    "last_frame": ("", "last frame of the interval; it belongs to it"),
+    "start_s": ("s", "time of the first frame"),
+    "end_s": ("s", "time of the last frame"),
+    "seen_share": ("1", "share of the touching skin that a camera saw"),
+    "area_cm2": ("cm2", "skin of the patient in reach, mean over the frames"),
+    "gap_mm": ("mm", "least distance of the two skins"),
+    "bone": ("", "bone of the learnt body"),
+    "qw": ("1", "quaternion of the turn from the upright rest pose to the world, real part"),
+    "qx": ("1", "the same, part along X"),
+    "qy": ("1", "the same, part along Y"),
+    "qz": ("1", "the same, part along Z"),
+    "axial_sigma_rad": ("rad", "one standard deviation of the turn about the bone's own long axis"),
+    "uncovered_cm2": ("cm2", "surface of the patient that a camera sees and no part of the posed body covers"),
+    "trunk_seen_past": ("1", "share of the skin of trunk and head with something farther away seen in its place"),
+    "arm_left_seen_past": ("1", "the same, patient's left arm"),
+    "leg_left_seen_past": ("1", "the same, patient's left leg"),
+    "arm_right_seen_past": ("1", "the same, patient's right arm"),
+    "leg_right_seen_past": ("1", "the same, patient's right leg"),
+    "anchor": ("", "geodesic extremum: head, hands or feet"),
+    "com_x_m": ("m", "estimated centre of mass of the body, forward"),
+    "com_y_m": ("m", "estimated centre of mass of the body, up"),
+    "com_z_m": ("m", "estimated centre of mass of the body, to the patient's right"),
+    "com_sigma_m": ("m", "one standard deviation of the centre of mass along each axis"),
+    "upright": ("", "whether the patient stands upright"),
+    "kind": ("", "what the interval is: upright, sit_to_stand, stand_to_sit, step_left or step_right"),
+    "measure": ("", "name of the measure; docs/measures.md of anchorpose defines it"),
+    "side": ("", "left or right, the patient's"),
+    "value": ("see column unit", "the measure"),
+    "unit": ("", "unit of value and sigma"),
+    "sigma": ("see column unit", "one standard deviation of the value"),
+    "frames": ("", "how many frames the value rests on"),
+    "inferred_share": ("1", "share of those frames in which a joint was inferred"),
+    "why": ("", "why there is no value"),
+}
+
+_WIDE: Final = (
+    ("_sigma_m", "sigma_m"),
+    ("_sigma_deg", "sigma_deg"),
+    ("_x_m", "x_m"),
+    ("_y_m", "y_m"),
+    ("_z_m", "z_m"),
+    ("_state", "state"),
+    ("_deg", "degrees"),
+)
+
+MISSING: Final = "empty cell"
+
+
+def describe_column(name: str, kind: str) -> tuple[str, str, str, str, str]:
+    """Name, type, unit, meaning and the sign for missing; an unknown column has no unit and no meaning."""
+    unit, meaning = _MEANING.get(name, ("", ""))
+    return name, kind, unit, meaning, MISSING
+
+
+def describe_wide_column(name: str) -> tuple[str, str, str, str, str]:
+    """The same for a column of a wide table, whose name begins with the joint or angle."""
+    for ending, column in _WIDE:
+        if name.endswith(ending):
+            unit, meaning = _MEANING[column]
+            return (
+                name,
+                "text" if column == "state" else "number",
+                unit,
+                f"{name.removesuffix(ending)}: {meaning}",
+                MISSING,
+            )
+    return describe_column(name, "whole number" if name == "frame" else "number")
+
+
+DICTIONARY_FILE: Final = "data_dictionary.csv"
+DICTIONARY_HEAD: Final = ("file", "column", "type", "unit", "meaning", "missing")
+
+Column = tuple[str, np.ndarray]
+
+
+def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
+    """A CSV for each table without images, joints_wide.csv, angles_wide.csv and data_dictionary.csv."""
+    dictionary, notes, rows = list[tuple[str, ...]](), list[str](), 0
+    for path in sorted(source.folder.glob("*.parquet")):
+        with opened_parquet(path) as file:
+            schema, count = file.schema_arrow, file.metadata.num_rows
+        if any(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) for kind in schema.types):
+            continue  # images of person labels for the viewer
+        name = f"{path.stem}.csv"
+        rows += count
+        _write(folder / name, schema.names, _rows(path))
+        dictionary += [(name, *describe_column(field.name, _kind(field.type))) for field in schema]
+        notes += _metadata(name, schema)
+    for name, columns in (("joints_wide.csv", _wide_joints(source)), ("angles_wide.csv", _wide_angles(source))):
+        if columns:
+            names = [column for column, _ in columns]
+            _write(folder / name, names, _wide_rows([values for _, values in columns]))
+            dictionary += [(name, *describe_wide_column(column)) for column in names]
+    _write(folder / DICTIONARY_FILE, DICTIONARY_HEAD, dictionary)
+    return _product(len(source.frame), rows, notes)
+
+
+def _product(frames: int, rows: int, notes: list[str]) -> Product:
+    return Product(
+        axes="X forward, Y up, Z to the patient's right",
+        units="in the names of the columns (_m metres, _s seconds, _deg and degrees) and in the data dictionary",
+        time="as recorded",
+        missing="an empty cell; state says why",
+        counts=(("frames", frames), ("rows_of_long_tables", rows)),
+        notes=(
+            f"{DICTIONARY_FILE} says what each column means.",
+            "UTF-8, commas, decimal points, one line of names.",
+            *notes,
+        ),
+    )
+
+
+def _metadata(name: str, schema: pa.Schema) -> list[str]:
+    """The metadata of the table, such as how it was smoothed, for which a CSV has no place."""
+    texts = {key.decode(): value.decode(errors="replace") for key, value in (schema.metadata or {}).items()}
+    return [f"{name}, {key}: {value}" for key, value in texts.items() if key != "pandas"]
+
+
+def _kind(kind: pa.DataType) -> str:
+    if pa.types.is_boolean(kind):
+        return "true or false"
+    if pa.types.is_integer(kind):
+        return "whole number"
+    return "number" if pa.types.is_floating(kind) else "text"
+
+
+def _cells(column: pa.ChunkedArray) -> list[str]:
+    if pa.types.is_float32(column.type):  # the shortest text of the single precision number, not of its double
+        return ["" if value is None or value != value else str(np.float32(value)) for value in column.to_pylist()]
+    return [_cell(value) for value in column.to_pylist()]
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return number_text(value) if isinstance(value, float) else str(value)
+
+
+def _rows(path: Path) -> Iterator[tuple[str, ...]]:
+    """The rows of a table; raises InputError where it cannot be read."""
+    with opened_parquet(path) as file:
+        for piece in pieces(file):
+            yield from zip(*(_cells(column) for column in piece.columns), strict=True)
+
+
+def _wide_rows(columns: Sequence[np.ndarray]) -> Iterator[tuple[str, ...]]:
+    """Of columns (n,): numbers, and state codes (int8), which become their texts."""
+    for rows in blocks(len(columns[0])):
+        yield from zip(*(_wide_cells(values[rows]) for values in columns), strict=True)
+
+
+def _wide_cells(values: np.ndarray) -> list[str]:
+    return [STATES[value] if values.dtype == np.int8 else _cell(value) for value in values.tolist()]
+
+
+def _wide_joints(source: Source) -> list[Column]:
+    samples = source.samples
+    columns: list[Column] = [("frame", source.frame), ("time_s", samples.time_s)]
+    for number, name in enumerate(JOINT_NAMES):
+        columns += [(f"{name}_{axis}_m", samples.position_m[:, number, place]) for place, axis in enumerate("xyz")]
+        columns.append((f"{name}_sigma_m", samples.joint_sigma_m[:, number]))
+        columns.append((f"{name}_state", samples.joint_state_code[:, number]))
+    return columns
+
+
+def _wide_angles(source: Source) -> list[Column]:
+    samples = source.samples
+    if not samples.angles:
+        return []
+    columns: list[Column] = [("frame", source.frame), ("time_s", samples.time_s)]
+    for number, name in enumerate(samples.angles):
+        columns.append((f"{name}_deg", samples.degrees[:, number]))
+        columns.append((f"{name}_sigma_deg", samples.sigma_deg[:, number]))
+        columns.append((f"{name}_state", samples.angle_state_code[:, number]))
+    return columns
+
+
+def _write(path: Path, names: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\r\n")  # RFC 4180
+        writer.writerow(names)
+        writer.writerows([cell_text(cell) for cell in row] for row in rows)
+
 
 RECORD_FILE: Final = "export.json"
 EXPORTS_FOLDER: Final = "exports"

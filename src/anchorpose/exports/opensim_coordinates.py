@@ -20,7 +20,7 @@ from anchorpose.exports.formats import Product, Source, rounded_text, write_rows
 from anchorpose.exports.regular_time import near_in_time, stretch_name, stretches_of
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.options import CoordinateModel, ExportConfig
-from anchorpose.results.kinematics.joint_angles import SOLE_SLOPE_DEG, knee_flexion
+from anchorpose.results.joint_angles import SOLE_SLOPE_DEG, knee_flexion
 from anchorpose.results.tables import POSES_FILE, PoseTable, read_poses
 from anchorpose.rotations import unit
 

@@ -12,7 +12,7 @@ import numpy as np
 from anchorpose import __version__
 from anchorpose.exports.opensim_coordinates import SIDES, in_axes, joint, pelvis_axes, torso_axes
 from anchorpose.options import CoordinateModel
-from anchorpose.results.kinematics.joint_angles import SOLE_SLOPE_DEG
+from anchorpose.results.joint_angles import SOLE_SLOPE_DEG
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,10 +100,6 @@ MASS_SHARE: Final = {
     "ulna": 0.0223,
 }
 
-ROUND: Final = 4.0 * np.pi
-"""Range of the pelvis either way: a patient who faces -X, or turns round, must not reach a limit at 180 degrees, where
-OpenSim's inverse kinematics would stop."""
-
 
 @dataclass(frozen=True, slots=True)
 class OsimCoordinate:
@@ -145,8 +141,8 @@ def segments(body: MeasuredBody, model: CoordinateModel) -> tuple[OsimBody, ...]
 
 def _pelvis(body: MeasuredBody) -> OsimBody:
     zero = np.zeros(3)
-    turns = tuple(
-        OsimCoordinate(f"pelvis_{name}", axis, (-ROUND, ROUND))
+    turns = tuple(  # so wide that a patient who turns round reaches no limit, where inverse kinematics would stop
+        OsimCoordinate(f"pelvis_{name}", axis, (-4.0 * np.pi, 4.0 * np.pi))
         for name, axis in (("tilt", Z), ("list", X), ("rotation", Y))
     )
     moves = tuple(
@@ -285,7 +281,6 @@ NOMINAL_MASS_KG: Final = 75.0
 """An adult's: the patient's is unknown, OpenSim needs one to load the model, and kinematics do not use it."""
 
 ROD_RADIUS_M: Final = 0.012
-_AXES: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def model_xml(body: MeasuredBody, model: CoordinateModel) -> str:
@@ -338,7 +333,7 @@ def _rod(name: str, start: np.ndarray, end: np.ndarray) -> ElementTree.Element:
     _add(frame, "socket_parent", "..")
     _add(frame, "translation", _numbers((start + end) / 2.0))
     # body-fixed X then Z (OpenSim's X-Y-Z without a rotation about Y) that bring Y along the rod
-    along = along / length if length else np.array(_AXES[1])
+    along = along / length if length else np.array(Y)
     about_z = np.arcsin(np.clip(-along[0], -1.0, 1.0))
     _add(frame, "orientation", _numbers([np.arctan2(along[2], along[1]), 0.0, about_z]))
     return frame
@@ -375,7 +370,7 @@ def _transform(coordinates: tuple[OsimCoordinate, ...]) -> ElementTree.Element:
     for kind, moves in (("rotation", False), ("translation", True)):
         used = [coordinate for coordinate in coordinates if coordinate.moves is moves]
         axes = [coordinate.axis for coordinate in used]
-        spare = [axis for axis in _AXES if not any(abs(np.dot(axis, other)) > 0.5 for other in axes)]
+        spare = [axis for axis in (X, Y, Z) if not any(abs(np.dot(axis, other)) > 0.5 for other in axes)]
         for number, axis in enumerate([*axes, *spare], 1):
             element = _add(transform, "TransformAxis", name=f"{kind}{number}")
             _add(element, "coordinates", used[number - 1].name if number <= len(used) else "")

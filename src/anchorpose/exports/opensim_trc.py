@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from anchorpose.exports.formats import Product, Samples, Source, number_text, rounded_text, write_rows
+from anchorpose.exports.opensim_coordinates import DIGITS
 from anchorpose.exports.opensim_model import OSIM_VERSION, as_text, measure_body, model_xml
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, runs_where, stretch_name, stretches_of
 from anchorpose.joints import JOINT_NAMES
@@ -21,8 +22,6 @@ TRC_FILE: Final = "joints.trc"
 MISSING: Final = "NaN"
 """As OpenSim writes it. Its reader refuses an empty cell at the end of a line, and takes zeros for a marker at the
 origin."""
-
-MICROMETRES: Final = 6  # digits after the point, in metres
 
 
 def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
@@ -72,7 +71,7 @@ def trc_head(regular: RegularSamples) -> list[list[str]]:
 def trc_body(samples: Samples) -> Iterator[list[str]]:
     """One line per frame, times as recorded where they are regular."""
     for number, (time_s, place) in enumerate(zip(samples.time_s.tolist(), samples.position_m, strict=True), 1):
-        yield [str(number), repr(time_s), *(rounded_text(x, MICROMETRES, MISSING) for x in place.ravel().tolist())]
+        yield [str(number), repr(time_s), *(rounded_text(x, DIGITS, MISSING) for x in place.ravel().tolist())]
 
 
 SCALED_MODEL: Final = "scaled.osim"

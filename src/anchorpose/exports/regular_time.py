@@ -14,13 +14,12 @@ import numpy as np
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.formats import Samples
 from anchorpose.joints import LOST
+from anchorpose.results.frame_time import LONGEST_STEP
 
 NEAR_SHARE: Final = 0.01
 """Share of the time between frames: a sample so near to its place on the grid is used there as it is. At 30 frames per
 second that is 0.3 ms, in which a hand at 3 m/s moves by 1 mm."""
 
-BRIDGE_FRAMES: Final = 1.5
-"""Neighbours further apart than so many frames have a gap between them, and gaps stay empty."""
 
 MOST_ROWS: Final = 20
 """More grid frames than so many times the recorded ones mean that recording paused."""
@@ -107,13 +106,13 @@ def nominal_rate_hz(time_s: np.ndarray) -> float:
 
 
 def near_in_time(time_s: np.ndarray) -> np.ndarray:
-    """(n - 1,) bool: whether each frame and the next are no further apart than ``BRIDGE_FRAMES``; raises
+    """(n - 1,) bool: whether each frame and the next are no further apart than ``LONGEST_STEP``; raises
     AnchorposeError for one frame."""
-    return np.asarray(np.diff(time_s) <= BRIDGE_FRAMES / nominal_rate_hz(time_s))
+    return np.asarray(np.diff(time_s) <= LONGEST_STEP / nominal_rate_hz(time_s))
 
 
 def without_gaps(time_s: np.ndarray) -> bool:
-    """Whether no two neighbours are further apart than ``BRIDGE_FRAMES``."""
+    """Whether no two neighbours are further apart than ``LONGEST_STEP``."""
     return bool(near_in_time(time_s).all())
 
 
@@ -165,7 +164,7 @@ def _resampling(time_s: np.ndarray, rate_hz: float) -> tuple[np.ndarray, Interpo
     apart_s = time_s[before + 1] - time_s[before]
     share, near = (grid_s - time_s[before]) / apart_s, NEAR_SHARE / rate_hz / apart_s
     share = np.where(share <= near, 0.0, np.where(share >= 1.0 - near, 1.0, share))
-    bridged = (apart_s <= BRIDGE_FRAMES / rate_hz) | (share == 0.0) | (share == 1.0)
+    bridged = (apart_s <= LONGEST_STEP / rate_hz) | (share == 0.0) | (share == 1.0)
     return grid_s, Interpolation(before, share, bridged)
 
 
@@ -184,9 +183,6 @@ def _at(samples: Samples, grid_s: np.ndarray, interpolation: Interpolation) -> S
 
 KEPT_SHARE: Final = 0.5
 """Columns known in a smaller share of the frames are left out: they would cost the others too many frames."""
-
-LEAST_FRAMES: Final = 2
-"""One frame is no motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,7 +210,7 @@ def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tup
     together = whole[:-1] & whole[1:] & (True if joined is None else joined)
     starts = np.flatnonzero(whole & ~np.concatenate([[False], together]))
     ends = np.flatnonzero(whole & ~np.concatenate([together, [False]])) + 1
-    long = ends - starts >= LEAST_FRAMES
+    long = ends - starts >= 2
     return tuple(zip(starts[long].tolist(), ends[long].tolist(), strict=True))
 
 

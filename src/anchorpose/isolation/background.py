@@ -12,8 +12,8 @@ from numba import njit
 
 from anchorpose.calibration.equipment_model import EquipmentCaster
 from anchorpose.camera import Camera, invert_rigid
-from anchorpose.isolation.components import JUMP_GATE, JumpLimit, jump_limit, without_flying_pixels
-from anchorpose.isolation.depth_noise import SHARP_EDGE_PX, DepthDetail, DepthNoise
+from anchorpose.isolation.components import JUMP_GATE, without_flying_pixels
+from anchorpose.isolation.depth_noise import Sensor
 from anchorpose.recording.equipment import EquipmentModel
 
 BACKGROUND_GATE: Final = 2.0  # sigmas of a pixel, for a 3x3 median, whose deviation is 0.4 of that: five of its own
@@ -48,33 +48,17 @@ class BackgroundModel:
     """One camera's empty room.
 
     depth_m (height, width) float32 metres, 0 = nothing known. sigma_m (height, width) float32: deviation of a live
-    reading from depth_m where nobody stands. noise_per_m: between neighbouring readings, sigma = noise_per_m z^2: what
-    one surface's depth may jump by. noise: of a reading by itself. smear_px: how wide the camera's filters make depth
-    edges, 0 = sharp. step_per_m: the step between readings is step_per_m z^2.
+    reading from depth_m where nobody stands.
     layers: objects that are moved, each while it rests. usual_share: of the known pixels that read the room in a usual
     frame (``other_place``); 0 where that is not known.
     """
 
     depth_m: np.ndarray
     sigma_m: np.ndarray
-    noise_per_m: float
-    focal_px: float
+    sensor: Sensor
     source: BackgroundSource
-    noise: DepthNoise
-    smear_px: int = 0
-    step_per_m: float = 0.0
     layers: tuple[RestingLayer, ...] = ()
     usual_share: float = 0.0
-
-    @property
-    def jump_limit(self) -> JumpLimit:
-        """How far neighbours on one surface may differ in this camera's frames."""
-        return jump_limit(self.noise_per_m, self.focal_px)
-
-    @property
-    def detail(self) -> DepthDetail:
-        """How finely this camera's frames resolve what is at a distance."""
-        return DepthDetail(max(self.smear_px, SHARP_EDGE_PX), self.focal_px, self.step_per_m)
 
 
 def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +86,7 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)
-    return without_flying_pixels(depth_m, mask, model.jump_limit)
+    return without_flying_pixels(depth_m, mask, model.sensor.jump_limit)
 
 
 @njit(cache=True, nogil=True)
@@ -149,7 +133,7 @@ def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> Expect
 
     drawn_m: ``equipment_depth``. The silhouette is one pixel wider than drawn: a pixel that is half bar reads as bar.
     """
-    sigma = background.noise.sigma_m(drawn_m)
+    sigma = background.sensor.noise.sigma_m(drawn_m)
     reach = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(background.sigma_m, sigma)
     measured = (drawn_m > 0) & (background.depth_m > 0) & (np.abs(background.depth_m - drawn_m) < reach)
     margin = EQUIPMENT_GATE * sigma + np.where(measured, 0.0, EQUIPMENT_TOLERANCE_M)

@@ -18,7 +18,9 @@ from typing import Final
 import cv2
 import numpy as np
 
+from anchorpose.calibration.first_frames import step_per_m
 from anchorpose.camera import Camera
+from anchorpose.isolation.components import JumpLimit, jump_limit
 
 LIMB_M: Final = 0.08  # how thick a forearm is, the thinnest limb: 25 cm around
 SHARP_EDGE_PX: Final = 2.0  # a pixel on an edge shows one side or the other, or both mixed
@@ -153,18 +155,44 @@ class DepthNoise:
         return np.array(times)[np.digitize(slant_deg, SLANTS_DEG)]
 
 
-def neighbour_noise(noise_per_m: float) -> DepthNoise:
+def neighbour_noise(neighbours_per_m: float) -> DepthNoise:
     """Where no still background is seen: ``noise_per_m z^2`` of ``calibration.first_frames``, every pixel by itself."""
-    return DepthNoise((1.0,), (noise_per_m,), measured=False)
+    return DepthNoise((1.0,), (neighbours_per_m,), measured=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor(DepthDetail):
+    """All that is known of one camera's depth images.
+
+    noise_per_m: deviation between neighbouring readings, ``noise_per_m z^2``: what one surface's depth may jump by;
+    noise: of a reading by itself.
+    """
+
+    noise_per_m: float
+    noise: DepthNoise
+
+    @property
+    def jump_limit(self) -> JumpLimit:
+        """How far neighbours on one surface may differ in this camera's frames."""
+        return jump_limit(self.noise_per_m, self.focal_px)
+
+    def without_ramps(self, depth_m: np.ndarray) -> np.ndarray:
+        """Take the readings away that filters draw between two surfaces; (height, width) float32, 0 = no reading."""
+        return np.where(smeared(depth_m, int(self.edge_px)), np.float32(0.0), depth_m) if self.filtered else depth_m
+
+
+def measure_detail(frames_m: Sequence[np.ndarray], camera: Camera) -> DepthDetail:
+    """Measure edges and steps on frames (height, width) float32 metres of one camera, 0 = no reading."""
+    return DepthDetail(max(smear_px(frames_m), SHARP_EDGE_PX), camera.intrinsics.fx, step_per_m(frames_m))
 
 
 def measure_noise(
-    room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera, noise_per_m: float
+    room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera, neighbours_per_m: float
 ) -> DepthNoise:
     """The noise of a camera from frames (height, width) of one recording, 0 = no reading.
 
     room_m, sigma_m (height, width): the empty room, 0 = unknown, and the deviation of readings from it
-    (``BackgroundModel``). noise_per_m: for where too little of the room is seen twice (``neighbour_noise``).
+    (``BackgroundModel``). neighbours_per_m: for where too little of the room is seen twice (``neighbour_noise``).
     """
     chosen = np.unique(np.linspace(0, len(frames_m) - 1, CHANGES + 1).astype(int))
     frames = [frames_m[k] for k in chosen]
@@ -176,7 +204,7 @@ def measure_noise(
     slant_deg = _slant_deg(room_m, camera)
     law = _law(np.stack(change), room_m, np.digitize(slant_deg, SLANTS_DEG)) if change else None
     if law is None:
-        return neighbour_noise(noise_per_m)
+        return neighbour_noise(neighbours_per_m)
     in_sigmas = np.stack(change) / np.where(surface, law.sigma_m(room_m, slant_deg), 1.0)
     return DepthNoise(
         law.at_m,

@@ -7,13 +7,14 @@ recording is the patient, not furniture, and of what is behind resting people on
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import cv2
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from anchorpose.calibration.first_frames import FRAMES_NEEDED, MAD_OF_NORMAL, noise_per_m, people_only, step_per_m
+from anchorpose.calibration.first_frames import FRAMES_NEEDED, MAD_OF_NORMAL, SAME_M, noise_per_m, people_only
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.background import (
     EQUIPMENT_GATE,
@@ -23,7 +24,15 @@ from anchorpose.isolation.background import (
     equipment_depth,
 )
 from anchorpose.isolation.components import JUMP_GATE
-from anchorpose.isolation.depth_noise import measure_noise, neighbour_noise, smear_px
+from anchorpose.isolation.depth_noise import (
+    SHARP_EDGE_PX,
+    DepthDetail,
+    DepthNoise,
+    Sensor,
+    measure_detail,
+    measure_noise,
+    neighbour_noise,
+)
 from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.isolation.still_people import resting_people, swaying_people
 from anchorpose.recording.equipment import EquipmentModel
@@ -32,7 +41,7 @@ BLOCK_PX: Final = 16  # noise changes slowly over the image: it is measured in b
 READINGS_NEEDED: Final = 32  # of one block, for a median good to a sixth of itself
 LEAST_READ: Final = 0.15  # of the frames that agree on a depth, for the room to be known there
 OFTEN_READ: Final = 0.5  # of the frames, whether they agree or not: people hide the room, they do not make it readable
-SAME_M, SAME_SIGMAS = 0.02, 6.0  # readings of one surface differ by less
+SAME_SIGMAS: Final = 6.0  # beyond ``SAME_M``: readings of one surface differ by less
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room where a pixel is free a fifth of the time
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # where these percentiles lie on a normal distribution
 MOVED_SIGMAS: Final = 5.0  # of a pixel's noise, over a dozen frames
@@ -62,16 +71,16 @@ def learn_background(
     """
     if not frames_m:
         raise ValueError("a background needs at least one frame of the recording to measure the noise on")
-    noise, focal_px, step = noise_per_m(frames_m), camera.intrinsics.fx, step_per_m(frames_m)
+    noise, detail = noise_per_m(frames_m), measure_detail(frames_m, camera)
     if empty_m is not None:
         depth = _fill_specks(empty_m.astype(np.float32))
-        sigma = _at_least_a_step(_noise_behind(depth, frames_m, noise), depth, step)
+        sigma = _at_least_a_step(_noise_behind(depth, frames_m, noise), depth, detail.step_per_m)
         law = measure_noise(depth, sigma, frames_m, camera, noise)
-        return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.PICTURE, law, smear_px(frames_m), step)
+        return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.PICTURE)
     if all(people_only(frame) for frame in frames_m):
         nothing = np.zeros_like(frames_m[0], dtype=np.float32)
-        law = neighbour_noise(noise)
-        return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED, law, step_per_m=step)
+        sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
+        return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
     if swaying and len(frames_m) >= FRAMES_NEEDED:
         people = swaying_people(depth, frames_m, camera, floor_height_m, noise)
@@ -79,9 +88,13 @@ def learn_background(
     if person_xz_m is not None:
         depth = _without_person(depth, camera, floor_height_m, person_xz_m, noise)
     if len(frames_m) > 1:  # of one frame, room and reading are the same reading, rounded once
-        sigma = _at_least_a_step(sigma, depth, step)
+        sigma = _at_least_a_step(sigma, depth, detail.step_per_m)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
-    return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING, law, smear_px(frames_m), step)
+    return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.RECORDING)
+
+
+def _sensor(detail: DepthDetail, noise: float, law: DepthNoise) -> Sensor:
+    return Sensor(detail.edge_px, detail.focal_px, detail.step_per_m, noise_per_m=noise, noise=law)
 
 
 def _from_recording(

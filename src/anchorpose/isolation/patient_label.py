@@ -38,7 +38,7 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
     mask[pixels.row[mine], pixels.column[mine]] = True
     if not others.any() or not mine.any():
         return owner
-    piece_of, count = label_components(pixels.depth_m, mask, pixels.limit)
+    piece_of, count = label_components(pixels.depth_m, mask, pixels.sensor.jump_limit)
     if count < 2:
         return owner
     piece = piece_of[pixels.row, pixels.column]

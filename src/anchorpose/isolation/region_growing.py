@@ -24,7 +24,7 @@ def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_
     sides. Two bodies that touch meet in such a valley. Returns (n,) uint8; ``NOBODY`` remains where a pixel is
     connected to none with an owner.
     """
-    limit, noise = pixels.limit, float(np.sqrt(1.5)) * pixels.noise_per_m
+    limit, noise = pixels.sensor.jump_limit, float(np.sqrt(1.5)) * pixels.sensor.noise_per_m
     surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
     grown = owner.copy()
     _grow(surface, grown, crease_cost)
@@ -37,7 +37,7 @@ def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarra
     owner (n,) int: 0 to count - 1 for each foreground pixel, -1 = nobody. Two bodies that touch meet in a crease; one
     body that was divided goes on.
     """
-    limit, noise = pixels.limit, float(np.sqrt(1.5)) * pixels.noise_per_m
+    limit, noise = pixels.sensor.jump_limit, float(np.sqrt(1.5)) * pixels.sensor.noise_per_m
     surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
     size_per_m = np.sqrt(pixels.area_m2) / np.maximum(pixels.depth_m[pixels.row, pixels.column], 1e-6)
     return _contacts(surface, owner.astype(np.int64), size_per_m.astype(np.float64), count)

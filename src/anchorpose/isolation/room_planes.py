@@ -11,15 +11,14 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.calibration.first_frames import NOISE_GATE, TOLERANCES_M, drawn_planes
+from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
 
 PLANES: Final = 6  # floor, ceiling and the walls in view
 TRIALS: Final = 200  # a plane with a fifth of the points is drawn once in 125
 VOTERS: Final = 5000  # points that vote on a plane
-TOLERANCE_M: Final = 0.02  # walls and floors are flat to that
-NOISE_GATE: Final = 3.0  # sigmas
 LEAST_SHARE: Final = 0.03  # of the image: a smaller plane is furniture, or a person's back
 MOST_BEYOND: Final = 0.02  # of the readings on the far side: nothing is behind a wall
 
@@ -82,11 +81,7 @@ def _best(
     rng: np.random.Generator,
 ) -> np.ndarray | None:
     """The plane through three of the points ``left_m`` with most of them on it and few beyond, None if too few."""
-    corners = left_m[rng.integers(0, len(left_m), (TRIALS, 3))]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    normals = normals[length > 1e-6] / length[length > 1e-6, None]
-    offsets = np.einsum("ij,ij->i", normals, corners[length > 1e-6, 0])
+    normals, offsets = drawn_planes(left_m, TRIALS, rng)
     sign = np.where(offsets < 0, -1.0, 1.0)
     best, best_votes = None, least
     gate, limit = off_plane_m(left_m[:, 2], noise_per_m), off_plane_m(points_m[:, 2], noise_per_m)
@@ -100,7 +95,7 @@ def _best(
 
 def off_plane_m(depth_m: np.ndarray, noise_per_m: float) -> np.ndarray:
     """How far readings at a depth may be from the plane that they show."""
-    return np.asarray(TOLERANCE_M + NOISE_GATE * noise_per_m * depth_m**2)
+    return np.asarray(TOLERANCES_M[0] + NOISE_GATE * noise_per_m * depth_m**2)
 
 
 def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np.ndarray:
@@ -142,12 +137,9 @@ class Wall:
 
     def gap_before(self, point_m: np.ndarray) -> np.ndarray | None:
         """(height, width) bool: the connected gap through which a point (3,) is seen, None where it is in none."""
-        place = transform_points(invert_rigid(self.camera.require_pose()), point_m[None])
-        column, row, inside = self.camera.pixel_of(place)
-        if not inside[0] or not self.gap[row[0], column[0]]:
-            return None
         _, piece = cv2.connectedComponents(self.gap.astype(np.uint8), connectivity=4)
-        return np.asarray(piece == piece[row[0], column[0]])
+        _, [own], [inside] = self.camera.look(point_m[None], piece)
+        return np.asarray(piece == own) if inside and own else None
 
     def frames(self, gap: np.ndarray) -> bool:
         """Whether the plane is around a gap (height, width), not only beside it."""
@@ -157,7 +149,7 @@ class Wall:
 
 def find_walls(scene: Scene) -> list[Wall]:
     """The upright planes of a camera's empty room, largest first; also fronts of furniture."""
-    camera, room_m, noise = scene.camera, scene.background.depth_m, scene.background.noise_per_m
+    camera, room_m, noise = scene.camera, scene.background.depth_m, scene.background.sensor.noise_per_m
     T_world_camera, found = camera.require_pose(), list[Wall]()
     for plane in find_planes(room_m, camera, noise, most_beyond=1.0):
         normal = T_world_camera[:3, :3] @ plane[:3]
@@ -183,5 +175,5 @@ def with_wall(scene: Scene, wall: Wall, gap: np.ndarray) -> Scene:
     """The scene with the wall where the gap (height, width) is: nobody is seen beyond it."""
     model = scene.background
     depth_m = np.where(gap, wall.depth_m, model.depth_m)
-    sigma_m = np.where(gap, model.noise.sigma_m(wall.depth_m).astype(np.float32), model.sigma_m)
+    sigma_m = np.where(gap, model.sensor.noise.sigma_m(wall.depth_m).astype(np.float32), model.sigma_m)
     return replace(scene, background=replace(model, depth_m=depth_m, sigma_m=sigma_m))

@@ -21,8 +21,8 @@ from anchorpose.isolation.background import (
     foreground,
     room_at,
 )
-from anchorpose.isolation.components import JUMP_GATE, JumpLimit, label_components
-from anchorpose.isolation.depth_noise import DepthDetail, DepthNoise, smeared
+from anchorpose.isolation.components import JUMP_GATE, label_components
+from anchorpose.isolation.depth_noise import Sensor
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
@@ -86,9 +86,7 @@ class Pieces:
     depth_m (height, width) float32; labels (height, width) uint8 of ``PixelLabel``, CLUTTER where someone may be;
     index (height, width) int32: which foreground pixel this is, -1 = none; row, column, piece (n,) int32: the
     foreground pixels and the connected piece (from 1) each belongs to; points_m (n, 3) float32 world; area_m2 (n,)
-    float32: surface a pixel covers if it faces the camera; limit: how far neighbours of one surface may differ in
-    depth; noise_per_m: deviation between neighbouring readings at one metre; noise: of a reading by itself;
-    detail: how finely this camera resolves its depth frames.
+    float32: surface a pixel covers if it faces the camera.
     """
 
     depth_m: np.ndarray
@@ -100,10 +98,7 @@ class Pieces:
     piece_count: int
     points_m: np.ndarray
     area_m2: np.ndarray
-    limit: JumpLimit
-    noise_per_m: float
-    noise: DepthNoise
-    detail: DepthDetail
+    sensor: Sensor
 
     def only(self, kept: np.ndarray) -> Pieces:
         """The same frame with some of the foreground pixels, kept (n,) bool."""
@@ -144,38 +139,22 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) 
 
     time_s: of the frame, reference clock; None: no object that rests for a time is part of the room.
     """
-    model, camera = scene.background, scene.camera
-    if model.smear_px:
-        depth_m = np.where(smeared(depth_m, model.smear_px), np.float32(0.0), depth_m)
+    model, camera, sensor = scene.background, scene.camera, scene.background.sensor
+    depth_m = sensor.without_ramps(depth_m)
     people = foreground(depth_m, model, time_s)
     equipment = None if scene.equipment is None else equipment_mask(depth_m, people, scene.equipment)
     if equipment is not None:
         people &= ~equipment
     labels = _first_labels(depth_m, time_s, people, scene, equipment)
-    limit = model.jump_limit
-    piece_of, count = label_components(depth_m, people, limit)
+    piece_of, count = label_components(depth_m, people, sensor.jump_limit)
     focal = camera.intrinsics.fx * camera.intrinsics.fy
     large = _areas(depth_m, piece_of, count, focal) >= SMALLEST_PIECE_M2
     large[0] = False
     renumbered = np.where(large, np.cumsum(large), 0).astype(np.int32)
     T_world_camera = camera.require_pose().astype(np.float32)
     index, row, column, piece, points, area = _listed(depth_m, piece_of, renumbered, scene.rays, T_world_camera, focal)
-    found = Pieces(
-        depth_m,
-        labels,
-        index,
-        row,
-        column,
-        piece,
-        int(large.sum()),
-        points,
-        area,
-        limit,
-        model.noise_per_m,
-        model.noise,
-        model.detail,
-    )
-    flat = flat_pieces(points, depth_m[row, column], piece, area, model.noise_per_m)
+    found = Pieces(depth_m, labels, index, row, column, piece, int(large.sum()), points, area, sensor)
+    flat = flat_pieces(points, depth_m[row, column], piece, area, sensor.noise_per_m)
     return found.only(~flat) if flat.any() else found
 
 

@@ -15,7 +15,7 @@ from anchorpose.camera import Camera
 from anchorpose.live.feed import Feed, LiveSet
 from anchorpose.live.source import LiveImage
 from anchorpose.recording.depth_image import decode_grey_png
-from anchorpose.sources.camera_writer import encode_grey
+from anchorpose.sources.plan import encode_grey
 
 STEP_S: Final = 0.2  # a patient in a standing frame moves little in it
 MOST_STEP_S: Final = 1.0  # after a longer one, another person may stand where the patient was

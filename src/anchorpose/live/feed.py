@@ -14,11 +14,10 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.live.source import LiveImage
 from anchorpose.recording.depth_image import image_of_grey
-from anchorpose.recording.recording import Clock, FrameSet
+from anchorpose.recording.recording import USUAL_PERIOD_S, Clock, FrameSet
 
 KEPT: Final = 4  # images of a camera: a partner is at most one period older than the newest
 SILENT_S: Final = 0.5  # a camera without images for so long is not waited for
-USUAL_PERIOD_S: Final = 1.0 / 30.0  # until a camera has given two images
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ from anchorpose.errors import InputError
 from anchorpose.live.patients import write_patients
 from anchorpose.live.recorder import RECORDING_FILE, finish_recording
 from anchorpose.live.stored import read_patients, read_session
-from anchorpose.results.unfinished import clear_beside_journal, end_journal, is_live_session, unfinished_results
+from anchorpose.results.folder import clear_beside_journal, end_journal, is_live_session, unfinished_results
 from anchorpose.threads import one_thread
 
 BEGIN_AGAIN: Final = "begin again with 'anchorpose live' and --overwrite"

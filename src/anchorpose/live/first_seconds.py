@@ -17,7 +17,7 @@ import numpy as np
 from anchorpose.errors import AnchorposeError
 from anchorpose.live.intake import Intake
 from anchorpose.live.recorder import Recorder
-from anchorpose.motion.database_file import load_motions
+from anchorpose.motion.prediction import load_motions
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import UNKNOWN, Recording, align_clocks
 from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs

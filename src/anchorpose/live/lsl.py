@@ -11,7 +11,7 @@ from anchorpose import __version__
 from anchorpose.errors import MissingPackage
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.live.output import LiveFrame, angles_of
-from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
+from anchorpose.results.joint_angles import ANGLE_NAMES
 
 PARTS: Final = (
     ("X", "PositionX", "meters"),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from anchorpose.errors import MissingPackage
 from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.live.output import LiveFrame, angles_of
-from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
+from anchorpose.results.joint_angles import ANGLE_NAMES
 
 if TYPE_CHECKING:
     from pythonosc.osc_bundle_builder import OscBundleBuilder

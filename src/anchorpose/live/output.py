@@ -12,7 +12,7 @@ import numpy as np
 
 from anchorpose.joints import LOST, JointState
 from anchorpose.live.people import PersonInView
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.tables import AngleTable, JointTable
 from anchorpose.tracker.estimate import Estimate
 

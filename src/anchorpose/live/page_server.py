@@ -19,7 +19,7 @@ from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
 from anchorpose.live.output import LiveFrame, angles_of
 from anchorpose.live.standing import Standing, UprightClock
 from anchorpose.results.frame_table import UNKNOWN
-from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
+from anchorpose.results.joint_angles import ANGLE_NAMES
 from anchorpose.results.stand_training.stance import UprightConfig
 from anchorpose.results.tables import UPRIGHT
 from anchorpose.viewer.guarded_server import LIVE_PAGE, GuardedHandler, GuardedServer, Response, json_response

@@ -17,13 +17,12 @@ import numpy as np
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.live.source import LiveCamera, LiveImage
 from anchorpose.recording.document import read_document, read_json, read_text
-from anchorpose.recording.equipment_file import equipment_files
+from anchorpose.recording.equipment import equipment_files
 from anchorpose.recording.recording_file import RecordingDocument
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
 from anchorpose.recording.writable import new_folder
 from anchorpose.results.folder import naming_place, write_text_whole
-from anchorpose.sources.camera_writer import CameraWriter, encode_grey
-from anchorpose.sources.plan import CameraPlan
+from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
 
 RECORDING_FILE: Final = "recording.json"
 UNFINISHED_FILE: Final = "recording.unfinished.json"

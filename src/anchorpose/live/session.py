@@ -33,7 +33,7 @@ from anchorpose.live.source import LiveSource, about_folder
 from anchorpose.live.stored import SessionStore
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
-from anchorpose.results.unfinished import end_journal
+from anchorpose.results.folder import end_journal
 from anchorpose.threads import one_thread, worker_threads
 from anchorpose.tracker.following import Follower
 from anchorpose.tracker.room import InitialFrame

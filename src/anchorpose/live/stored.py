@@ -18,9 +18,8 @@ from anchorpose.recording.document import read_document, read_text
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import CALIBRATION_FILE, read_calibration
 from anchorpose.recording.regular_file import is_there
-from anchorpose.results.folder import write_text_whole
+from anchorpose.results.folder import FIRST_SECONDS, JOURNAL, LIVE, begin_journal, write_text_whole
 from anchorpose.results.run_record import as_json
-from anchorpose.results.unfinished import FIRST_SECONDS, JOURNAL, LIVE, begin_journal
 from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.journal import Blocks, Journal
 from anchorpose.tracker.learning_pass import LearntPatient

@@ -35,8 +35,17 @@ from anchorpose.pages.canvas import (
     whole,
 )
 from anchorpose.recording.reader import read_frame
-from anchorpose.results.people_labels import PEOPLE_FILE, decode_labels, frames_of_people, read_people
-from anchorpose.results.records import EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT, Episode, read_episodes
+from anchorpose.results.records import (
+    EPISODES_FILE,
+    PEOPLE_FILE,
+    SIT_TO_STAND,
+    STAND_TO_SIT,
+    Episode,
+    decode_labels,
+    frames_of_people,
+    read_episodes,
+    read_people,
+)
 from anchorpose.results.run_record import PictureRecord
 from anchorpose.results.tables import (
     ANCHORS_FILE,

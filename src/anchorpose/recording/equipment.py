@@ -1,34 +1,33 @@
-"""The model chi_0 of the equipment (paper, Section III): boxes, cylinders and meshes in its own frame Gamma_0."""
+"""Read the model chi_0 of the equipment (paper, Section III): boxes, cylinders and meshes in its own frame Gamma_0.
+
+Its files are equipment.json, the format ``equipment-model``, and the PLY meshes that it names.
+"""
 
 from __future__ import annotations
 
+import json
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
 
 import numba
 import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+
+from anchorpose.errors import InputError
+from anchorpose.recording.document import Entry, FileInFolder, Text, Version, is_rotation, numbers, read_document
+from anchorpose.recording.regular_file import read_whole
+from anchorpose.recording.writable import whole_file
+from anchorpose.settings import Unfit
 
 CYLINDER_SIDES: Final = 32
 """Of the prism that a cylinder is drawn as: within half a per cent of its radius, less than a depth camera resolves."""
 
 _BOX_CORNERS: Final = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-_BOX_FACES: Final = np.array(
-    [
-        [0, 1, 3],
-        [0, 3, 2],
-        [4, 6, 7],
-        [4, 7, 5],
-        [0, 4, 5],
-        [0, 5, 1],
-        [2, 3, 7],
-        [2, 7, 6],
-        [0, 2, 6],
-        [0, 6, 4],
-        [1, 5, 7],
-        [1, 7, 3],
-    ],
-    dtype=np.int32,
-)
+_FACES: Final = "013 032 467 475 045 051 237 276 026 064 157 173"  # corners of each triangle
+_BOX_FACES: Final = np.array([[*map(int, face)] for face in _FACES.split()], dtype=np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,3 +180,208 @@ def _to_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> 
         total = va + vb + vc
         v, w = vb / total, vc / total
     return np.sqrt(np.sum((ap - v * ab - w * ac) ** 2))
+
+
+SMALLEST_M, LARGEST_M = 1e-4, 20.0  # a sheet of metal, and a room
+"""Equipment fits into a room; anything larger was written in millimetres."""
+
+MOST_PARTS: Final = 1000
+MOST_PLY_BYTES, MOST_ELEMENTS = 64 << 20, 500_000
+"""Of a mesh: a scan of a millimetre's detail has as much; tracking needs a hundredth of it."""
+
+
+def _require_rotation(matrix: np.ndarray) -> np.ndarray:
+    if not is_rotation(matrix):
+        raise Unfit("is not a rotation", "its columns must be unit vectors, at right angles, right-handed")
+    return matrix
+
+
+def _unit(axis: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(axis)
+    if not length > 1e-6:
+        raise Unfit("has no direction", "write the direction of the axis, for example [0, 1, 0]")
+    return np.asarray(axis / length)
+
+
+_Coordinate = Annotated[float, Field(ge=-LARGEST_M, le=LARGEST_M, description="metres from the origin of Gamma_0")]
+_Length = Annotated[float, Field(ge=SMALLEST_M, le=LARGEST_M, description="a length in metres")]
+_Rotation = Annotated[np.ndarray, numbers(3, 3, meaning="three rows of three"), AfterValidator(_require_rotation)]
+_Axis = Annotated[np.ndarray, numbers(3, meaning="the direction of the cylinder's axis"), AfterValidator(_unit)]
+
+
+class PartEntry(Entry):
+    name: Text
+    center: tuple[_Coordinate, _Coordinate, _Coordinate]
+
+
+class BoxEntry(PartEntry):
+    shape: Literal["box"]
+    size: tuple[_Length, _Length, _Length]
+    rotation: _Rotation | None = None  # edges along the axes of Gamma_0
+
+
+class CylinderEntry(PartEntry):
+    shape: Literal["cylinder"]
+    radius: _Length
+    length: _Length
+    axis: _Axis
+
+
+class MeshEntry(Entry):
+    name: Text
+    shape: Literal["mesh"]
+    file: FileInFolder
+
+
+class EquipmentDocument(Entry):
+    """What equipment.json holds; the files of meshes are not read yet."""
+
+    format: Literal["equipment-model"]
+    version: Version
+    parts: tuple[Annotated[BoxEntry | CylinderEntry | MeshEntry, Field(discriminator="shape")], ...]
+
+    @model_validator(mode="after")
+    def _require_named_parts(self) -> EquipmentDocument:
+        names = [part.name for part in self.parts]
+        if not names:
+            raise Unfit("is empty", 'list at least one part or write "equipment": null in recording.json', "parts")
+        for name, count in Counter(names).items():
+            if count > 1:
+                raise Unfit(f"has two parts named '{name}'", "give each part its own name", "parts")
+        if len(names) > MOST_PARTS:
+            raise Unfit(f"has {len(names)} parts", f"list {MOST_PARTS} at most, or make a mesh of them", "parts")
+        return self
+
+
+def read_equipment(path: Path) -> EquipmentModel:
+    """Return the model chi_0 in an equipment.json; raises InputError naming the file, the key and the remedy."""
+    document = read_document(path, EquipmentDocument)
+    return EquipmentModel(tuple(_part(path, f"parts[{i}]", entry) for i, entry in enumerate(document.parts)))
+
+
+def equipment_files(path: Path) -> tuple[Path, ...]:
+    """Return the equipment.json at ``path`` and the meshes that it names."""
+    parts = read_document(path, EquipmentDocument).parts
+    return path, *(path.parent / part.file for part in parts if isinstance(part, MeshEntry))
+
+
+def write_equipment(path: Path, equipment: EquipmentModel) -> None:
+    """Writes boxes and cylinders as an equipment.json; raises TypeError on a mesh, which is a file of its own."""
+    document = {"format": "equipment-model", "version": 1, "parts": [_part_entry(part) for part in equipment.parts]}
+    with whole_file(path) as partial:
+        partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+def _part(path: Path, place: str, entry: BoxEntry | CylinderEntry | MeshEntry) -> EquipmentPart:
+    match entry:
+        case BoxEntry():
+            rotation = np.eye(3) if entry.rotation is None else entry.rotation
+            return Box(entry.name, np.array(entry.center), np.array(entry.size), rotation)
+        case CylinderEntry():
+            return Cylinder(entry.name, np.array(entry.center), entry.axis, entry.radius, entry.length)
+    vertices_m, faces = read_ply(path.parent / entry.file)
+    farthest_m = np.abs(vertices_m).max()
+    if farthest_m > LARGEST_M:
+        raise InputError(path, f"{place}.file reaches {farthest_m:.0f} m from the origin", "save the mesh in metres")
+    return Mesh(entry.name, vertices_m, faces)
+
+
+def _part_entry(part: EquipmentPart) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": part.name, "shape": type(part).__name__.lower()}
+    match part:
+        case Box():
+            lengths = {"size": part.size_m.tolist(), "rotation": part.rotation.tolist()}
+        case Cylinder():
+            lengths = {"radius": float(part.radius_m), "length": float(part.length_m), "axis": part.axis.tolist()}
+        case _:
+            raise TypeError(f"{part.name} is a mesh; only boxes and cylinders are written")
+    return {**entry, "center": part.center_m.tolist(), **lengths}
+
+
+_NAMES: Final = "char uchar short ushort int uint float double int8 uint8 int16 uint16 int32 uint32 float32 float64"
+_TYPES: Final = dict(zip(_NAMES.split(), 2 * ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"), strict=True))
+_ORDERS: Final = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_REMEDY: Final = "export the mesh again as PLY with vertices x y z in metres and triangular faces"
+
+
+_Property = tuple[str, str, str | None]  # name, type, and the type of the count of a list
+_Element = tuple[str, int, list[_Property]]  # name, count, properties
+
+
+def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices (v, 3) float64 and faces (f, 3) int32 of a PLY file.
+
+    Raises InputError where the file cannot be read, is cut short, or a face names a vertex that is not there.
+    """
+    data = read_whole(path, MOST_PLY_BYTES, "check the path of the mesh")
+    try:
+        order, elements, start = _parse_header(data)
+        vertices, polygons = _parse_body(data[start:], order, elements)
+        faces = [(p[0], p[i], p[i + 1]) for p in polygons for i in range(1, len(p) - 1)]
+        triangles = np.array(faces, dtype=np.int64)
+    except (ValueError, IndexError, KeyError, OverflowError) as error:
+        raise InputError(path, f"is not a usable PLY mesh ({error})", _REMEDY) from None
+    if not faces or not np.isfinite(vertices).all():
+        raise InputError(path, "has no faces or a vertex that is not finite", _REMEDY)
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise InputError(path, f"a face names a vertex outside 0 to {len(vertices) - 1}", _REMEDY)
+    return vertices, triangles.astype(np.int32)
+
+
+def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
+    end = data.find(b"end_header")
+    if not data.startswith(b"ply") or end < 0:
+        raise ValueError("it has no PLY header")
+    order, elements = None, list[_Element]()
+    for line in data[:end].decode("ascii").splitlines()[1:]:
+        words = line.split()
+        match words:
+            case ["format", name, _]:
+                order = _ORDERS[name]
+            case ["element", name, count]:
+                elements.append((name, int(count), []))
+            case ["property", "list", count_type, item_type, name]:
+                elements[-1][2].append((name, _TYPES[item_type], _TYPES[count_type]))
+            case ["property", item_type, name]:
+                elements[-1][2].append((name, _TYPES[item_type], None))
+    if order is None:
+        raise ValueError("its header names no format")
+    return order, elements, data.index(b"\n", end) + 1
+
+
+def _parse_body(body: bytes, order: str, elements: list[_Element]) -> tuple[np.ndarray, list[list[int]]]:
+    take = _value_reader(body, order)
+    vertices, polygons = None, list[list[int]]()
+    for name, count, properties in elements:
+        if count > len(body) or not properties:
+            raise ValueError("it is cut short")
+        if count > MOST_ELEMENTS:
+            raise ValueError(f"it has {count:,} of {name}, more than {MOST_ELEMENTS:,}")
+        rows = [
+            {key: take(kind, 1 if length is None else int(take(length, 1)[0])) for key, kind, length in properties}
+            for _ in range(count)
+        ]
+        if name == "vertex":
+            vertices = np.array([[row[axis][0] for axis in "xyz"] for row in rows], dtype=np.float64).reshape(-1, 3)
+        if name == "face":
+            polygons = [[int(i) for i in row.get("vertex_indices", row.get("vertex_index", []))] for row in rows]
+    if vertices is None:
+        raise ValueError("it has no vertices")
+    return vertices, polygons
+
+
+def _value_reader(body: bytes, order: str) -> Callable[[str, int], list[float]]:
+    """Return a function that takes the next values of a type: words of text where ``order`` is empty, else binary."""
+    words, place = [] if order else body.split(), 0
+
+    def take(kind: str, count: int) -> list[float]:
+        nonlocal place
+        dtype = np.dtype(order + kind)
+        start, place = place, place + count * (dtype.itemsize if order else 1)
+        if count < 0 or place > len(body if order else words):
+            raise ValueError("it is cut short")
+        if order:
+            return [float(value) for value in np.frombuffer(body, dtype, count, start).tolist()]
+        return [float(word) for word in words[start:place]]
+
+    return take

@@ -15,12 +15,10 @@ from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import largest_png, read_depth_image, read_stream_image
 from anchorpose.recording.document import read_document
-from anchorpose.recording.equipment_file import equipment_files, read_equipment
-from anchorpose.recording.pairing import pair_frames
-from anchorpose.recording.recording import UNKNOWN, DepthStream, FolderFiles, FrameSet, Recording
-from anchorpose.recording.recording_file import RecordingDocument
+from anchorpose.recording.equipment import equipment_files, read_equipment
+from anchorpose.recording.recording import UNKNOWN, DepthStream, FolderFiles, FrameSet, Recording, pair_frames
+from anchorpose.recording.recording_file import SHORTEST_STEP_S, RecordingDocument, find_duplicates, read_timestamps
 from anchorpose.recording.regular_file import STAMP, is_there, list_file, reason
-from anchorpose.recording.timestamps import SHORTEST_STEP_S, find_duplicates, read_timestamps
 
 LOOKED_AT: Final = 40  # depth images of each camera, evenly spread: about as many as the empty room is learnt from
 

@@ -1,18 +1,22 @@
 """The content of a recording folder, once read and checked: patient, cameras and their clocks.
 
 What is stated about the patient is optional, and none of it is copied into results or exports.
+
+Real cameras are not synchronised, and frames drop: depth images of several cameras are paired by time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Final, Literal, overload
 
 import numpy as np
 
 from anchorpose.camera import Camera
+from anchorpose.errors import InputError
 from anchorpose.recording.equipment import EquipmentModel
 
 MissingPart = Literal[
@@ -181,3 +185,179 @@ def align_clocks(recording: Recording, clocks: Sequence[Clock]) -> Recording:
         for stream, clock in zip(recording.streams, clocks, strict=True)
     )
     return replace(recording, streams=streams)
+
+
+USUAL_PERIOD_S: Final = 1.0 / 30.0
+"""Of a depth camera: used where the first camera has a single frame."""
+
+
+@lru_cache(maxsize=8)  # frames are read one by one, and each needs it
+def pair_frames(recording: Recording) -> np.ndarray:
+    """Pair frames: (n, cameras) int64, read only, the index of each camera's frame at each frame of the first; -1 =
+    none.
+
+    A pair is the nearest in time of each other, within half a period of the first camera, so no depth image is used
+    twice. A duplicate shows another moment than its time states and is never paired; in the first camera it leaves a
+    frame without that camera's depth image. Raises InputError where a camera never overlaps with the first one.
+    """
+    reference, time_s = recording.streams[0], recording.streams[0].time_s
+    within_s = half_period_s(time_s)
+    pairs = np.stack(
+        [_pair_camera(time_s, stream.time_s, stream.duplicate, within_s) for stream in recording.streams], axis=1
+    )
+    if reference.duplicate is not None:
+        pairs[reference.duplicate, 0] = -1
+    for camera, stream, pair in zip(recording.cameras, recording.streams, pairs.T, strict=True):
+        if (pair < 0).all():
+            spans = f"{_span(stream.time_s)}, {_span(time_s)}"
+            problem = f"camera {camera.name} never overlaps in time with camera {recording.cameras[0].name} ({spans})"
+            remedy = "check that both belong to one recording and correct their time stamps"
+            timestamps = recording.folder / camera.name / "timestamps.csv"
+            path = timestamps if timestamps.exists() else recording.folder / "recording.json"
+            raise InputError(path, problem, remedy)
+    pairs.setflags(write=False)
+    return pairs
+
+
+def _pair_camera(
+    reference_s: np.ndarray, other_s: np.ndarray, duplicate: np.ndarray | None, within_s: float
+) -> np.ndarray:
+    usable = np.flatnonzero(~duplicate) if duplicate is not None else np.arange(len(other_s))
+    match = nearest_within(reference_s, other_s[usable], within_s)
+    return np.where(match >= 0, usable[match], -1)
+
+
+def half_period_s(time_s: np.ndarray) -> float:
+    """Return half of the median time between frames (n,); that of a usual depth camera where there is only one."""
+    return float(np.median(np.diff(time_s)) if len(time_s) > 1 else USUAL_PERIOD_S) / 2.0
+
+
+def nearest_within(time_s: np.ndarray, other_s: np.ndarray, within_s: float) -> np.ndarray:
+    """Return (n,) int64: index into ``other_s`` (m,) of the mutually nearest time; -1 where none lies within
+    ``within_s``."""
+    there, back = _nearest(time_s, other_s), _nearest(other_s, time_s)
+    mutual = back[there] == np.arange(len(time_s))
+    # a nanosecond of slack: times written with six decimals must not fall out of an exact half period
+    close = np.abs(other_s[there] - time_s) <= within_s + 1e-9
+    return np.where(mutual & close, there, -1)
+
+
+def _nearest(time_s: np.ndarray, other_s: np.ndarray) -> np.ndarray:
+    after = np.clip(np.searchsorted(other_s, time_s), 1, len(other_s) - 1) if len(other_s) > 1 else None
+    if after is None:
+        return np.zeros(len(time_s), dtype=np.int64)
+    earlier = time_s - other_s[after - 1] <= other_s[after] - time_s
+    return (after - earlier).astype(np.int64)
+
+
+def _span(time_s: np.ndarray) -> str:
+    return f"{time_s[0]:.3f} to {time_s[-1]:.3f} s"
+
+
+USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
+"""Of depth cameras."""
+
+LONGER_SHARE: Final = 0.6  # of the steps: where every third frame is lost, half are one period and half two
+SHORTER: Final = 0.75  # of such a step: a period is 0.5 or less of it, and 25 and 30 Hz are 0.83 apart
+LEAST_SHORT: Final = 0.1  # of the steps are one period; fewer are stamps that come too early
+OFF_BEAT: Final = 0.25  # of a period, between a step and the nearest whole number of periods
+LEAST_ON_BEAT: Final = 0.8  # of the steps
+
+
+def nominal_period_s(stream: DepthStream) -> float:
+    """Return the time between frames when none is lost: as recording.json states, else the median step, or that of a
+    usual rate of which some steps are one period and the others several; 0 for a single frame without a stated rate.
+
+    Frames that are lost in a regular pattern change the median. A recording that lost every second frame has even
+    steps: only recording.json can tell it from one of half the rate.
+    """
+    steps = np.diff(stream.time_s)
+    if stream.fps is not None or not len(steps):
+        return 0.0 if stream.fps is None else 1.0 / stream.fps
+    median_s = float(np.median(steps))
+    longest_s = SHORTER * float(np.quantile(steps, LONGER_SHARE))
+    for period_s in (1.0 / hz for hz in USUAL_RATES_HZ if 1.0 / hz < longest_s):
+        on_beat = off_beat(steps, period_s) <= OFF_BEAT
+        single = on_beat & (np.rint(steps / period_s) <= 1.0)
+        if on_beat.mean() >= LEAST_ON_BEAT and single.mean() >= LEAST_SHORT:
+            return period_s
+    return median_s
+
+
+def off_beat(steps_s: np.ndarray, period_s: float) -> np.ndarray:
+    """Return (n,) how far each step is from a whole number of periods, one or more, in periods."""
+    beats = steps_s / period_s
+    return np.asarray(np.abs(beats - np.maximum(np.rint(beats), 1.0)))
+
+
+PAUSE_S: Final = 1.0
+"""A longer stretch without depth images is a pause, not dropped frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraGaps:
+    """What one camera's stream lacks, on the reference clock.
+
+    usable: depth images; period_s: ``nominal_period_s``; dropped: missing between its first and last, by that period,
+    without pauses;
+    duplicates, repeated: left out because the image or the time is that of the file before; late_s, early_s: how much
+    later it starts and earlier it ends than the first camera (0 where it does not); pauses: (from, to) without depth
+    images; paired_share: of the first camera's frames that have a depth image of this one.
+    """
+
+    camera: str
+    usable: int
+    period_s: float
+    dropped: int
+    duplicates: int
+    repeated: int
+    late_s: float
+    early_s: float
+    pauses: tuple[tuple[float, float], ...]
+    paired_share: float
+
+    @property
+    def sentence(self) -> str:
+        """Return a sentence on what is missing; empty where nothing is missing."""
+        parts = []
+        if self.dropped:
+            parts.append(f"{self.dropped} of {self.usable + self.dropped} depth images are missing")
+        if self.duplicates:
+            parts.append(f"{self.duplicates} equal the depth image before and were left out")
+        if self.repeated:
+            parts.append(f"{self.repeated} have the time of the one before and were left out")
+        if self.late_s:
+            parts.append(f"it starts {self.late_s:.1f} s late")
+        if self.early_s:
+            parts.append(f"it ends {self.early_s:.1f} s early")
+        parts += [f"it has no depth images from {begin_s:.1f} to {end_s:.1f} s" for begin_s, end_s in self.pauses]
+        return f"camera {self.camera}: {'; '.join(parts)}" if parts else ""
+
+
+def find_gaps(recording: Recording) -> tuple[CameraGaps, ...]:
+    """Return what each camera lacks; the times of ``recording`` are on the reference clock (see ``align_clocks``)."""
+    pairs, reference_s = pair_frames(recording), recording.streams[0].time_s
+    return tuple(_of_camera(recording, index, pairs[:, index], reference_s) for index in range(len(recording.cameras)))
+
+
+def _of_camera(recording: Recording, index: int, pair: np.ndarray, reference_s: np.ndarray) -> CameraGaps:
+    stream = recording.streams[index]
+    time_s = stream.time_s
+    steps = np.diff(time_s)
+    period_s = nominal_period_s(stream)
+    paused = steps > max(PAUSE_S, 3.0 * period_s)
+    missing = np.rint(steps / period_s) - 1.0 if len(steps) else np.zeros(0)
+    duplicates = 0 if stream.duplicate is None else int(stream.duplicate.sum())
+    late_s, early_s = float(time_s[0] - reference_s[0]), float(reference_s[-1] - time_s[-1])
+    return CameraGaps(
+        camera=recording.cameras[index].name,
+        usable=len(time_s) - duplicates,
+        period_s=period_s,
+        dropped=int(np.maximum(missing, 0.0)[~paused].sum()),
+        duplicates=duplicates,
+        repeated=stream.repeated,
+        late_s=late_s if late_s > PAUSE_S else 0.0,
+        early_s=early_s if early_s > PAUSE_S else 0.0,
+        pauses=tuple((float(time_s[k]), float(time_s[k + 1])) for k in np.flatnonzero(paused)),
+        paired_share=float((pair >= 0).mean()),
+    )

@@ -174,9 +174,6 @@ def _path_curve(session: Session, name: str, axis: str) -> Curve:
     )
 
 
-TURN_DEG: Final = 360.0
-
-
 def on_shortest_arc(degrees: np.ndarray) -> np.ndarray:
     """degrees (n,) from -180 to 180, NaN where not known: the same angles on the shortest arc that holds all of them.
 
@@ -189,7 +186,7 @@ def on_shortest_arc(degrees: np.ndarray) -> np.ndarray:
         return degrees
     gaps = np.diff(known)
     widest = int(np.argmax(gaps))
-    if gaps[widest] <= TURN_DEG - (known[-1] - known[0]):
+    if gaps[widest] <= 360.0 - (known[-1] - known[0]):
         return degrees
-    moved = np.where(degrees <= known[widest], degrees + TURN_DEG, degrees)
-    return moved - TURN_DEG if np.nanmedian(moved) > TURN_DEG / 2 else moved
+    moved = np.where(degrees <= known[widest], degrees + 360.0, degrees)
+    return moved - 360.0 if np.nanmedian(moved) > 180.0 else moved

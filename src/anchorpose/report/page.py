@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,17 +12,189 @@ from typing import Any, Final, NamedTuple
 import cv2
 import numpy as np
 
+from anchorpose.calibration.first_frames import USUAL_DISTANCE_M
+from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import LOST
 from anchorpose.recording.regular_file import read_image
 from anchorpose.report.measure_section import measure_section
 from anchorpose.report.motion_section import angle_section, joint_charts, state_table
-from anchorpose.report.provenance import corrections, problems, provenance, settings
 from anchorpose.report.session import Session, read_session
 from anchorpose.report.summary import moment_section, summary
 from anchorpose.report.timeline import timeline
-from anchorpose.report.words import STATE_WORDS, counted
+from anchorpose.report.words import STATE_WORDS, counted, named_part, spaced
 from anchorpose.results.folder import write_text_whole
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.web_page import render_page
+
+MOST_LINES: Final = 60
+"""More are counted and left to run.json: a page full of them is of no use to a reader."""
+
+
+ALIKE_PX: Final = 1.5  # pixels across: less is hardly more than each its own
+
+
+def problems(session: Session) -> list[str]:
+    """A sentence on each run of frames with the same problem, in which the patient is lost, or depth is too poor."""
+    sentences = [_stretch(drops) for drops in _stretches(session.run.get("dropped", []))]
+    sentences += [f"{_frames(entry)}: the patient is lost: {entry['why']}" for entry in session.run.get("lost", [])]
+    sentences += [f"{_frames(entry)}: {entry['why']}" for entry in session.run.get("poor_depth", [])]
+    more = len(sentences) - MOST_LINES
+    if more > 0:
+        last = f"and {counted(more, 'more stretch', 'more stretches')}: see {RUN_FILE}"
+        return [*sentences[:MOST_LINES], last]
+    return sentences
+
+
+def _frames(entry: dict[str, Any]) -> str:
+    """The frames of an interval of run.json."""
+    if entry["last_frame"] == entry["first_frame"]:
+        return f"Frame {entry['first_frame']} ({entry['start_s']:.2f} s)"
+    seconds = f"{entry['start_s']:.2f} to {entry['end_s']:.2f} s"
+    return f"Frames {entry['first_frame']} to {entry['last_frame']} ({seconds})"
+
+
+def _stretches(dropped: Sequence[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    """Neighbouring frames with the same reason, apart from the number of the frame in a file's name."""
+    stretches: list[list[dict[str, Any]]] = []
+    for drop in sorted(dropped, key=lambda drop: (_reason(drop), drop["frame"])):
+        last = stretches[-1][-1] if stretches else None
+        if last is not None and _reason(last) == _reason(drop) and drop["frame"] - last["frame"] <= 1:
+            stretches[-1].append(drop)
+        else:
+            stretches.append([drop])
+    return sorted(stretches, key=lambda drops: drops[0]["frame"])
+
+
+def _reason(drop: dict[str, Any]) -> str:
+    return str(drop["why"]).replace(f"{drop['frame']:06d}", "…")
+
+
+def _stretch(drops: Sequence[dict[str, Any]]) -> str:
+    first, last = drops[0], drops[-1]
+    if len(drops) == 1:
+        return f"Frame {first['frame']} ({first['time_s']:.2f} s): {first['why']}"
+    seconds = f"{first['time_s']:.2f} to {last['time_s']:.2f} s"
+    return f"Frames {first['frame']} to {last['frame']} ({seconds}): {_reason(first)}"
+
+
+def corrections(session: Session) -> list[str]:
+    """Each entry of the reviewer's file that tracking used, signed; see ``CorrectionsRecord``."""
+    record = session.run.get("corrections")
+    if record is None:
+        return []
+    unusable = [
+        f"Unusable: frames {entry['first_frame']} to {entry['last_frame']} "
+        f"({entry['start_s']:.2f} to {entry['end_s']:.2f} s): {_signed(entry)}"
+        for entry in record["unusable"]
+    ]
+    joints = [
+        f"Placed by hand: {named_part(entry['joint'])} in frame {entry['frame']} ({entry['time_s']:.2f} s): "
+        f"{_signed(entry)}"
+        for entry in record["joints"]
+    ]
+    patient = record.get("patient")  # older results have none
+    named = [] if patient is None else [_named(patient)]
+    return [*named, *unusable, *joints, f"These are from {record['file']}, SHA-256 {record['sha256']}."]
+
+
+def _named(patient: dict[str, Any]) -> str:
+    x, _, z = patient["position_m"]
+    where = f"at x {x:.2f} m, z {z:.2f} m in frame {patient['frame']} ({patient['time_s']:.2f} s)"
+    return f"The patient was named: the person {where}: {_signed(patient)}"
+
+
+def _signed(entry: dict[str, Any]) -> str:
+    return f"{entry['reason']} ({entry['who']}, {entry['when']})"
+
+
+class Facts(NamedTuple):
+    """A folded table: rows of (name, cells); none where run.json has no entry."""
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[str]]]
+
+
+def provenance(session: Session) -> list[Facts]:
+    """Versions, cameras, residuals, the body, times and the hashes of all inputs."""
+    run = session.run
+    measured = session.definition.anchorpose if session.definition else "measures.parquet does not say"
+    versions = [*run.get("versions", {}).items(), ("the measures: anchorpose", measured)]
+    residuals = [(r["camera"], (r["what"], _residual(r))) for r in run.get("residuals", [])]
+    return [
+        Facts("Versions", ("program", "version"), [(program, (version,)) for program, version in versions]),
+        Facts(
+            "Cameras",
+            ("camera", "pose from", "position x, y, z in metres", "depth 2.5 m away, as the recording shows it"),
+            [(one["name"], (one["source"], _position(one), _depth(one))) for one in run.get("cameras", [])],
+        ),
+        Facts("Calibration residuals", ("camera", "what", "value"), residuals),
+        Facts("The patient's body as learnt", ("what", "value"), _body(run.get("body"))),
+        Facts(
+            "Time spent",
+            ("stage", "seconds"),
+            [(timing["stage"], (f"{timing['seconds']:.1f}",)) for timing in run.get("timings", [])],
+        ),
+        Facts("Input files", ("file", "SHA-256"), session.inputs),
+    ]
+
+
+def settings(session: Session) -> str:
+    """The settings of the run as JSON."""
+    return json.dumps(session.run.get("config"), indent=1, ensure_ascii=False)
+
+
+def _residual(residual: dict[str, Any]) -> str:
+    if residual["value"] is None:
+        return "not known"
+    return f"{residual['value']:.4g} {residual['unit']}".replace(" 1", "")
+
+
+def _position(camera: dict[str, Any]) -> str:
+    pose = camera.get("camera_to_world")
+    return "not used" if pose is None else ", ".join(f"{row[3]:.2f}" for row in pose[:3])
+
+
+def _depth(camera: dict[str, Any]) -> str:
+    """Noise, step and width of edges at 2.5 m, where patients stand; not known of older results."""
+    depth = camera.get("depth")
+    if depth is None:
+        return "not known"
+    step_mm = 1000 * USUAL_DISTANCE_M**2 * depth["step_per_m"]
+    noise = _noise(DepthNoise(**depth["noise"]))
+    return f"{noise}; steps of {step_mm:.0f} mm, edges {depth['edge_px']:.0f} pixels wide"
+
+
+def _noise(noise: DepthNoise) -> str:
+    """The random error of a camera in words."""
+    at_m = f"± {1000 * float(noise.sigma_m(np.array(USUAL_DISTANCE_M))):.0f} mm (one sigma)"
+    if not noise.measured:
+        return f"{at_m} between neighbouring readings; no still background is seen to measure all of the noise on"
+    known = zip(noise.slants, ("slanted", "steep"), strict=True)
+    more = [f"{times:.1f} times as much on {kind} surfaces" for times, kind in known if times is not None]
+    shared = np.sqrt(noise.shared_px)
+    alike = f"neighbours have their error in common over {shared:.0f} pixels" if shared >= ALIKE_PX else ""
+    lost = "" if noise.holes is None else f"{100 * noise.holes:.1f} % of the readings on surfaces of the room are lost"
+    between = "" if noise.flying is None else f"{100 * noise.flying:.0f} % of those at depth edges show neither side"
+    return "; ".join(part for part in (f"{at_m}, measured on the still room", *more, alike, lost, between) if part)
+
+
+def _body(body: dict[str, Any] | None) -> list[tuple[str, Sequence[str]]]:
+    if body is None:
+        return [("no body was learnt", ("",))]
+    height = f"{body['height_m']:.3f} ± {body['height_sigma_m']:.3f} m (one sigma)"
+    return [
+        ("height without shoes", (height,)),
+        *(
+            (f"thickness of the {piece}", (f"{1000 * thick_m:.0f} mm",))
+            for piece, thick_m in body.get("clothes_m", {}).items()
+        ),
+        *(
+            (spaced(bone["bone"]), (f"{1000 * bone['length_m']:.0f} ± {1000 * bone['sigma_m']:.0f} mm (one sigma)",))
+            for bone in body["bones"]
+        ),
+    ]
+
 
 REPORT_FILE: Final = "report.html"
 

@@ -13,9 +13,6 @@ from anchorpose.results.explained import CM2_PER_M2
 from anchorpose.results.records import Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
-MM_PER_M: Final = 1e3
-
-
 FREE_SHARE: Final = 0.5
 """Share of the skin last touched that must be seen without anybody on it for the contact to have ended."""
 
@@ -140,7 +137,7 @@ class ContactIntervals:
                     end_s=kept.last[1],
                     seen_share=kept.seen_frames / (kept.frames + kept.hidden),
                     area_cm2=CM2_PER_M2 * kept.area_m2 / kept.frames,
-                    gap_mm=MM_PER_M * kept.gap_m,
+                    gap_mm=1000.0 * kept.gap_m,
                 )
 
     def _name(self, label: int) -> str:

@@ -20,9 +20,9 @@ from pydantic import AfterValidator, ConfigDict, Discriminator, Field, StringCon
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.document import Text, Version, Whole, numbers, read_document, validate
-from anchorpose.recording.timestamps import Seconds
+from anchorpose.recording.recording_file import FARTHEST_CAMERA_M, Seconds
 from anchorpose.results.folder import write_text_whole
-from anchorpose.results.reviewed_recording import FARTHEST_M, ReviewedRecording, recording_of_run, same_world
+from anchorpose.results.reviewed_recording import ReviewedRecording, recording_of_run, same_world
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
@@ -51,8 +51,8 @@ def _require_joint(name: str) -> str:
 
 
 def _require_near(position_m: np.ndarray) -> tuple[float, ...]:
-    if np.abs(position_m).max() > FARTHEST_M:
-        raise Unfit(f"is more than {FARTHEST_M:g} m away", "write metres, in the results' world")
+    if np.abs(position_m).max() > FARTHEST_CAMERA_M:
+        raise Unfit(f"is more than {FARTHEST_CAMERA_M:g} m away", "write metres, in the results' world")
     return tuple(position_m.tolist())
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from anchorpose.joints import JOINT_COUNT
-from anchorpose.results.evaluate import ContactEvaluation, ErrorSummary, Evaluation
-from anchorpose.results.evaluate_confidence import CONFIDENT_SIGMAS, FAR_M, WRONG_M
+from anchorpose.results.evaluate import CONFIDENT_SIGMAS, FAR_M, ContactEvaluation, ErrorSummary, Evaluation
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import as_json
+from anchorpose.results.sides import WRONG_M
 
 MARK: Final = '"matched_frames"'
 """Stands in the beginning of every file of this kind."""

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from anchorpose.errors import InputError
-from anchorpose.recording.timestamps import require_seconds
+from anchorpose.recording.recording_file import require_seconds
 from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, require_within
 
 Frames = TypeVar("Frames")

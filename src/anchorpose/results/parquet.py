@@ -91,22 +91,17 @@ def _require_names(schema: pa.Schema) -> list[str]:
 
 
 @contextmanager
-def opened_parquet(path: Path, schema: pa.Schema | None = None) -> Iterator[Any]:
-    """An open file, of which row groups and ``pieces`` can be read, with the columns of ``schema``; None: with any.
-
-    Raises InputError where it has others, or proves in the block to be damaged.
-    """
+def opened_parquet(path: Path) -> Iterator[Any]:
+    """Open a file, of which ``pieces`` can be read; raises InputError where it proves in the block to be damaged."""
     with refuse_unreadable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
         _require_names(file.schema_arrow)
-        if schema is not None:
-            require_columns(path, file.schema_arrow, schema)
         yield file
 
 
-def pieces(file: Any, columns: Sequence[str] | None = None, groups: Sequence[int] | None = None) -> Iterator[pa.Table]:
-    """The rows of an open file in their order, at most ``ROWS_AT_ONCE`` at a time; columns, groups: None for all."""
-    for group in range(file.num_row_groups) if groups is None else groups:  # one by one: pyarrow would hold several
-        for batch in file.iter_batches(ROWS_AT_ONCE, row_groups=[group], columns=columns, use_threads=False):
+def pieces(file: Any) -> Iterator[pa.Table]:
+    """Yield the rows of an open file in their order, at most ``ROWS_AT_ONCE`` at a time."""
+    for group in range(file.num_row_groups):  # one by one: pyarrow would hold several
+        for batch in file.iter_batches(ROWS_AT_ONCE, row_groups=[group], use_threads=False):
             yield pa.Table.from_batches([batch])
 
 

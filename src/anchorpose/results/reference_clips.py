@@ -9,23 +9,16 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.motion.database_file import (
-    FORMAT,
-    ReferenceClips,
-    join_clips,
-    read_motions,
-    read_skeletons,
-    write_motions,
-)
+from anchorpose.motion.database import FORMAT, ReferenceClips, join_clips, read_motions, read_skeletons, write_motions
 from anchorpose.recording.regular_file import read_arrays
 from anchorpose.recording.writable import check_file, new_folder
+from anchorpose.results.frame_time import LONGEST_STEP
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own
 
 SUFFIX = ".npz"
 SHORTEST_S: Final = 0.5  # the motion history, the frames that check it and one predicted step, at 30 Hz
 MOTIONS_MARK: Final = "format.npy"  # the first array of a file of movements
-_GAP: Final = 1.5  # periods between two frames; in a longer gap a frame is missing
 
 
 def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, overwrite: bool) -> ReferenceClips:
@@ -66,7 +59,7 @@ def clips_of_results(folder: Path) -> ReferenceClips:
         raise InputError(folder, "has fewer than two frames, or times that do not increase", remedy)
     period_s = float(np.median(np.diff(table.time_s)))
     whole = np.isfinite(table.position_m).all(axis=(1, 2))
-    broken = ~whole[1:] | ~whole[:-1] | (np.diff(table.time_s) > _GAP * period_s)
+    broken = ~whole[1:] | ~whole[:-1] | (np.diff(table.time_s) > LONGEST_STEP * period_s)
     pieces = np.split(np.arange(len(whole)), np.flatnonzero(broken) + 1)
     kept = [piece for piece in pieces if whole[piece].all() and len(piece) * period_s >= SHORTEST_S]
     if not kept:

@@ -13,11 +13,8 @@ from pydantic import AfterValidator, ConfigDict, Field
 from anchorpose.camera import Camera
 from anchorpose.recording.document import Text
 from anchorpose.recording.recording import Clock
-from anchorpose.recording.recording_file import CameraPose
-from anchorpose.recording.timestamps import FARTHEST_TIME_S
+from anchorpose.recording.recording_file import FARTHEST_CAMERA_M, FARTHEST_TIME_S, CameraPose
 from anchorpose.settings import STRICT, Unfit
-
-FARTHEST_M: Final = 100.0
 
 LARGEST_DRIFT: Final = 0.1
 """Seconds per second: the clocks of cameras differ by a thousandth at most."""
@@ -30,6 +27,9 @@ def _require_clock(clock: Clock) -> Clock:
 
 
 CameraClock = Annotated[Clock, AfterValidator(_require_clock)]
+_Height = Annotated[
+    float, Field(ge=-FARTHEST_CAMERA_M, le=FARTHEST_CAMERA_M, description="metres, along the world's Y")
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,9 +54,7 @@ class ReviewedRecording:
     name: Text
     sha256: Text
     cameras: tuple[ReviewedCamera, ...]
-    floor_height_m: (
-        Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, description="metres, along the world's Y")] | None
-    ) = None
+    floor_height_m: _Height | None = None
 
     @property
     def poses(self) -> dict[str, np.ndarray | None]:

@@ -23,9 +23,8 @@ from anchorpose.body.visibility import PoorDepth, PoorKind
 from anchorpose.errors import InputError
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.recording.document import LARGEST_WITH_HASHES, FileInFolder, Text, Version, read_json, validate
-from anchorpose.recording.recording_file import CameraPose
+from anchorpose.recording.recording_file import CameraPose, Seconds
 from anchorpose.recording.regular_file import LARGEST_ARRAYS, open_regular, require_regular
-from anchorpose.recording.timestamps import Seconds
 from anchorpose.results.corrections import CorrectionsRecord, Frame, Sha256
 from anchorpose.results.explained import ExplainedSummary
 from anchorpose.results.reviewed_recording import CameraClock

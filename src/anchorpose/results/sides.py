@@ -11,7 +11,9 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
-from anchorpose.results.evaluate_confidence import WRONG_M
+
+WRONG_M: Final = 0.15
+"""Farther off than this, half a forearm, a joint says nothing about the patient, and its limb is wrong."""
 
 CLEARLY_BETTER: Final = 0.7
 """Ratio of two misfits from which on the smaller is the right one. In six simulated laboratories it was at most 0.1."""

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_NAMES, LOST, STATE_CODE, JointState
+from anchorpose.recording.recording_file import FARTHEST_CAMERA_M
 from anchorpose.results.frame_table import Codes, Column, Flags, FrameTable, Numbers
 from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN
-from anchorpose.results.reviewed_recording import FARTHEST_M
 
 _STATES: Final = tuple(str(state) for state in JointState)
 
@@ -92,9 +92,9 @@ JOINTS: Final = FrameTable(
     thing="joint",
     names=JOINT_NAMES,
     columns={
-        "position_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_M, FARTHEST_M, TRACK_AGAIN),
+        "position_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, TRACK_AGAIN),
         "state_code": Codes("state", _STATES, TRACK_AGAIN),
-        "sigma_m": Numbers(("sigma_m",), 0.0, FARTHEST_M, TRACK_AGAIN),
+        "sigma_m": Numbers(("sigma_m",), 0.0, FARTHEST_CAMERA_M, TRACK_AGAIN),
     },
     agree=lambda joints: bool(_numbers_agree(joints).all()),
     remedy=TRACK_AGAIN,
@@ -131,8 +131,8 @@ ANCHORS: Final = FrameTable(
     thing="anchor",
     names=ANCHOR_NAMES,
     columns={
-        "position_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_M, FARTHEST_M, TRACK_AGAIN),
-        "sigma_m": Numbers(("sigma_m",), 0.0, FARTHEST_M, TRACK_AGAIN),
+        "position_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, TRACK_AGAIN),
+        "sigma_m": Numbers(("sigma_m",), 0.0, FARTHEST_CAMERA_M, TRACK_AGAIN),
     },
     remedy=TRACK_AGAIN,
 )
@@ -141,7 +141,7 @@ ANCHORS_FILE, read_anchors, write_anchors = ANCHORS.file, ANCHORS.read, ANCHORS.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AngleTable:
-    """frame (n,) int32, time_s (n,) float64, names (a,) of docs/angles.md; ``kinematics`` defines the angles.
+    """frame (n,) int32, time_s (n,) float64, names (a,) of docs/angles.md; ``angle_definition`` says how.
 
     degrees and sigma_deg (n, a) float64, NaN where a joint is lost or the pose leaves the angle undetermined;
     state_code (n, a) int8 index into ``JointState``, the worst of the joints involved.
@@ -222,8 +222,8 @@ POSTURE: Final = FrameTable(
     file="posture.parquet",
     arrays=PostureTable,
     columns={
-        "com_m": Numbers(("com_x_m", "com_y_m", "com_z_m"), -FARTHEST_M, FARTHEST_M, MEASURE_AGAIN),
-        "com_sigma_m": Numbers(("com_sigma_m",), 0.0, FARTHEST_M, MEASURE_AGAIN),
+        "com_m": Numbers(("com_x_m", "com_y_m", "com_z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, MEASURE_AGAIN),
+        "com_sigma_m": Numbers(("com_sigma_m",), 0.0, FARTHEST_CAMERA_M, MEASURE_AGAIN),
         "upright": Flags("upright"),
         "state_code": Codes("state", _STATES, MEASURE_AGAIN),
     },
@@ -267,7 +267,7 @@ POSES: Final = FrameTable(
     thing="bone",
     names=MOVING_BONES,
     columns={
-        "head_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_M, FARTHEST_M, TRACK_AGAIN, pa.float32()),
+        "head_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, TRACK_AGAIN, pa.float32()),
         "quaternion": Numbers(("qw", "qx", "qy", "qz"), -1.001, 1.001, TRACK_AGAIN, pa.float32()),
         "axial_sigma_rad": Numbers(("axial_sigma_rad",), 0.0, LARGEST_SIGMA, TRACK_AGAIN, pa.float32()),
     },

@@ -10,9 +10,8 @@ import numpy as np
 from anchorpose.body.contact_regions import REGION_BONES
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
+from anchorpose.recording.recording_file import FARTHEST_CAMERA_M, FARTHEST_TIME_S, require_seconds
 from anchorpose.recording.regular_file import read_arrays
-from anchorpose.recording.timestamps import FARTHEST_TIME_S, require_seconds
-from anchorpose.results.reviewed_recording import FARTHEST_M
 
 _READ = ("joints", "names", "time", "occluded", "seen_share")
 
@@ -54,8 +53,8 @@ def read_truth(path: Path) -> Truth:
     if any(each.dtype.kind not in "fiub" for each in (joints, time_s, occluded)):
         raise InputError(path, "its joints, times or occluded are not numbers", remedy)
     with np.errstate(invalid="ignore"):
-        if (np.abs(joints) > FARTHEST_M).any() or not (np.abs(time_s) <= FARTHEST_TIME_S).all():
-            problem = f"has joints over {FARTHEST_M:g} m away, or times that are no seconds"
+        if (np.abs(joints) > FARTHEST_CAMERA_M).any() or not (np.abs(time_s) <= FARTHEST_TIME_S).all():
+            problem = f"has joints over {FARTHEST_CAMERA_M:g} m away, or times that are no seconds"
             raise InputError(path, problem, "write metres and seconds")
     if len(time_s) == 0 or not (np.diff(time_s) > 0).all():
         raise InputError(path, "its times are none or do not increase", remedy)

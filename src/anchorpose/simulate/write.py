@@ -14,7 +14,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.recording.equipment_file import write_equipment
+from anchorpose.recording.equipment import write_equipment
 from anchorpose.recording.recording_file import camera_document
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.simulate.clinic import Clinic, Performance, Programme, draw_clinic, random_stream

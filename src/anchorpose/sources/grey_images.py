@@ -20,7 +20,6 @@ ENDINGS: Final = {".png", ".pgm"}
 Size = tuple[int, int]
 """Width and height in pixels."""
 
-_LARGEST: Final = 65534  # 65535 stands for no reading in some formats
 _SCALES: Final = (0.00025, 0.0005, 0.001)  # metres; up to 16, 33 and 65 m. The first is finer than any depth camera
 _WHOLE_MM: Final = 0.01  # of a millimetre: float32 is that exact up to 65 m
 _SPARE: Final = 1.25  # how much farther than the first image later ones may see
@@ -163,14 +162,14 @@ def scale_of(metres: np.ndarray) -> float | None:
         return None
     if np.abs(given * 1000.0 - np.round(given * 1000.0)).max() < _WHOLE_MM:
         return 0.001
-    return next((scale for scale in _SCALES if given.max() * _SPARE <= _LARGEST * scale), _SCALES[-1])
+    return next((scale for scale in _SCALES if given.max() * _SPARE <= (NO_READING - 1) * scale), _SCALES[-1])
 
 
 def grey_of_metres(metres: np.ndarray, scale: float) -> tuple[np.ndarray, int]:
     """Return (height, width) uint16, 0 = no reading, and how many readings are too far for the scale: they are 0."""
     with np.errstate(invalid="ignore"):
         grey = np.round(metres.astype(np.float64) / scale)
-    too_far = np.isfinite(grey) & (grey > _LARGEST)
+    too_far = np.isfinite(grey) & (grey >= NO_READING)
     grey[~np.isfinite(grey) | too_far | (grey < 0.0)] = 0.0
     return grey.astype(np.uint16), int(too_far.sum())
 

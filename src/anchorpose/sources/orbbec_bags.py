@@ -40,7 +40,7 @@ _PLAY_IT: Final = (
 )
 _PRECISION_LEVEL, _DISPARITY_TO_DEPTH, _UNIT_MM = 75, 85, 176  # OBPropertyID
 _UNITS_MM: Final = (1.0, 0.8, 0.4, 0.1, 0.2, 0.5, 0.05)  # by OBDepthPrecisionLevel
-_NONE, _BROWN_CONRADY, _RATIONAL, _KANNALA_BRANDT = 0, 3, 4, 5  # OBCameraDistortionModel
+_BROWN_CONRADY, _RATIONAL, _KANNALA_BRANDT = 3, 4, 5  # OBCameraDistortionModel
 
 
 @dataclass(frozen=True, slots=True)

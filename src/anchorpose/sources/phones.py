@@ -51,7 +51,6 @@ VIDEO: Final = (1920, 1440)  # what ARKit's camera has on these devices; checked
 OFF_CENTRE: Final = 0.1  # of the width: real lenses are within 0.02
 
 LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 per second has 30 MB
-LARGEST_IMAGE: Final = 16384 * 16384
 _DAMAGE: Final = (
     zipfile.BadZipFile,
     zlib.error,

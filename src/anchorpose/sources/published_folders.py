@@ -18,7 +18,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
-from anchorpose.recording.document import parse_json, read_json, read_text
+from anchorpose.recording.document import LARGEST_BYTES, parse_json, read_json, read_text
 from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.sources.grey_images import FrameFile, ImageFiles, Size, first_size, images_in, natural_order
 from anchorpose.sources.image_folder import frame_files
@@ -37,7 +37,6 @@ TUM_M: Final = 1.0 / 5000.0
 LISTS: Final = ("depth.txt", "associations.txt", "associate.txt", "associated.txt", "association.txt")
 
 
-LARGEST_JSON: Final = 1_000_000  # bytes; a camera's file has some hundred
 POSES_READ: Final = 100  # spread over the recording; enough to see that a camera was carried
 
 
@@ -181,7 +180,7 @@ def _camera_file(path: Path) -> Path | None:
         return _scannet_file(path)
     for file in sorted(path.glob("*.json")):
         try:
-            values = parse_json(read_bounded(file, LARGEST_JSON), LARGEST_JSON)
+            values = parse_json(read_bounded(file, LARGEST_BYTES))
         except (Unreadable, ValueError):
             continue
         if isinstance(values, dict) and "intrinsic_matrix" in values:

@@ -47,11 +47,10 @@ _MODELS: Final = {
     "equidistant": LensModel.KANNALA_BRANDT,
     "fisheye": LensModel.KANNALA_BRANDT,
 }
-_LARGEST: Final = 1e6  # of any number of a lens
+_LARGEST: Final = 1e6  # of any number of a lens, and of a place in metres
 _SHORTEST_PX: Final = 1.0
 _TOPIC: Final = "/tf_static"
 _WORLDS: Final = frozenset({"world", "map", "odom"})
-_FARTHEST_M: Final = 1e6
 _LONGEST: Final = 100  # transforms in a row, so that a damaged file with a ring of frames ends
 T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
 """REP 103's world has x forward and z up; this project's has x forward and y up."""
@@ -291,7 +290,7 @@ class StaticTransforms:
 
 def _matrix(values: np.ndarray) -> np.ndarray | None:
     """Return (4, 4) of translation in metres and quaternion x, y, z, w; None where they are none."""
-    if not (np.abs(values) < _FARTHEST_M).all():  # nor are those that are no numbers
+    if not (np.abs(values) < _LARGEST).all():  # nor are those that are no numbers
         return None
     length = np.linalg.norm(values[3:])
     if not 0.99 < length < 1.01:  # ROS's own tolerance for a unit quaternion

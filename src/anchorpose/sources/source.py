@@ -27,7 +27,6 @@ MODULES: Final = (
     "ros_bags",
     "phones",
     "published_folders",
-    "arrays",
     "image_folder",  # last: most folders above hold a folder of images
 )
 """Modules of this package with ``READERS``, in the order in which they are asked; they are imported one by one."""

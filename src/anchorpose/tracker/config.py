@@ -15,11 +15,11 @@ from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.calibration.equipment_pose import EquipmentPoseConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.people import IsolationConfig
-from anchorpose.motion.database_file import SHIPPED
+from anchorpose.motion.database import SHIPPED
 from anchorpose.motion.prediction import MotionConfig
 from anchorpose.recording.document import load_config
+from anchorpose.recording.recording_file import FARTHEST_CAMERA_M
 from anchorpose.results.contact_intervals import ContactConfig
-from anchorpose.results.reviewed_recording import FARTHEST_M
 from anchorpose.settings import Count, Positive, settings
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig
@@ -82,8 +82,8 @@ class TrackConfig:
             raise ValueError(f"start must not be negative and stop must come after it, got {self.start} to {self.stop}")
         if self.patient_frame is not None and self.patient_xz_m is None:
             raise ValueError("patient_frame says when the patient is at patient_xz_m, which is not given")
-        if self.patient_xz_m is not None and not np.abs(self.patient_xz_m).max() <= FARTHEST_M:
-            raise ValueError(f"patient_xz_m is in metres, up to {FARTHEST_M:g}, got {self.patient_xz_m}")
+        if self.patient_xz_m is not None and not np.abs(self.patient_xz_m).max() <= FARTHEST_CAMERA_M:
+            raise ValueError(f"patient_xz_m is in metres, up to {FARTHEST_CAMERA_M:g}, got {self.patient_xz_m}")
         shortest, tallest = HEIGHTS_M
         if self.height_m is not None and not shortest <= self.height_m <= tallest:
             raise ValueError(f"height_m is in metres, {shortest} to {tallest}, got {self.height_m:g}")

@@ -103,7 +103,7 @@ def estimate_of(
     joints = body.mesh.joints(posed.transforms)
     evidence = observation.evidence
     explanation = explain(body.points, posed, evidence)
-    noises = [None if pieces is None else pieces.noise for pieces in observation.pieces]
+    noises = [None if pieces is None else pieces.sensor.noise for pieces in observation.pieces]
     noise = noise_covariance(body, belief, evidence, noises, config.registration)
     patch_m = finest_patch_m(evidence, noises)
     sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty, noise, patch_m)
@@ -150,7 +150,7 @@ def displaced(estimate: Estimate, displaced_m: float) -> Estimate:
 
 
 def _details(observation: Observation) -> list[DepthDetail | None]:
-    return [None if pieces is None else pieces.detail for pieces in observation.pieces]
+    return [None if pieces is None else pieces.sensor for pieces in observation.pieces]
 
 
 def _smeared_sigma(

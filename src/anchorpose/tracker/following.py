@@ -133,6 +133,6 @@ def _poor_at(choice: PatientChoice | None, frame_set: FrameSet, run: Run) -> tup
     for scene, depth_m in zip(run.room.scenes, frame_set.depths_m, strict=True):
         away = place - scene.camera.position_m
         distance_m = float(np.linalg.norm(away[[0, 2]]))
-        if depth_m is not None and (found := too_coarse(scene.camera.name, scene.background.detail, distance_m)):
+        if depth_m is not None and (found := too_coarse(scene.camera.name, scene.background.sensor, distance_m)):
             poor.append(found)
     return tuple(poor)

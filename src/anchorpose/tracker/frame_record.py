@@ -16,7 +16,7 @@ from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.results.explained import ExplainedFrame, explained_frame
-from anchorpose.results.people_labels import LabelImage, encode_labels
+from anchorpose.results.records import LabelImage, encode_labels
 from anchorpose.results.tables import AnchorFrame, BodyPose, JointFrame
 from anchorpose.rotations import quaternions
 from anchorpose.tracker.estimate import Estimate

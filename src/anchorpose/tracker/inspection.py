@@ -11,7 +11,7 @@ from anchorpose.body.skin_points import FittedShape
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.isolation.scene import Scene
-from anchorpose.motion.database_file import load_motions
+from anchorpose.motion.prediction import load_motions
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.track_tree.global_hypothesis import GlobalHypothesis
 from anchorpose.track_tree.hypotheses import Hypotheses

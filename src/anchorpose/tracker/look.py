@@ -22,7 +22,7 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.patient_choice import BEFORE_M, CHEST_M, STAYS_M
+from anchorpose.tracker.patient_choice import BEFORE_M, CHEST_M, STAYS_M, looks_at_most
 from anchorpose.tracker.room import NOBODY_SEEN, InitialFrame
 from anchorpose.tracker.sighting import (
     ONE_PERSON,
@@ -149,14 +149,7 @@ def _middle(one: SeenPerson) -> np.ndarray:
 
 def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
     """Whether a camera that has most of the points (n, 3) in view sees farther than most of them."""
-    for depth_m, camera in zip(depths_m, cameras, strict=True):
-        if depth_m is None:
-            continue
-        own, read, inside = camera.look(points_m, depth_m)
-        past = inside & (read > own + BEFORE_M)
-        if np.mean(inside) > 0.5 and np.mean(past[inside]) > 0.5:
-            return True
-    return False
+    return any(np.mean(read > own + BEFORE_M) > 0.5 for own, read in looks_at_most(points_m, depths_m, cameras))
 
 
 CHECKED: Final = 5  # frames with a body each: of real people 5 of 5 show one, of a wheelchair that is pushed 1 or 2

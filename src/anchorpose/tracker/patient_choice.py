@@ -7,7 +7,7 @@ each of them votes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -205,15 +205,22 @@ def _times_gone(seen: Sequence[SeenPerson | None], sightings: Sequence[Sighting]
 
 def _is_hidden(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
     """Whether in every camera that has most of the points (n, 3) in view something stands before most of them."""
-    hidden = list[bool]()
-    for depth_m, camera in zip(depths_m, cameras, strict=True):
-        if depth_m is None:
-            continue
-        own, read, inside = camera.look(points_m, depth_m)
-        before = inside & (read > 0) & (read < own - BEFORE_M)
-        if np.mean(inside) > 0.5:
-            hidden.append(bool(np.mean(before[inside]) > 0.5))
+    hidden = [
+        bool(np.mean((read > 0) & (read < own - BEFORE_M)) > 0.5)
+        for own, read in looks_at_most(points_m, depths_m, cameras)
+    ]
     return bool(hidden) and all(hidden)
+
+
+def looks_at_most(
+    points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield ``Camera.look`` at the points in view, for each camera that has most of the points (n, 3) in view."""
+    for depth_m, camera in zip(depths_m, cameras, strict=True):
+        if depth_m is not None:
+            own, read, inside = camera.look(points_m, depth_m)
+            if np.mean(inside) > 0.5:
+                yield own[inside], read[inside]
 
 
 def _faced_by(one: SeenPerson, sighting: Sighting) -> int:

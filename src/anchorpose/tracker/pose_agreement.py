@@ -18,9 +18,10 @@ import numpy as np
 from anchorpose.body.constraints import thin
 from anchorpose.calibration.calibration import DoubtSource, PoseDoubt
 from anchorpose.calibration.common_view import Displacement, LevelView, common_surfaces, find_displacement
+from anchorpose.calibration.world import WORST_FLOOR_TILT_RAD
 from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
-from anchorpose.recording.recording import FrameSet
+from anchorpose.recording.recording import FrameSet, depths_of
 
 # Of what is in view of both, the share that one camera sees past by more than AWAY_M, in whatever direction
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
@@ -33,7 +34,6 @@ POINTS_OF_PEOPLE: Final = 3000  # of one frame
 FRAMES: Final = 8
 OFF_M: Final = 0.015  # right poses have at most 0.009
 REFUTED_M: Final = 0.15  # two cameras that are 10 cm off each
-REFUTED_RAD: Final = 0.07  # four degrees, as for a floor; poses a degree off each have up to 3.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +92,8 @@ def compare_cameras(
 def _surfaces(
     index: int, scenes: Sequence[Scene], backgrounds_m: Sequence[np.ndarray | None], frames: Sequence[FrameSet]
 ) -> LevelView:
-    depths = [depth for frame in frames if (depth := frame.depths_m[index]) is not None]
     scene = scenes[index]
-    return common_surfaces(scene.camera, scene.background.depth_m, backgrounds_m[index], depths)
+    return common_surfaces(scene.camera, scene.background.depth_m, backgrounds_m[index], depths_of(frames, index))
 
 
 def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> list[SeenPast]:
@@ -111,7 +110,7 @@ def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
     past, names = pair.past, " and ".join(pair.past.cameras)
     if pair.by is not None:
         off_m, turn_rad = pair.by.off_m, pair.by.turn_rad or 0.0
-        refuted = off_m > REFUTED_M or turn_rad > REFUTED_RAD
+        refuted = off_m > REFUTED_M or turn_rad > WORST_FLOOR_TILT_RAD
         if not (off_m > OFF_M or refuted):
             return None
         return PoseDoubt(DoubtSource.CAMERAS, past.cameras, f"cameras {names} {pair.apart}", off_m, refuted)
@@ -125,7 +124,7 @@ def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
 
 def _of_pair(one: int, other: int, scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> SeenPast:
     rooms, people = list[float](), list[float]()
-    outlined = not any(scenes[k].background.detail.filtered for k in (one, other))
+    outlined = not any(scenes[k].background.sensor.filtered for k in (one, other))
     for a, b in ((one, other), (other, one)):
         rooms.append(_share([_room_past(scenes[a], scenes[b])]))
         both = [(here, there) for moment in moments if (here := moment[a]) and (there := moment[b]) and outlined]

@@ -14,10 +14,10 @@ import numpy as np
 
 from anchorpose.body.constraints import thin
 from anchorpose.body.skin_points import body_points
+from anchorpose.calibration.first_frames import SAME_M
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.background import BackgroundModel, BackgroundSource, RestingLayer, foreground
 from anchorpose.isolation.components import JUMP_GATE, label_components
-from anchorpose.isolation.depth_noise import smeared
 from anchorpose.isolation.empty_room import PERSON_M, in_equipment
 from anchorpose.isolation.people import FAINT, PERSON_RADIUS_M
 from anchorpose.isolation.scene import FLATTEST, LEAST_M2, Scene, find_pieces
@@ -31,7 +31,6 @@ from anchorpose.tracker.sighting import ONE_PERSON
 LEAST_S: Final = 1.0  # that an object rests: a person who turns back stands still for half a second
 LEAST_SAMPLES: Final = 6  # that show it at rest: its sway is measured on them
 SETTLING: Final = 2  # samples in which what was pushed or swung still moves by less than the noise
-SAME_M: Final = 0.02  # readings of one surface differ by less than this and ``JUMP_GATE`` sigmas
 WHOLE: Final = 0.8  # of the connected foreground: at rest; of the object: not there all the time
 SHOWN: Final = 33  # percent of the object's pixels: people may hide the others
 OFTEN: Final = 67  # percentile of the samples: in a third of them nobody touches the object
@@ -97,15 +96,11 @@ def resting_objects(
     times = np.asarray(time_s, dtype=np.float64)
     if len(times) < 2 * LEAST_SAMPLES or times[-1] - times[0] < 2.0 * LEAST_S:
         return []
-    frames = np.stack([_without_ramps(frame, model.smear_px) for frame in frames_m])
+    frames = np.stack([model.sensor.without_ramps(frame) for frame in frames_m])
     forward = Recorded(frames, times, np.stack([foreground(frame, model) for frame in frames]))
     late = list(_until_the_end(forward, model, camera, floor_height_m))
     early = _until_the_end(forward.reversed(), model, camera, floor_height_m)
     return late + [_turned(one, len(times)) for one in early]
-
-
-def _without_ramps(frame_m: np.ndarray, smear_px: int) -> np.ndarray:
-    return np.where(smeared(frame_m, smear_px), np.float32(0.0), frame_m) if smear_px else frame_m
 
 
 def _turned(one: RestingObject, count: int) -> RestingObject:
@@ -118,9 +113,11 @@ def _until_the_end(
     seen: Recorded, model: BackgroundModel, camera: Camera, floor_height_m: float | None
 ) -> Iterator[RestingObject]:
     """Those that rest until the last sample."""
-    still = _what_is_still(seen, model.noise_per_m)
-    pieces, count = label_components(still.depth_m, still.depth_m > 0, model.jump_limit)
-    area = np.bincount(pieces.ravel(), (still.depth_m.astype(np.float64) / model.focal_px).ravel() ** 2, count + 1)
+    still = _what_is_still(seen, model.sensor.noise_per_m)
+    pieces, count = label_components(still.depth_m, still.depth_m > 0, model.sensor.jump_limit)
+    area = np.bincount(
+        pieces.ravel(), (still.depth_m.astype(np.float64) / model.sensor.focal_px).ravel() ** 2, count + 1
+    )
     for number in np.flatnonzero(area[1:] > FAINT.area_m2) + 1:
         piece = pieces == number
         samples = _samples_of(piece, still, seen.time_s)
@@ -165,7 +162,7 @@ def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndar
 def _sway_ratio(piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel) -> float:
     """How many times as much as those of most of the room the readings of a piece change over time; inf if unknown."""
     there = np.where(still.depth_m > 0, still.depth_m, model.depth_m)
-    swaying = sway(seen.frames_m[samples], there, model.noise_per_m)
+    swaying = sway(seen.frames_m[samples], there, model.sensor.noise_per_m)
     room, own = swaying[still.depth_m <= 0], swaying[piece]
     room, own = room[np.isfinite(room)], own[np.isfinite(own)]
     if not room.size or not own.size:
@@ -242,7 +239,7 @@ def _whole_share(
     """Of the connected foreground that a piece belongs to, the share at rest, in the third of the samples with most."""
     shares = []
     for k in samples:
-        pieces, _ = label_components(seen.frames_m[k], seen.nearer[k], model.jump_limit)
+        pieces, _ = label_components(seen.frames_m[k], seen.nearer[k], model.sensor.jump_limit)
         inside = pieces[piece & (pieces > 0)]
         if inside.size:
             shares.append(still.agrees[k][pieces == np.bincount(inside).argmax()].mean())
@@ -256,7 +253,7 @@ def _layer(
     readings = np.where(still.agrees[samples][:, piece], seen.frames_m[samples][:, piece], np.nan)
     read = np.isfinite(readings).any(axis=0)
     factor = np.nanstd(readings[:, read], axis=0) / still.depth_m[piece][read] ** 2
-    sigma_per_m = max(float(np.median(factor)), model.noise_per_m)
+    sigma_per_m = max(float(np.median(factor)), model.sensor.noise_per_m)
     own = np.where(piece, still.depth_m, np.float32(0.0))
     depth = np.where(piece, own, cv2.dilate(own, np.ones((2 * RIM_PX + 1,) * 2, np.uint8)))
     return RestingLayer(depth, np.float32(sigma_per_m) * depth**2, float(seen.time_s[samples[0]]), np.inf)
@@ -308,7 +305,9 @@ def _is_in_equipment(
 ) -> bool:
     if equipment is None:
         return False
-    inside = in_equipment(one.layer.depth_m, scene.camera, equipment, floor_height_m, scene.background.noise_per_m)
+    inside = in_equipment(
+        one.layer.depth_m, scene.camera, equipment, floor_height_m, scene.background.sensor.noise_per_m
+    )
     return bool(inside[one.piece].mean() > MOST_SHARED)
 
 

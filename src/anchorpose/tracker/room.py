@@ -20,8 +20,7 @@ from anchorpose.isolation.people import PatientChoice
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.motion.database import MotionDatabase
-from anchorpose.recording.pairing import half_period_s
-from anchorpose.recording.recording import Clock, Recording
+from anchorpose.recording.recording import Clock, Recording, half_period_s
 from anchorpose.results.corrections import Corrections, JointCorrection
 from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig

@@ -23,7 +23,7 @@ from anchorpose.isolation.separation import view_of
 from anchorpose.isolation.view import View
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST, STATE_CODE, JointState
 from anchorpose.recording.recording import FrameSet
-from anchorpose.results.people_labels import LabelImage, decode_labels
+from anchorpose.results.records import LabelImage, decode_labels
 from anchorpose.surface.patient_surface import blank_view, patient_surface
 from anchorpose.surface.surface import seen_part
 from anchorpose.tracker.estimate import Estimate

@@ -22,8 +22,8 @@ from anchorpose.body.visibility import joint_states
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import Intrinsics
-from anchorpose.motion.database_file import SHIPPED, load_motions
-from anchorpose.motion.prediction import MotionConfig, predict_joints
+from anchorpose.motion.database import SHIPPED
+from anchorpose.motion.prediction import MotionConfig, load_motions, predict_joints
 from anchorpose.surface.surface import Nodes
 
 RATE_HZ: Final = 15.0

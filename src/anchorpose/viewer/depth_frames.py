@@ -15,10 +15,9 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.depth_image import read_depth_image
-from anchorpose.recording.pairing import pair_frames
 from anchorpose.recording.reader import open_recording
-from anchorpose.recording.recording import Clock, Recording, align_clocks
-from anchorpose.results.people_labels import PEOPLE_FILE, ROOM, StoredPeople, decode_labels
+from anchorpose.recording.recording import Clock, Recording, align_clocks, pair_frames
+from anchorpose.results.records import PEOPLE_FILE, ROOM, StoredPeople, decode_labels
 from anchorpose.results.run_record import RUN_FILE, hash_files
 from anchorpose.surface.mesh import build_surface, faces
 

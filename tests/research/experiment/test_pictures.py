@@ -436,7 +436,7 @@ def test_pictures_are_drawn_once_and_again_where_anything_changed(
 
 @pytest.mark.slow
 def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
-    from anchorpose.motion.database_file import SHIPPED
+    from anchorpose.motion.database import SHIPPED
     from anchorpose.recording.reader import open_recording
     from anchorpose.research.experiment.clips import cut_holes
     from anchorpose.research.experiment.config import Form

@@ -13,7 +13,7 @@ import pytest
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.motion.database_file import read_motions
+from anchorpose.motion.database import read_motions
 from anchorpose.recording.reader import read_frame
 from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips, reference_joints
 from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene, quick

@@ -10,8 +10,7 @@ import numpy as np
 
 from anchorpose.body.pose import PoseBelief, vague_belief
 from anchorpose.calibration.clocks import ClockConfig
-from anchorpose.motion.database_file import load_motions
-from anchorpose.motion.prediction import MotionConfig, MotionRule
+from anchorpose.motion.prediction import MotionConfig, MotionRule, load_motions
 from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.given import GivenFrames, Reference

@@ -17,7 +17,7 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.isolation.bystander_memory import empty_memory
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.motion.database_file import load_motions
+from anchorpose.motion.prediction import load_motions
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Clock, FrameSet, Recording
 from anchorpose.surface.surface import SurfaceConfig

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.motion.database_file import ReferenceClips, write_motions
+from anchorpose.motion.database import ReferenceClips, write_motions
 from anchorpose.recording.document import read_json
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.research.experiment.clip_jobs import Part, Progress, do

@@ -14,8 +14,8 @@ import numpy as np
 from pydantic import Field
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.results.filters import low_pass
 from anchorpose.results.frame_time import LONGEST_STEP, unbroken_runs, usual_step_s
+from anchorpose.results.processing import low_pass
 from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.stance import Session, inferred_share
 from anchorpose.results.tables import JointTable

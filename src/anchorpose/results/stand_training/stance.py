@@ -11,9 +11,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX, LOST
+from anchorpose.results.angle_definition import AngleGroup, Points, Reading, length
 from anchorpose.results.frame_table import UNKNOWN
-from anchorpose.results.kinematics.definition import AngleGroup, Points, Reading, length
-from anchorpose.results.kinematics.joint_angles import angles_with_sigma
+from anchorpose.results.joint_angles import angles_with_sigma
 from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, Contact, Episode
 from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT, AngleTable, JointTable, PostureTable
 from anchorpose.rotations import unit

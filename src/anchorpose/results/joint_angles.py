@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.frame_time import blocks
-from anchorpose.results.kinematics.definition import (
+from anchorpose.results.angle_definition import (
     LEAST_LEVER,
     PLANE_KNOWN_RAD,
     PLANE_UNKNOWN_RAD,
@@ -34,6 +33,7 @@ from anchorpose.results.kinematics.definition import (
     trunk_axes,
     unit,
 )
+from anchorpose.results.frame_time import blocks
 from anchorpose.results.tables import AngleTable, JointTable
 
 

@@ -1,1 +1,0 @@
-"""Joint angles: their definitions, one module per region of the body, and their uncertainty."""
