@@ -55,9 +55,9 @@ def _as_number(kind: Any, tokens: Sequence[Token]) -> float:
 
 
 def plain_number(text: str) -> float:
-    """A number without the underscores that Python allows between digits; raises ValueError for NaN, too."""
+    """A number in digits of ASCII, without underscores between them; raises ValueError also for NaN."""
     number = float(text)
-    if "_" in text or math.isnan(number):
+    if "_" in text or not text.isascii() or math.isnan(number):
         raise ValueError
     return number
 

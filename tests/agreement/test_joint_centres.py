@@ -84,6 +84,20 @@ def test_a_c3d_written_by_ezc3d_is_read_with_its_gaps_units_and_angles(tmp_path:
     assert read_reference(tmp_path / "a.c3d").angles == ("knee_flexion_left",)
 
 
+def test_points_of_a_c3d_beyond_its_labels_are_left_out(tmp_path: Path):
+    ezc3d = pytest.importorskip("ezc3d")
+    file = ezc3d.c3d()
+    for name, value in {"LABELS": ["LKJC"], "UNITS": ["m"], "RATE": [50.0], "DESCRIPTIONS": [""]}.items():
+        file["parameters"]["POINT"][name]["value"] = value
+    file["data"]["points"] = np.ones((4, 1, 5))
+    file.write(str(tmp_path / "a.c3d"))
+    # the label's name is in the file once; without it, its point has none
+    content = (tmp_path / "a.c3d").read_bytes()
+    (tmp_path / "b.c3d").write_bytes(content.replace(b"LABELS", b"LABELT"))
+    with pytest.raises(InputError, match=r"b\.c3d"):
+        read_captured(tmp_path / "b.c3d")
+
+
 def test_a_mot_in_radians_gives_degrees_and_a_knee_that_bends_backwards_is_turned_round(tmp_path: Path):
     rows = "\n".join(f"{t / 10}\t{-t / 10}\t0.9" for t in range(12))
     text = f"m\nversion=1\ninDegrees=no\nendheader\ntime\tknee_angle_r\tpelvis_ty\n{rows}\n"

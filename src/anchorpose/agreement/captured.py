@@ -111,6 +111,8 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
         group = file["parameters"]["POINT"]
         places = np.asarray(file["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)
         residual = np.asarray(file["data"]["meta_points"]["residuals"], dtype=np.float64)[0].T
+        if residual.shape != places.shape[:2]:
+            raise ValueError("points and residuals are not of one size")
         rate_hz, first = float(file["header"]["points"]["frame_rate"]), int(file["header"]["points"]["first_frame"])
     except (OSError, RuntimeError, KeyError, IndexError, ValueError, SystemError) as error:
         reason = (str(error).splitlines() or ["no reason given"])[0][:80]
@@ -119,7 +121,7 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
     listed = set(_texts(group, "ANGLES"))
     if rate_hz <= 0:
         raise InputError(path, "states no frame rate", "export it again from the other system")
-    places = np.where((residual < 0)[:, :, None], np.nan, places[:, : len(labels)])
+    places = np.where((residual < 0)[:, : len(labels), None], np.nan, places[:, : len(labels)])
     is_angle = np.array([label in listed for label in labels], dtype=bool)
     own = np.array([not label.startswith("*") and bool(label) for label in labels], dtype=bool) & ~is_angle
     scale = metres_per_unit(path, (_texts(group, "UNITS") or (None,))[0], unit) if own.any() else 1.0

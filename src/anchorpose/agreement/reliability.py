@@ -1,6 +1,6 @@
 """Compute how well measures repeat: intraclass correlations, standard error of measurement, minimal detectable change.
 
-Two-way analysis of variance by statsmodels; ICC(2,1) and ICC(3,1) of Shrout and Fleiss 1979
+ICC(2,1) and ICC(3,1) of Shrout and Fleiss 1979
 (doi:10.1037/0033-2909.86.2.420) with the intervals of McGraw and Wong 1996 (doi:10.1037/1082-989X.1.1.30); standard
 error of measurement and minimal detectable change of Weir 2005 (doi:10.1519/15184.1).
 """
@@ -18,7 +18,8 @@ import numpy as np
 from scipy import stats
 
 from anchorpose.agreement.statistics import CONFIDENCE, LEAST_UNITS, Estimate
-from anchorpose.errors import InputError, MissingPackage
+from anchorpose.errors import InputError
+from anchorpose.options import plain_number
 from anchorpose.recording.document import cell_text, read_rows, require_distinct
 from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
 from anchorpose.results.tables import JOINTS_FILE
@@ -62,21 +63,20 @@ class MeanSquares:
 
 
 def mean_squares(values: np.ndarray) -> MeanSquares:
-    """values (subjects, repeats), all finite. Raises MissingPackage without statsmodels."""
-    try:
-        from pandas import DataFrame
-        from statsmodels.formula.api import ols
-        from statsmodels.stats.anova import anova_lm
-    except ImportError:
-        raise MissingPackage("anchorpose reliability", "statsmodels", "reliability") from None
-    subjects, repeats = np.indices(values.shape)
-    # centred, so that a large mean costs no digits
-    table = DataFrame(
-        {"value": (values - values.mean()).ravel(), "subject": subjects.ravel(), "repeated": repeats.ravel()}
+    """Return the mean squares of values (subjects, repeats), all finite.
+
+    Every subject has every repeat, so that the sums are those of Shrout and Fleiss; statsmodels solves for one unknown
+    a subject, which takes gigabytes for some thousand of them.
+    """
+    subjects, repeats = values.shape
+    centred = values - values.mean()  # so that a large mean costs no digits
+    by_subject, by_repeat = centred.mean(axis=1), centred.mean(axis=0)
+    rest = centred - by_subject[:, None] - by_repeat
+    return MeanSquares(
+        float(repeats * (by_subject**2).sum() / (subjects - 1)),
+        float(subjects * (by_repeat**2).sum() / (repeats - 1)),
+        float((rest**2).sum() / ((subjects - 1) * (repeats - 1))),
     )
-    found = anova_lm(ols("value ~ C(subject) + C(repeated)", table).fit())
-    subject, repeated, rest = (float(found["mean_sq"][name]) for name in ("C(subject)", "C(repeated)", "Residual"))
-    return MeanSquares(subject, repeated, rest)
 
 
 def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Estimate:
@@ -271,12 +271,12 @@ def _of_numbers(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[t
     for row in rows:
         key = (row["measure"], row.get("side") or None, row.get("unit", ""))
         try:
-            value = float(row["value"]) if row["value"] else float("nan")
+            value = plain_number(row["value"]) if row["value"] else float("nan")
             if row["value"] and not abs(value) <= LARGEST:
                 raise ValueError("it would overflow")
         except ValueError:
             raise InputError(
-                path, f"has the value '{row['value']}', which is not a number of at most {LARGEST:g}", REMEDY
+                path, f"has the value '{row['value'][:40]}', which is not a number of at most {LARGEST:g}", REMEDY
             ) from None
         values = found.setdefault((row["subject"], row[repeated]), {})
         if key in values:

@@ -186,7 +186,7 @@ def reliability(sessions: Path, /, *, out: Annotated[Path | None, OUTPUT] = None
     """How well measures repeat from session to session, and how large a change must be to mean something.
 
     For every measure: intraclass correlations ICC(2,1) and ICC(3,1) with intervals, standard error of measurement
-    (SEM), and minimal detectable change (MDC95). Needs: pip install 'anchorpose[reliability]'.
+    (SEM), and minimal detectable change (MDC95).
 
     Parameters
     ----------
