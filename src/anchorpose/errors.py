@@ -15,6 +15,15 @@ def without_password(text: str) -> str:
     return _SECRET.sub(r"\1***", _PASSWORD.sub(r"\1:***@", text))
 
 
+def is_utf8(text: str) -> bool:
+    """Return whether a text can be written to a file; names of files and arguments may hold bytes that are no text."""
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 class AnchorposeError(Exception):
     """An error that the user can correct; the command line prints it and exits with 2."""
 

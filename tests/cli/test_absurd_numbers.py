@@ -94,3 +94,13 @@ def test_a_host_that_has_no_such_name_is_refused(host):
     """By the page of ``live``; that of ``view`` is served by the same class."""
     with pytest.raises(AnchorposeError, match="Cannot listen on"):
         PageOutput(host, 0)
+
+
+@pytest.mark.parametrize(
+    "given", [["batch", "a\udcff", "-o", "x"], ["report", "r", "--by", "\udcff"], ["check", "\udcff"]]
+)
+def test_bytes_that_are_no_text_are_refused_by_every_verb(given, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(given) == 2
+    assert "is not text in UTF-8" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -462,3 +462,10 @@ def test_a_place_that_is_taken_or_is_another_machines_is_refused(
 def test_results_that_are_none_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", str(tmp_path / "none"), "--no-browser"]) == 2
     assert "there is no such folder" in capsys.readouterr().err
+
+
+def test_an_empty_host_is_refused_and_not_every_address(
+    small: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(small[0]), "--host", ""]) == 2
+    assert "--host is empty" in capsys.readouterr().err

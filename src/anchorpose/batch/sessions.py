@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from anchorpose.cli.track_verbs import TrackOptions
-from anchorpose.errors import InputError, without_password
+from anchorpose.errors import InputError, is_utf8, without_password
 from anchorpose.options import MOST_FRAMES, plain_number
 from anchorpose.recording.document import read_rows, require_distinct
 from anchorpose.remote import is_address, parts_of
@@ -68,6 +68,9 @@ def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session,
     InputError where one leads to no recording, or a table cannot be used.
     """
     found = [session for text in given for session in _sessions_of(text, options)]
+    for session in found:
+        if not is_utf8(str(session.recording)):
+            raise InputError(session.recording, "is not text in UTF-8", "rename it; no table can name it")
     return tuple({(session.name, session.recording, repr(session)): session for session in found}.values())
 
 

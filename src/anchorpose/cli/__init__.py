@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import Final, NoReturn
@@ -20,7 +21,7 @@ from anchorpose.cli.results_verbs import export, measure, report, verify
 from anchorpose.cli.simulation_verbs import demo, simulate
 from anchorpose.cli.track_verbs import batch, track
 from anchorpose.cli.viewing_verbs import inspect, view
-from anchorpose.errors import AnchorposeError
+from anchorpose.errors import AnchorposeError, InputError, is_utf8
 
 EXIT_CANNOT: Final = 2
 EXIT_SIGNAL: Final = 128  # and the signal's number: 130 for Ctrl+C, 143 where the system ends the process
@@ -73,7 +74,20 @@ for _verb in (
 
 def main(tokens: Sequence[str] | None = None) -> int:
     """Runs a command line (that of the process by default) and returns its exit code; 0 is success."""
-    return exit_code_of(lambda: app(tokens, exit_on_error=False, print_error=False, result_action="return_value"))
+    given = sys.argv[1:] if tokens is None else tokens
+
+    def work() -> object:
+        _require_text(given)
+        return app(given, exit_on_error=False, print_error=False, result_action="return_value")
+
+    return exit_code_of(work)
+
+
+def _require_text(tokens: Sequence[str]) -> None:
+    """Raise InputError for bytes that are no text in UTF-8: no table and no JSON can name such a file."""
+    for token in tokens:
+        if not is_utf8(token):
+            raise InputError(token, "is not text in UTF-8", "rename the file, or write the text in UTF-8")
 
 
 def exit_code_of(work: Callable[[], object]) -> int:

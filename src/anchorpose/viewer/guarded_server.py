@@ -80,6 +80,8 @@ class GuardedServer(ThreadingHTTPServer):
     program: ClassVar[str]
 
     def __init__(self, host: str, port: int, handler: type[GuardedHandler]) -> None:
+        if not host:
+            raise AnchorposeError("--host is empty; give a name or an address of this machine, for example 127.0.0.1.")
         self.host, self.connections = host, Connections()
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
@@ -93,7 +95,7 @@ class GuardedServer(ThreadingHTTPServer):
     @property
     def address(self) -> str:
         """With the token, which every request must carry."""
-        everywhere = self.host in ("", "0.0.0.0", "::")  # none of which can be opened
+        everywhere = self.host in ("0.0.0.0", "::")  # none of which can be opened
         name = socket.gethostname() if everywhere else self.host
         return f"http://{f'[{name}]' if ':' in name else name}:{self.guard.port}/{self.guard.token}/"
 
