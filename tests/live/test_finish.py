@@ -30,7 +30,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.journal import Blocks
+from anchorpose.tracker.journal import Blocks, Journal
 
 FPS, SECONDS = 10.0, 4.0
 LIVE = ["--start-seconds", "3"]
@@ -134,8 +134,7 @@ def test_a_stored_session_of_another_form_is_refused(tmp_path, capsys):
 
 def _patient(store: SessionStore) -> None:
     journal = store.first_seconds.parent
-    (journal / "patient-1").mkdir()
-    (journal / "patient-1" / "000000.frames").write_bytes(b"frames")
+    Journal(journal).inside("patient-1").write("000000.frames", [])
     write = StoredPatient(first_seconds="start-1", place_xz_m=None)
     store._write(replace(store._session, patients=(write,)))
 
@@ -151,6 +150,11 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str]] = {
         "session.json: is a named pipe",
     ),
     "session.json is gone": (lambda journal: (journal / SESSION_FILE).unlink(), "before a patient was found"),
+    "frames are cut off": (lambda journal: (journal / "patient-1/000000.frames").write_text("x"), "frames: is damaged"),
+    "a block is copied": (
+        lambda journal: shutil.copy(journal / "patient-1/000000.frames", journal / "patient-1/000001.frames"),
+        "000001.frames: is damaged",
+    ),
     "a link": (lambda journal: (journal / "forward").symlink_to(journal), "is a link"),
 }
 
