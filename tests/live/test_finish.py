@@ -149,7 +149,10 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda journal: ((journal / SESSION_FILE).unlink(), os.mkfifo(journal / SESSION_FILE)),
         "session.json: is a named pipe",
     ),
-    "session.json is gone": (lambda journal: (journal / SESSION_FILE).unlink(), "before a patient was found"),
+    "session.json is gone": (
+        lambda journal: (journal / SESSION_FILE).unlink(),
+        "session.json: is missing, without which",
+    ),
     "frames are cut off": (lambda journal: (journal / "patient-1/000000.frames").write_text("x"), "frames: is damaged"),
     "a block is copied": (
         lambda journal: shutil.copy(journal / "patient-1/000000.frames", journal / "patient-1/000001.frames"),

@@ -114,6 +114,11 @@ def test_a_block_that_is_gone_is_noticed(tmp_path):
         blocks.require(3)
     with pytest.raises(InputError, match=gone):
         list(blocks.read())
+    (tmp_path / "000002.frames").unlink()
+    assert list(blocks.read()) == [0]
+    blocks.write_count(2)
+    with pytest.raises(InputError, match=gone):
+        list(blocks.read())
 
 
 SPOILT = {

@@ -100,6 +100,8 @@ def read_session(results: Path) -> StoredSession:
     """The session that an unfinished results folder holds; raises InputError where none came so far."""
     path = results / JOURNAL / SESSION_FILE
     if not is_there(path):
+        if any(path.parent.glob("patient-*/*.frames")):
+            raise InputError(path, "is missing, without which the frames that are stored are of no use", "put it back")
         raise InputError(results, "was cut off before a patient was found", "begin again with 'anchorpose live'")
     return read_document(path, StoredSession)
 

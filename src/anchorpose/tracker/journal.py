@@ -191,6 +191,7 @@ Item = TypeVar("Item")
 
 DIGEST: Final = hashlib.blake2b
 DIGEST_BYTES: Final = 64
+COUNT: Final = "count"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -301,10 +302,20 @@ class Blocks(Generic[Item]):
         """Stores a block; what was stored under its number is replaced."""
         self._journal.write(_block_name(number), items)
 
+    def write_count(self, count: int) -> None:
+        """Stores how many blocks there are, where nothing else states it, so that the last one is missed if it goes."""
+        self._journal.write(COUNT, count)
+
+    def _count(self) -> int:
+        try:
+            return int(self._journal.read(COUNT, int))
+        except KeyError:
+            return 0
+
     def read(self, backward: bool = False) -> Iterator[Item]:
-        """All frames, in the order of the pass or against it; raises InputError where a block between is gone."""
+        """All frames, in the order of the pass or against it; raises InputError where a block is gone."""
         paths = sorted(self._journal.folder.glob("*.frames"), reverse=backward)
-        self.require(len(paths))
+        self.require(max(len(paths), self._count()))
         for path in paths:
             items: list[Item] = self._journal.read(path.name, list[self._kind])  # type: ignore[name-defined]
             yield from reversed(items) if backward else items
