@@ -30,6 +30,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.journal import Blocks, Journal
 
 FPS, SECONDS = 10.0, 4.0
@@ -105,7 +106,7 @@ def test_a_killed_session_is_finished_with_all_that_was_stored(recording, tmp_pa
 def _block(journal: Path, number: int) -> list:
     from anchorpose.live.stored import _journal
 
-    return _journal(journal / "patient-1").read(f"{number:06d}.frames")
+    return _journal(journal / "patient-1").read(f"{number:06d}.frames", list[TrackedFrame])
 
 
 def killed(results: Path, fill: Callable[[SessionStore], None]) -> None:
