@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,8 +34,8 @@ def recording(tmp_path_factory) -> Path:
     return folder / "out/recording"
 
 
-def track(recording: Path, results: Path, config: TrackConfig) -> None:
-    with unfinished_results(results, recording, resume=True) as folder:
+def track(recording: Path, results: Path, config: TrackConfig, overwrite: bool = False) -> None:
+    with unfinished_results(results, recording, overwrite=overwrite, resume=not overwrite) as folder:
         track_recording(recording, folder, config, lambda done, total: None)
 
 
@@ -90,3 +93,49 @@ def test_a_recording_that_changed_meanwhile_is_not_continued(recording, tmp_path
     with pytest.raises(InputError, match=r"was begun before front/depth/000007\.png changed"):
         track(recording, tmp_path / "out", TrackConfig())
     assert list(tmp_path.glob(".out.unfinished/journal/learnt"))
+
+
+SPOILT = {
+    "learnt": lambda path: path.write_bytes(b""),
+    "forward/state": lambda path: os.truncate(path, 100),
+    "forward/000000.frames": Path.unlink,
+    "forward/000001.frames": lambda path: shutil.copy(path.with_name("000000.frames"), path),
+    "start": lambda path: (path.unlink(), path.mkdir()),
+    "forward": lambda path: (shutil.rmtree(path), os.mkfifo(path)),
+}
+
+
+def test_no_refusal_takes_anything_from_a_run_that_was_stopped_at_its_end(recording, tmp_path, monkeypatch):
+    """Neither of a damaged journal, nor of inputs with --overwrite; the remedy of each refusal works."""
+
+    def stop(results: Path) -> None:
+        raise Killed
+
+    image = recording / "front/depth/000007.png"
+    image.write_bytes(image.read_bytes().removesuffix(b"\0"))
+    monkeypatch.setattr("anchorpose.writing.write_report", stop)
+    with pytest.raises(Killed):
+        track(recording, tmp_path / "out", TrackConfig())
+    work, kept = tmp_path / ".out.unfinished", tmp_path / "kept"
+    assert {"run.json", "joints.parquet", "pictures"} <= {path.name for path in work.iterdir()}
+    nowhere = replace(TrackConfig(), patient_xz_m=(0.0, 0.0), patient_frame=77)
+    before = every_byte(work)
+    with pytest.raises(InputError):
+        track(recording, tmp_path / "out", nowhere, overwrite=True)
+    assert every_byte(work) == before
+    shutil.copytree(work, kept)
+    for place, spoil in SPOILT.items():
+        shutil.rmtree(work)
+        shutil.copytree(kept, work)
+        spoil(work / "journal" / place)
+        before = every_byte(work)
+        with pytest.raises(InputError, match=rf"journal/{place}: .*; remove .* and give the same command again") as no:
+            track(recording, tmp_path / "out", TrackConfig())
+        assert every_byte(work) == before
+    shutil.rmtree(re.search("remove (.*) and give", str(no.value))[1])
+    with pytest.raises(Killed):
+        track(recording, tmp_path / "out", TrackConfig())
+
+
+def every_byte(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}

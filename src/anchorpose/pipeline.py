@@ -22,7 +22,7 @@ from anchorpose.pages.canvas import as_png
 from anchorpose.pages.stage_drawing import draw_model
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording, depths_of
-from anchorpose.results.folder import begin_journal, end_journal
+from anchorpose.results.folder import BEGUN_FILE, begin_journal, clear_beside_journal, end_journal
 from anchorpose.threads import one_thread
 from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
@@ -68,6 +68,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     inputs = read_inputs(folder, config, user)
     recording, config = inputs.recording, inputs.config
     begun = begin_journal(results, inputs.identity, dict(inputs.sha256))
+    Journal(begun).require_whole((BEGUN_FILE,))
     motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
     total, first_pass = _frame_counts(recording, config)
     work = first_pass + total * (3 if config.smooth else 1)
@@ -96,7 +97,9 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     shape = None if learnt is None else learnt.shape
 
     # every frame: isolation, surface, geodesics, association, tracking, body; then results and report
-    write_results(results, track_on(route, run, shape, journal), run, learnt, inputs)
+    frames = track_on(route, run, shape, journal)
+    clear_beside_journal(results)
+    write_results(results, frames, run, learnt, inputs)
     end_journal(results)
     progress(work, work)
 

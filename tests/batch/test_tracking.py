@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,8 @@ from anchorpose.batch.summary import SESSIONS
 from anchorpose.batch.tracking import done_identity, track_session
 from anchorpose.cli import main
 from anchorpose.cli.track_verbs import TrackOptions
+from anchorpose.errors import InputError
+from anchorpose.results.folder import JOURNAL, unfinished_results
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 
@@ -36,3 +39,16 @@ def test_done_means_the_same_identity_never_that_a_file_exists(tmp_path: Path) -
     (session,) = find_sessions([str(tmp_path / "s3" / "recording")], TrackOptions(stop=3))
     assert track_session(session, runs[0].parent)  # other settings are another session
     assert done_identity(runs[0].parent) != document["identity"]
+
+
+def test_a_session_that_is_refused_keeps_its_unfinished_run_though_its_journal_cannot_be_read(tmp_path: Path) -> None:
+    simulate_recording(tmp_path / "s3", single(3, seconds=0.5, fps=10.0))
+    results = tmp_path / "out"
+    with suppress(KeyboardInterrupt), unfinished_results(results, None) as work:
+        (work / JOURNAL).mkdir()
+        (work / JOURNAL / "learnt").write_bytes(b"hours of work")
+        raise KeyboardInterrupt
+    (session,) = find_sessions([str(tmp_path / "s3" / "recording")], TrackOptions(start=99))
+    with pytest.raises(InputError, match="has no frames 99"):
+        track_session(session, results)
+    assert (work / JOURNAL / "learnt").read_bytes() == b"hours of work"

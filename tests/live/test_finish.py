@@ -30,7 +30,8 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.journal import Blocks
+from anchorpose.tracker.frame_record import TrackedFrame
+from anchorpose.tracker.journal import Blocks, Journal
 
 FPS, SECONDS = 10.0, 4.0
 LIVE = ["--start-seconds", "3"]
@@ -105,7 +106,7 @@ def test_a_killed_session_is_finished_with_all_that_was_stored(recording, tmp_pa
 def _block(journal: Path, number: int) -> list:
     from anchorpose.live.stored import _journal
 
-    return _journal(journal / "patient-1").read(f"{number:06d}.frames")
+    return _journal(journal / "patient-1").read(f"{number:06d}.frames", list[TrackedFrame])
 
 
 def killed(results: Path, fill: Callable[[SessionStore], None]) -> None:
@@ -134,8 +135,7 @@ def test_a_stored_session_of_another_form_is_refused(tmp_path, capsys):
 
 def _patient(store: SessionStore) -> None:
     journal = store.first_seconds.parent
-    (journal / "patient-1").mkdir()
-    (journal / "patient-1" / "000000.frames").write_bytes(b"frames")
+    Journal(journal).inside("patient-1").write("000000.frames", [])
     write = StoredPatient(first_seconds="start-1", place_xz_m=None)
     store._write(replace(store._session, patients=(write,)))
 
@@ -150,7 +150,15 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda journal: ((journal / SESSION_FILE).unlink(), os.mkfifo(journal / SESSION_FILE)),
         "session.json: is a named pipe",
     ),
-    "session.json is gone": (lambda journal: (journal / SESSION_FILE).unlink(), "before a patient was found"),
+    "session.json is gone": (
+        lambda journal: (journal / SESSION_FILE).unlink(),
+        "session.json: is missing, without which",
+    ),
+    "frames are cut off": (lambda journal: (journal / "patient-1/000000.frames").write_text("x"), "frames: is damaged"),
+    "a block is copied": (
+        lambda journal: shutil.copy(journal / "patient-1/000000.frames", journal / "patient-1/000001.frames"),
+        "000001.frames: is damaged",
+    ),
     "a link": (lambda journal: (journal / "forward").symlink_to(journal), "is a link"),
 }
 

@@ -350,28 +350,74 @@ def test_a_truth_with_times_in_milliseconds_is_refused_with_the_likely_cause(tmp
         evaluate(results, truth)
 
 
-@pytest.mark.parametrize("labels_too", [False, True])
+EXCHANGED = [
+    JOINT_INDEX[name.replace("Left", "-").replace("Right", "Left").replace("-", "Right")] for name in JOINT_NAMES
+]
+METRES = "write its joints in metres, in a right-handed world with Y up"
+BACKWARD = "toes and knees that point backward: it is mirrored, or its left and right are exchanged; change the sign"
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda joints: joints / 0.0254, f"bones 39.4 times as long as those of the results; {METRES}"),
+        (lambda joints: joints / 0.3048, f"bones 3.28 times as long as those of the results; {METRES}"),
+        (lambda joints: joints[..., [0, 2, 1]], f"a trunk 90 degrees off the vertical, unlike the results; {METRES}"),
+        (lambda joints: joints * [1, -1, 1], f"a trunk 180 degrees off the vertical, unlike the results; {METRES}"),
+        (lambda joints: joints * [-1, 1, 1], BACKWARD),
+        (lambda joints: joints * [1, 1, -1], BACKWARD),
+        (lambda joints: joints[..., [2, 1, 0]], BACKWARD),
+        (lambda joints: joints[EXCHANGED], BACKWARD),
+    ],
+)
+@pytest.mark.parametrize("tracked", ["right", "elsewhere", "back to front"])
+def test_a_truth_in_another_unit_or_other_axes_is_refused_however_the_patient_was_tracked(
+    tmp_path, change, sentence, tracked
+):
+    joints = standing_joints() + np.array([0.4, 0.0, 0.3])
+    found = {"right": joints, "elsewhere": joints + 1.0, "back to front": joints * [-1, 1, -1]}[tracked]
+    results = write_results(tmp_path / "results", [make_frame(i, i / 15, found) for i in range(4)])
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([change(joints)] * 4), np.arange(4) / 15)
+    with pytest.raises(InputError, match=sentence):
+        evaluate(results, truth)
+
+
 @pytest.mark.parametrize("axis", [0, 2])
-def test_a_mirrored_truth_is_refused_with_both_misfits(tmp_path, axis, labels_too):
-    """Of a patient who stands somewhere, one arm raised."""
+def test_a_truth_with_an_axis_reversed_and_labels_exchanged_is_refused_with_both_misfits(tmp_path, axis):
+    """Its body is a right one; one arm is raised, and it is the other arm."""
     joints = standing_joints() + np.array([0.4, 0.0, 0.3])
     joints[JOINT_INDEX["HandLeft"]] += [0.5, 0.6, 0.0]
     results = write_results(tmp_path / "results", [make_frame(i, i / 15, joints + 0.01) for i in range(4)])
-    mirrored = joints * np.where(np.arange(3) == axis, -1.0, 1.0)
-    if labels_too:
-        other = [name.replace("Left", "-").replace("Right", "Left").replace("-", "Right") for name in JOINT_NAMES]
-        mirrored = mirrored[[JOINT_INDEX[name] for name in other]]
+    mirrored = (joints * np.where(np.arange(3) == axis, -1.0, 1.0))[EXCHANGED]
     truth = _write_truth(tmp_path / "truth.npz", np.stack([mirrored] * 4), np.arange(4) / 15)
-    with pytest.raises(
-        InputError, match=r"is mirrored: with one axis reversed it fits within 17 mm instead of \d\d+ mm"
-    ):
+    with pytest.raises(InputError, match=r"is mirrored: with one axis reversed it fits within 0 mm instead of \d\d mm"):
         evaluate(results, truth)
+
+
+@pytest.mark.parametrize("frames", [6, 60])
+@pytest.mark.parametrize("unit_s", [60.0, 3600.0])
+def test_a_truth_with_times_in_minutes_or_hours_is_refused(tmp_path, frames, unit_s):
+    """Of six frames the first has a partner, which was enough."""
+    results = write_results(tmp_path / "results", [make_frame(i, i / 15, standing_joints()) for i in range(frames)])
+    time_s = np.arange(frames) / 15 / unit_s
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * frames), time_s)
+    with pytest.raises(InputError, match=r"times closer than the results, as where its times are in minutes; write se"):
+        evaluate(results, truth)
+
+
+def test_a_truth_that_is_turned_or_knows_few_joints_is_evaluated(tmp_path):
+    """Turned by 180 degrees about the vertical, it fits with an axis reversed as well, as any symmetrical pose."""
+    joints = standing_joints()
+    results = write_results(tmp_path / "results", [make_frame(i, i / 15, joints) for i in range(4)])
+    few = np.where(np.arange(JOINT_COUNT)[:, None] == JOINT_INDEX["Neck"], joints, np.nan)
+    for true, least_mm in ((joints * [-1, 1, -1], 100.0), (few, 0.0)):
+        truth = _write_truth(tmp_path / "truth.npz", np.stack([true] * 4), np.arange(4) / 15)
+        assert evaluate(results, truth).overall.mean_mm >= least_mm
 
 
 def test_a_patient_tracked_back_to_front_or_in_another_place_is_an_error_that_is_reported(tmp_path):
     joints = standing_joints()
-    other = [name.replace("Left", "-").replace("Right", "Left").replace("-", "Right") for name in JOINT_NAMES]
-    for number, wrong in enumerate((joints[[JOINT_INDEX[name] for name in other]], joints + np.array([0.0, 0.0, 1.5]))):
+    for number, wrong in enumerate((joints[EXCHANGED], joints + np.array([0.0, 0.0, 1.5]))):
         frames = [make_frame(i, i / 15, wrong) for i in range(4)]
         results = write_results(tmp_path / f"results-{number}", frames)
         truth = _write_truth(tmp_path / "truth.npz", np.stack([joints - [0.0, 0.0, 0.7]] * 4), np.arange(4) / 15)

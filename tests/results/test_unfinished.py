@@ -13,6 +13,7 @@ import pytest
 from anchorpose.errors import InputError
 from anchorpose.results.folder import (
     BEGUN_FILE,
+    EARLIER,
     JOURNAL,
     LOCK_FILE,
     MARK,
@@ -52,6 +53,15 @@ def _run(path: Path, recording: Path, stored: int, error: type[BaseException] | 
             (folder / name).write_text(str(found + stored))
         end_journal(folder)
     return found
+
+
+def _unfinished(path: Path, recording: Path) -> Path:
+    """The folder that a run leaves which was stopped while it wrote its tables."""
+    with pytest.raises(_Stopped):
+        _run(path, recording, 3, _Stopped)
+    work = path.with_name(f".{path.name}.unfinished")
+    (work / "joints.parquet").write_text("half")
+    return work
 
 
 def _names(folder: Path) -> set[str]:
@@ -147,6 +157,46 @@ def test_a_folder_that_is_left_carries_its_mark_and_a_finished_one_does_not(tmp_
     assert _names(tmp_path / ".out.unfinished") == {LOCK_FILE, MARK_FILE, JOURNAL}
     _run(tmp_path / "out", recording, 1, resume=True)
     assert _names(tmp_path / "out") == set(RESULTS.marks)
+
+
+def _refuse(path: Path, recording: Path, error: BaseException, begun: bool) -> None:
+    """A run that is to overwrite another and ends before it stores anything."""
+    with unfinished_results(path, recording, overwrite=True) as folder:
+        if begun:
+            begin_journal(folder, "another identity", INPUTS)
+        raise error
+
+
+@pytest.mark.parametrize("kind", [InputError, KeyboardInterrupt])
+@pytest.mark.parametrize("begun", [False, True])
+def test_what_is_to_be_overwritten_stays_until_the_new_run_has_stored_something(tmp_path, recording, kind, begun):
+    """A refusal of the inputs, before or after the new journal is begun, leaves every byte of the earlier run."""
+    work = _unfinished(tmp_path / "out", recording)
+    before, error = _content(tmp_path), kind("x", "is damaged", "mend it")
+    with pytest.raises(kind):
+        _refuse(tmp_path / "out", recording, error, begun)
+    assert _content(tmp_path) == before
+    notes = ["The unfinished run that was there is kept: the same command with --resume goes on."]
+    assert getattr(error, "__notes__", []) == ([] if kind is InputError else notes)
+    with pytest.raises(_Stopped):
+        _run(tmp_path / "out", recording, 1, _Stopped, overwrite=True)
+    assert len(list(work.rglob("*.frames"))) == 1
+
+
+@pytest.mark.parametrize("stored", [0, 1])
+def test_of_a_run_that_was_killed_while_it_overwrote_another_that_one_is_left_which_stored_something(
+    tmp_path, recording, stored
+):
+    work = _unfinished(tmp_path / "out", recording)
+    (work / JOURNAL).rename(work / EARLIER)
+    journal = begin_journal(work, "another identity", INPUTS)
+    for number in range(stored):
+        (journal / f"{number}.frames").write_text("frames")
+    assert begun_identity(tmp_path / "out") == ("another identity" if stored else "identity")
+    with pytest.raises(InputError, match="has an unfinished run"):
+        _run(tmp_path / "out", recording, 1)
+    assert not (work / EARLIER).exists()
+    assert len(list(work.rglob("*.frames"))) == (1 if stored else 3)
 
 
 def test_two_runs_into_one_folder_are_refused(tmp_path, recording):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum, StrEnum
@@ -24,7 +25,7 @@ from anchorpose.errors import InputError
 from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_record import Kept
-from anchorpose.tracker.journal import DIGEST, Blocks, Journal, read_value, write_value
+from anchorpose.tracker.journal import Blocks, Journal, read_value, write_value
 from anchorpose.tracker.learning_pass import LearntPatient
 from anchorpose.tracker.passes import _PassState
 from anchorpose.tracker.room import Room, Run
@@ -78,7 +79,7 @@ def test_reading_runs_nothing_that_a_file_names(tmp_path):
         b"\x80\x04\x8c\x17anchorpose.batch.worker\x8c\x0fsubprocess.call\x93"  # the function, by a dotted name
         b"](\x8c\x07python3\x8c\x02-c\x8c" + bytes([len(command)]) + command + b"e\x85R."
     )
-    (tmp_path / "value").write_bytes(DIGEST(payload).digest() + payload)
+    (tmp_path / "value").write_bytes(Journal(tmp_path)._digest("value", memoryview(payload)) + payload)
     with pytest.raises(InputError, match="is damaged"):
         Journal(tmp_path).read("value", Pose | None)
     assert not (tmp_path / "ran").exists()
@@ -108,8 +109,49 @@ def test_a_block_that_is_gone_is_noticed(tmp_path):
         blocks.write(number, [number])
     blocks.require(3)
     (tmp_path / "000001.frames").unlink()
-    with pytest.raises(InputError, match=r"000001\.frames: is damaged; remove .* and give the same command again"):
+    gone = r"000001\.frames: is damaged; remove .* and give the same command again"
+    with pytest.raises(InputError, match=gone):
         blocks.require(3)
+    with pytest.raises(InputError, match=gone):
+        list(blocks.read())
+    (tmp_path / "000002.frames").unlink()
+    assert list(blocks.read()) == [0]
+    blocks.write_count(2)
+    with pytest.raises(InputError, match=gone):
+        list(blocks.read())
+
+
+SPOILT = {
+    "learnt": lambda path: path.write_bytes(b""),
+    "forward/state": lambda path: path.write_bytes(path.read_bytes()[:-7]),
+    "forward/000000.frames": lambda path: os.truncate(path, 4 * 10**12),
+    "forward/000001.frames": lambda path: shutil.copy(path.with_name("000000.frames"), path),
+    "forward": lambda path: (shutil.rmtree(path), path.write_text("x")),
+    "forward/000002.frames": os.mkfifo,
+    "forward/begun.json": Path.mkdir,
+    "start.partial": os.mkfifo,
+}
+
+
+@pytest.mark.parametrize("place", SPOILT)
+def test_damage_anywhere_is_found_before_anything_is_done(tmp_path, place):
+    journal = Journal(tmp_path)
+    journal.write("learnt", 1)
+    journal.inside("forward").write("state", 2)
+    Blocks[int](journal.inside("forward"), int).write(0, [1, 2])
+    (tmp_path / "begun.json").write_text("{}")
+    (tmp_path / "learnt.partial").write_text("cut off")
+    (tmp_path / "first-seconds" / "start-1").mkdir(parents=True)
+    journal.require_whole(("begun.json", "first-seconds"))
+    SPOILT[place](tmp_path / place)
+    with pytest.raises(InputError, match=f"{place}: .*; remove .* and give the same command again"):
+        journal.require_whole(("begun.json", "first-seconds"))
+
+
+def test_a_file_in_the_place_of_a_folder_is_named(tmp_path):
+    (tmp_path / "forward").write_text("x")
+    with pytest.raises(InputError, match=f"forward: is damaged; remove {tmp_path} and give the same command again"):
+        Journal(tmp_path).inside("forward")
 
 
 def test_a_folder_that_was_removed_is_reported(tmp_path):

@@ -119,4 +119,5 @@ class LiveFollower:
         if self._kept:
             with on_this_disk():
                 self.blocks.write(self._stored, self._kept)
+                self.blocks.write_count(self._stored + 1)
             self._kept, self._stored = [], self._stored + 1

@@ -18,7 +18,15 @@ from anchorpose.recording.document import read_document, read_text
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import CALIBRATION_FILE, read_calibration
 from anchorpose.recording.regular_file import is_there
-from anchorpose.results.folder import FIRST_SECONDS, JOURNAL, LIVE, begin_journal, write_text_whole
+from anchorpose.results.folder import (
+    BEGUN_FILE,
+    FIRST_SECONDS,
+    JOURNAL,
+    LIVE,
+    begin_journal,
+    clear_beside_journal,
+    write_text_whole,
+)
 from anchorpose.results.run_record import as_json
 from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.journal import Blocks, Journal
@@ -50,6 +58,7 @@ class SessionStore:
     """The journal of a session that begins, in a results folder that is being made."""
 
     def __init__(self, results: Path, options: LiveOptions) -> None:
+        self._results = results
         self._journal = _journal(begin_journal(results, f"{LIVE} {time.time_ns()}", {}))
         self.first_seconds = self._journal.folder / FIRST_SECONDS
         self.first_seconds.mkdir()
@@ -64,6 +73,7 @@ class SessionStore:
             journal.write(LEARNT, prepared.learnt)
         stored = StoredPatient(first_seconds=folder.name, place_xz_m=place_xz_m)
         self._write(replace(self._session, patients=(*self._session.patients, stored)))
+        clear_beside_journal(self._results)
         return LivePatient(number, prepared, Blocks(journal, TrackedFrame))
 
     def end_early(self, why: str) -> None:
@@ -90,6 +100,8 @@ def read_session(results: Path) -> StoredSession:
     """The session that an unfinished results folder holds; raises InputError where none came so far."""
     path = results / JOURNAL / SESSION_FILE
     if not is_there(path):
+        if any(path.parent.glob("patient-*/*.frames")):
+            raise InputError(path, "is missing, without which the frames that are stored are of no use", "put it back")
         raise InputError(results, "was cut off before a patient was found", "begin again with 'anchorpose live'")
     return read_document(path, StoredSession)
 
@@ -97,6 +109,7 @@ def read_session(results: Path) -> StoredSession:
 def read_patients(results: Path, session: StoredSession) -> Iterator[LivePatient]:
     """The patients of a stored session: rooms found again in their first seconds, bodies and frames as stored."""
     journal = _journal(results / JOURNAL)
+    journal.require_whole((BEGUN_FILE, SESSION_FILE, FIRST_SECONDS))
     calibration = session.options.calibration
     first_seconds, room = journal.folder / FIRST_SECONDS, None
     options = replace(session.options, calibration=None if calibration is None else first_seconds / calibration)

@@ -15,7 +15,7 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE,
 from anchorpose.recording.recording import half_period_s, nearest_within
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
-from anchorpose.results.sides import WRONG_M, require_not_mirrored
+from anchorpose.results.sides import WRONG_M, require_same_world
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.truth import TrueTouch, Truth, read_true_touch, read_truth
 from anchorpose.results.uncertainty import NORMAL_95
@@ -231,10 +231,11 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     known = known.frames(kept)
     match = nearest_within(known.time_s, joints.time_s, half_period_s(known.time_s))
     frames = int((joints.time_s >= joints.time_s[0] + skip_s).sum())
+    _require_same_unit(truth, known.time_s, joints.time_s)
     _require_compared(truth, known, match, frames)
     joints = joints.frames(match[match >= 0])
     known = known.frames(match >= 0)
-    require_not_mirrored(truth, joints.position_m, known.position_m)
+    require_same_world(truth, joints.position_m, known.position_m)
     evaluation = compare(joints, known, truth_frames=len(match), results_frames=frames)
     touch = read_true_touch(truth)
     if touch is None or not (results / CONTACTS_FILE).exists():
@@ -242,6 +243,24 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     touch = TrueTouch(touch.bones[kept][match >= 0], touch.names)
     contacts = evaluate_contacts(read_contacts(results / CONTACTS_FILE), joints.frame, touch)
     return replace(evaluation, contacts=contacts)
+
+
+CLOSER: Final = 10.0
+"""Truth frames that are so many times closer, over so many times less, are in another unit: minutes make 60."""
+
+
+def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:
+    """Raises InputError where times are in minutes or hours; a truth of few, or of many more, frames is none."""
+    if min(len(truth_s), len(results_s)) < 2:
+        return
+    steps, spans = ((each(results_s) / each(truth_s)) for each in (_median_step, np.ptp))
+    if min(steps, spans) > CLOSER:
+        problem = f"has frames {steps:.3g} times closer than the results, as where its times are in minutes"
+        raise InputError(path, problem, "write seconds")
+
+
+def _median_step(time_s: np.ndarray) -> float:
+    return float(np.median(np.diff(time_s)))
 
 
 def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frames: int) -> None:

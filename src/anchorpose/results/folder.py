@@ -188,6 +188,9 @@ def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind
 JOURNAL: Final = "journal"
 """The folder in an unfinished results folder that holds what the run has done so far."""
 
+EARLIER: Final = "earlier"
+"""The journal of the run that is being overwritten: it comes back unless the new run stores something."""
+
 LIVE: Final = "live session"
 """How the identity of a live session begins: it cannot be tracked again, only finished."""
 
@@ -208,28 +211,31 @@ def unfinished_results(
 ) -> Iterator[Path]:
     """The folder ``.NAME.unfinished`` beside ``path``, which becomes ``path`` when the block ends without an error.
 
-    Otherwise it stays, if the run has stored anything in it, and ``resume`` goes on with it. It is locked: a second
-    run into ``path`` at the same time is refused. recording: None where the images come from cameras. go_on: what the
-    user does to go on with a run that was stopped. Raises InputError before anything is written where results may not
-    go to ``path``, another folder has that name, or an unfinished run is there and neither ``resume`` nor ``overwrite``
-    is given.
+    Otherwise it stays, if the run has stored anything in it, and ``resume`` goes on with it. A run that ``overwrite``
+    is to replace stays until the new one has stored something. The folder is locked: a second run into ``path`` at the
+    same time is refused. recording: None where the images come from cameras. go_on: what the user does to go on with a
+    run that was stopped. Raises InputError before anything is written where results may not go to ``path``, another
+    folder has that name, or an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)
     with _claimed(work, path):
-        stored = _has_stored(work)
+        _keep_one_journal(work)
+        stored = _has_stored(work / JOURNAL)
         if stored and not resume and not overwrite:
             raise InputError(path, f"has an unfinished run, in {work}", _remedy(path, go_on))
-        if not (stored and resume):
+        if not stored:
             _clear(work, (LOCK_FILE, MARK_FILE))
+        elif not resume:
+            (work / JOURNAL).rename(work / EARLIER)
         try:
             with naming_place(path):
                 yield work
-                for name in (LOCK_FILE, MARK_FILE):
-                    (work / name).unlink()
+                for name in (LOCK_FILE, MARK_FILE, EARLIER):
+                    _remove(work / name)
                 publish(work, path, RESULTS.own if overwrite else ())
         except BaseException as error:
-            _leave(work, error, _going_on(path, go_on))
+            _leave(work, error, go_on, path)
             raise
 
 
@@ -237,7 +243,7 @@ def begun_identity(path: Path) -> str | None:
     """The identity of the unfinished run into ``path``; None where there is none, or it cannot be read."""
     work = _work_of(path)
     try:
-        begun = read_json(work / JOURNAL / BEGUN_FILE, LARGEST_WITH_HASHES) if _is_own(work) else {}
+        begun = read_json(_journal_of(work) / BEGUN_FILE, LARGEST_WITH_HASHES) if _is_own(work) else {}
     except InputError:
         return None
     identity = begun.get("identity")
@@ -299,9 +305,25 @@ def _require_own(work: Path) -> None:
         raise InputError(link, f"is a link, so that {work.name} is in the way", "put there what it leads to")
 
 
-def _has_stored(work: Path) -> bool:
+def _journal_of(work: Path) -> Path:
+    """The journal that counts: of the run that is being overwritten as long as the new one has stored nothing."""
+    new, earlier = work / JOURNAL, work / EARLIER
+    return earlier if os.path.lexists(earlier) and not _has_stored(new) else new
+
+
+def _keep_one_journal(work: Path) -> bool:
+    """Removes the journal that does not count; returns whether that of the run that was to be overwritten is back."""
+    restored = _journal_of(work) == work / EARLIER
+    if restored:
+        _remove(work / JOURNAL)
+        (work / EARLIER).rename(work / JOURNAL)
+    else:
+        _remove(work / EARLIER)
+    return restored
+
+
+def _has_stored(journal: Path) -> bool:
     """Whether anything is in the journal besides its beginning, readable or not: what cannot be read is kept, too."""
-    journal = work / JOURNAL
     if not journal.is_dir():
         return os.path.lexists(journal)
     names = {entry.name for entry in journal.iterdir() if ".partial" not in entry.name}
@@ -310,11 +332,11 @@ def _has_stored(work: Path) -> bool:
 
 def is_live_session(path: Path) -> bool:
     """Return whether the unfinished run into ``path`` is a live session."""
-    return _is_live(_work_of(path))
+    return _is_live(_journal_of(_work_of(path)))
 
 
-def _is_live(work: Path) -> bool:
-    return os.path.lexists(work / JOURNAL / FIRST_SECONDS)
+def _is_live(journal: Path) -> bool:
+    return os.path.lexists(journal / FIRST_SECONDS)
 
 
 def _remedy(path: Path, go_on: str) -> str:
@@ -331,19 +353,30 @@ def _going_on(path: Path, go_on: str) -> str:
 
 def _clear(work: Path, keep: Sequence[str]) -> None:
     for entry in [entry for entry in work.iterdir() if entry.name not in keep]:
-        shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+        _remove(entry)
+
+
+def _remove(entry: Path) -> None:
+    """Removes a file or a folder, if it is there."""
+    if entry.is_dir():
+        shutil.rmtree(entry)
+    else:
+        entry.unlink(missing_ok=True)
 
 
 def clear_beside_journal(work: Path) -> None:
-    """Removes what a run that goes on writes again: tables and pictures of the one that was stopped."""
+    """Removes what a run with something stored has no use for: tables and pictures of one that was stopped, which are
+    written again, and the journal of one that is being overwritten. Everything that can be refused was read before."""
     _clear(work, (LOCK_FILE, MARK_FILE, JOURNAL))
 
 
-def _leave(work: Path, error: BaseException, going_on: str) -> None:
+def _leave(work: Path, error: BaseException, go_on: str, path: Path) -> None:
     """Removes what is of no use any more, else notes how to go on; a refusal has its own remedy."""
-    if _has_stored(work):
+    restored = _keep_one_journal(work)
+    if _has_stored(work / JOURNAL):
+        what = "The unfinished run that was there" if restored else "What was done"
         if not isinstance(error, AnchorposeError):
-            error.add_note(f"What was done is kept: {going_on}.")
+            error.add_note(f"{what} is kept: {_going_on(path, go_on)}.")
     elif work.is_dir():
         shutil.rmtree(work, ignore_errors=True)
 
@@ -357,7 +390,6 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
     journal = results / JOURNAL
     if os.path.lexists(journal):
         _require_same(results, identity, inputs)
-        clear_beside_journal(results)
         return journal
     journal.mkdir()
     write_text_whole(journal / BEGUN_FILE, json.dumps({"identity": identity, "inputs_sha256": inputs}))
@@ -366,7 +398,7 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
 
 def _require_same(results: Path, identity: str, inputs: dict[str, str]) -> None:
     path, begin_again = results / JOURNAL / BEGUN_FILE, "to begin again, give --overwrite instead of --resume"
-    if _is_live(results):
+    if _is_live(results / JOURNAL):
         raise InputError(results, "is a live session", "finish it with 'anchorpose live --finish'")
     try:
         begun = read_json(path, LARGEST_WITH_HASHES)

@@ -9,8 +9,9 @@ the fourth of them once more, ``{"shared": "run"}`` an object that the reader ha
 and ``bytes`` a scalar of numpy and bytes that are stored as an array. Objects and arrays keep their identity within one
 value, containers do not.
 
-Each pass stores its frames in blocks and, with each block, what the next frame needs. A run always goes on with what it
-has just stored and read back, so that one that was killed has the same numbers as one that was not.
+The digest of a file covers its name. Each pass stores its frames in blocks and, with each block, what the next frame
+needs. A run always goes on with what it has just stored and read back, so that one that was killed has the same numbers
+as one that was not.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import io
 import json
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from functools import cache
@@ -190,6 +191,7 @@ Item = TypeVar("Item")
 
 DIGEST: Final = hashlib.blake2b
 DIGEST_BYTES: Final = 64
+COUNT: Final = "count"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,8 +208,23 @@ class Journal:
     def inside(self, name: str) -> Journal:
         """The journal in a folder of this one."""
         folder = self.folder / name
-        folder.mkdir(exist_ok=True)
+        try:
+            folder.mkdir(exist_ok=True)
+        except FileExistsError:
+            raise self.damaged(name) from None
         return Journal(folder, self.shared)
+
+    def require_whole(self, other: Collection[str] = ()) -> None:
+        """Reads all that is stored, also in folders; other: names of what is not stored by ``write``.
+
+        Raises InputError where a file is damaged, or was stored under another name.
+        """
+        for path in sorted(self.folder.rglob("*")):
+            place = path.relative_to(self.folder)
+            is_pass = path.is_dir() and len(place.parts) == 1
+            is_cut_off = ".partial" in path.name and path.is_file()
+            if place.parts[0] not in other and not is_pass and not is_cut_off:
+                Journal(path.parent)._stored(path.name)
 
     def write(self, name: str, value: object) -> None:
         """Stores a value; it is in memory once more, not several times."""
@@ -215,7 +232,7 @@ class Journal:
         stored.write(bytes(DIGEST_BYTES))
         write_value(stored, value, self.shared)
         with stored.getbuffer() as data:
-            data[:DIGEST_BYTES] = DIGEST(data[DIGEST_BYTES:]).digest()
+            data[:DIGEST_BYTES] = self._digest(name, data[DIGEST_BYTES:])
             write_whole(self.folder / name, data)
 
     def read(self, name: str, kind: Any) -> Any:
@@ -226,19 +243,33 @@ class Journal:
         path = self.folder / name
         if not is_there(path):
             raise KeyError(name)
-        data = read_whole(path, LARGEST_ARRAYS, f"remove {path.parent} and give the same command again")
-        stored = io.BytesIO(data)
+        stored = io.BytesIO(self._stored(name))
         stored.seek(DIGEST_BYTES)
         try:
-            if DIGEST(memoryview(data)[DIGEST_BYTES:]).digest() != data[:DIGEST_BYTES]:
-                raise ValueError("has another digest")
             return read_value(stored, kind, self.shared)
         except ValueError as error:
             raise self.damaged(name) from error
 
+    def _stored(self, name: str) -> bytes:
+        """The content of a file; raises InputError where it is damaged, or was stored under another name."""
+        data = read_whole(self.folder / name, LARGEST_ARRAYS, self._remedy)
+        if self._digest(name, memoryview(data)[DIGEST_BYTES:]) != data[:DIGEST_BYTES]:
+            raise self.damaged(name)
+        return data
+
+    def _digest(self, name: str, data: memoryview) -> bytes:
+        """Of the content and its place: a block that was copied to another place is no block of that place."""
+        digest = DIGEST(f"{self.folder.name}/{name}\n".encode())
+        digest.update(data)
+        return digest.digest()
+
+    @property
+    def _remedy(self) -> str:
+        return f"remove {self.folder} and give the same command again"
+
     def damaged(self, name: str) -> InputError:
         """The refusal of a value that cannot be used: what is stored with it is made again."""
-        return InputError(self.folder / name, "is damaged", f"remove {self.folder} and give the same command again")
+        return InputError(self.folder / name, "is damaged", self._remedy)
 
     def once(self, name: str, kind: Any, make: Callable[[], Item]) -> Item:
         """Returns the value of this name and of the type ``kind``; makes, stores and reads it where none is stored."""
@@ -271,9 +302,21 @@ class Blocks(Generic[Item]):
         """Stores a block; what was stored under its number is replaced."""
         self._journal.write(_block_name(number), items)
 
+    def write_count(self, count: int) -> None:
+        """Stores how many blocks there are, where nothing else states it, so that the last one is missed if it goes."""
+        self._journal.write(COUNT, count)
+
+    def _count(self) -> int:
+        try:
+            return int(self._journal.read(COUNT, int))
+        except KeyError:
+            return 0
+
     def read(self, backward: bool = False) -> Iterator[Item]:
-        """All frames, in the order of the pass or against it."""
-        for path in sorted(self._journal.folder.glob("*.frames"), reverse=backward):
+        """All frames, in the order of the pass or against it; raises InputError where a block is gone."""
+        paths = sorted(self._journal.folder.glob("*.frames"), reverse=backward)
+        self.require(max(len(paths), self._count()))
+        for path in paths:
             items: list[Item] = self._journal.read(path.name, list[self._kind])  # type: ignore[name-defined]
             yield from reversed(items) if backward else items
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any, Final
@@ -104,17 +105,14 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
 
 
 def track_on(route: Route, run: Run, shape: FittedShape | None, journal: Journal) -> Iterator[TrackedFrame]:
-    """Tracks every frame, then yields them in the order of time.
+    """Tracks every frame once the first is asked for, then yields them in the order of time.
 
-    All is stored in the journal while it is done: where that has frames already, tracking goes on behind them.
+    All is stored in the journal while it is done: where that has frames already, tracking goes on behind them. Raises
+    InputError at once where it cannot.
     """
     passes = _Passes(route, run, shape, None if shape is None else build_body(body_points(), shape), journal)
-    if len(route.backward) > 1:
-        passes.side("backward", route.backward)
-    passes.side("forward", route.forward)
-    if len(route.backward) > 1:
-        yield from islice(passes.stored("backward", backward=True), len(route.backward) - 1)  # the initial frame once
-    yield from passes.stored("forward")
+    passes.require_readable()
+    return passes.frames()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,6 +141,23 @@ class _Passes:
     shape: FittedShape | None
     body: Body | None
     journal: Journal
+
+    def require_readable(self) -> None:
+        """Raises InputError where a pass that was begun cannot go on, or lacks one of its blocks."""
+        with suppress(KeyError):
+            self.journal.read("start", Start | None)
+        for folder in sorted(path.parent.name for path in self.journal.folder.glob("*/state")):
+            self._blocks(folder).require(self.journal.inside(folder).read("state", _PassState).blocks)
+
+    def frames(self) -> Iterator[TrackedFrame]:
+        """Tracks both sides, then yields all frames in the order of time."""
+        both = len(self.route.backward) > 1
+        if both:
+            self.side("backward", self.route.backward)
+        self.side("forward", self.route.forward)
+        if both:  # the initial frame once
+            yield from islice(self.stored("backward", backward=True), len(self.route.backward) - 1)
+        yield from self.stored("forward")
 
     def side(self, name: str, positions: Sequence[int]) -> None:
         """All frames from the initial frame to one end, in this order."""
@@ -229,7 +244,6 @@ class _Passes:
         initial = self.run.room.initial_frame
         try:
             state: _PassState = journal.read("state", _PassState)
-            blocks.require(state.blocks)
             self.run.stopwatch.seconds.update(state.seconds)
             self.route.skip(state.frames)
         except KeyError:
