@@ -292,7 +292,7 @@ def test_results_never_go_into_the_recording_or_over_it(tmp_path, capsys, place)
     folder = write_recording(tmp_path / "ward", frames=2)
     before = sorted(tmp_path.rglob("*"))
     assert main(["track", str(folder), "-o", str(tmp_path / place), "--overwrite"]) == 2
-    assert "choose another" in capsys.readouterr().err
+    assert "; choose" in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == before
 
 
