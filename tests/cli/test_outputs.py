@@ -112,7 +112,21 @@ def test_no_file_of_another_kind_is_replaced(verb, kind, places, capsys):
         os.mkfifo(x)
     else:
         x.write_bytes(b"years of work" if kind == "text" else (places["results"] / "joints.parquet").read_bytes())
-    assert "exists already, with other content" in _refused(FILES[verb], places, str(x), capsys)
+    problem = "is a link" if kind == "link" else "exists already, with other content"
+    assert problem in _refused(FILES[verb], places, str(x), capsys)
+
+
+@pytest.mark.parametrize("leads_to", ["nowhere", "an empty folder"])
+@pytest.mark.parametrize("verb", FOLDERS)
+def test_nothing_is_written_through_a_link(verb, leads_to, places, tmp_path, capsys):
+    target, link = tmp_path / "elsewhere", tmp_path / "link"
+    if leads_to != "nowhere":
+        target.mkdir()
+    link.symlink_to(target)
+    _refused(FOLDERS[verb], places, str(link), capsys)
+    assert link.is_symlink()
+    assert target.exists() == (leads_to != "nowhere")
+    assert leads_to == "nowhere" or not list(target.iterdir())
 
 
 @pytest.mark.parametrize(

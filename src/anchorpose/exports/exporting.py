@@ -263,6 +263,7 @@ def export_results(
     target = out if out is not None else results / EXPORTS_FOLDER
     if not results.is_dir():
         raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
+    check_place(target)
     sha256 = hash_files(sorted(results.glob("*.parquet")), results)
     for kind in formats:
         _check_place(target / kind, results, overwrite)
@@ -291,8 +292,8 @@ def _check_place(folder: Path, results: Path, overwrite: bool) -> None:
     check_place(folder)
     if folder.resolve() == results.resolve():
         raise InputError(folder, "is the results folder itself", "choose another folder with -o")
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise InputError(folder, "is a file or a link", "choose another folder with -o")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "is a file", "choose another folder with -o")
     if not folder.exists() or not any(folder.iterdir()):
         return
     if not (folder / RECORD_FILE).is_file():

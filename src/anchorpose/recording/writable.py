@@ -24,14 +24,16 @@ BEGINNING: Final = 4096  # bytes of a file in which its mark is looked for
 
 
 def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) -> None:
-    """Raises InputError where nothing may be written: at an address, at the root, in a recording, or where an input
-    would lie in what is written, or what is written in an input.
+    """Raises InputError where nothing may be written: at an address, at the root, through a link, in a recording, or
+    where an input would lie in what is written, or what is written in an input.
 
     of_recording: what is written becomes a part of a recording, and may lie in one.
     """
     if ADDRESS.match(str(path)):
         problem, remedy = "is an address", "give a local path; only 'anchorpose track' writes to an address"
         raise InputError(str(path).replace(":/", "://", 1), problem, remedy)
+    if path.is_symlink():
+        raise InputError(path, "is a link", "give the place that it leads to, or another name")
     target = path.resolve()
     if not target.name:
         raise InputError(path, "is the root of the disk", "choose a folder in it")
