@@ -19,7 +19,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE / "descriptor"), str(HERE.parent / "src")]
 
 import torch  # noqa: E402
-from export import export  # noqa: E402
+from export import export, stored_state  # noqa: E402
 from network import FEATURES, Network  # noqa: E402
 from people import surface_of  # noqa: E402
 from scenes import Batch, Scenes  # noqa: E402
@@ -130,7 +130,9 @@ def rate_at(share: float) -> float:
     return RATE * min(1.0, share / WARM_UP) * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0)))
 
 
-def train(state: Path, images: float, size: int, minutes: float, seed: int, device: torch.device) -> None:
+def train(
+    state: Path, images: float, size: int, minutes: float, seed: int, device: torch.device, start_from: Path | None
+) -> None:
     """Train until all images or the time are used; the state is written every two minutes."""
     began = saved = time.monotonic()
     checks = Scenes(device, CHECK_SEED)
@@ -146,6 +148,10 @@ def train(state: Path, images: float, size: int, minutes: float, seed: int, devi
         network.load_state_dict(stored["network"])
         optimizer.load_state_dict(stored["optimizer"])
         mean, seen, curve = stored["mean"], stored["seen"], stored["curve"]
+    elif start_from is not None:
+        begun, seen = stored_state(start_from)
+        network.load_state_dict(begun)
+        mean = {name: value.clone().float() for name, value in network.state_dict().items()}
     scenes = Scenes(device, seed + seen)
     told = seen
     while seen < images and time.monotonic() - began < 60.0 * minutes:
@@ -187,6 +193,7 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=256, help="scenes a step, each looked at twice")
     parser.add_argument("--minutes", type=float, default=math.inf)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--start-from", type=Path, help="weights to go on from where there is no STATE yet")
     parser.add_argument("--export", type=Path, help="write the trained network there, and train no further")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     options = parser.parse_args()
@@ -197,7 +204,15 @@ def main() -> None:
         network.load_state_dict(stored["mean"])
         export(network, centres, stored["seen"], options.export)
         return
-    train(options.state, options.images, options.batch, options.minutes, options.seed, torch.device(options.device))
+    train(
+        options.state,
+        options.images,
+        options.batch,
+        options.minutes,
+        options.seed,
+        torch.device(options.device),
+        options.start_from,
+    )
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ def export(network: Network, centres: torch.Tensor, images: int, path: Path) -> 
         (torch.rand(1, INPUTS, 64, 96),),
         file,
         dynamo=False,
+        training=torch.onnx.TrainingMode.PRESERVE,  # normalisation stays apart: training can go on
         input_names=["depth"],
         output_names=["said"],
         dynamic_axes={"depth": {2: "h", 3: "w"}, "said": {2: "h", 3: "w"}},
@@ -42,7 +43,7 @@ def export(network: Network, centres: torch.Tensor, images: int, path: Path) -> 
     casts, stored = [], []
     for tensor in model.graph.initializer:
         values = numpy_helper.to_array(tensor)
-        if values.dtype == "float32" and values.size > SMALL:
+        if values.dtype == "float32" and values.ndim > 1 and values.size > SMALL:
             stored.append(numpy_helper.from_array(values.astype("float16"), f"{tensor.name}_half"))
             casts.append(helper.make_node("Cast", [f"{tensor.name}_half"], [tensor.name], to=TensorProto.FLOAT))
         else:
@@ -56,6 +57,26 @@ def export(network: Network, centres: torch.Tensor, images: int, path: Path) -> 
     network_sha256 = hashlib.sha256(content).hexdigest()
     head = {"format": FORMAT, "images": images, "script_sha256": script_hash(), "network_sha256": network_sha256}
     path.write_bytes(json.dumps(head).encode() + b"\n" + content)
+
+
+def stored_state(path: Path) -> tuple[dict[str, torch.Tensor], int]:
+    """The network's state in an exported file, and how many images it was trained on: training goes on from there."""
+    import onnx
+    from onnx import numpy_helper
+
+    line, _, content = path.read_bytes().partition(b"\n")
+    graph = onnx.load_from_string(content).graph
+    found = {tensor.name.removesuffix("_half"): numpy_helper.to_array(tensor) for tensor in graph.initializer}
+    network = Network(len(found["own_centres"]))
+    state = network.state_dict()
+    found["places.weight"] = found["own_slope"].reshape(state["places.weight"].shape)
+    found["places.bias"] = found["own_base"].reshape(-1)
+    for name, values in state.items():
+        if name in found:
+            values.copy_(torch.as_tensor(found[name].astype("float32")))
+        elif not name.endswith("num_batches_tracked"):
+            raise ValueError(f"{path}: has no {name}; it is of another network")
+    return state, int(json.loads(line)["images"])
 
 
 def script_hash() -> str:
