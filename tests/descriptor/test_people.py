@@ -8,16 +8,17 @@ import pytest
 from anchorpose.descriptor.learnt import Described, describe
 from anchorpose.descriptor.people import find_people
 from anchorpose.simulate.clinic import draw_clinic
-from anchorpose.simulate.config import SimulationConfig, clinic, single
+from anchorpose.simulate.config import clinic, single
 from anchorpose.simulate.render import PATIENT
-from anchorpose.simulate.shoot import set_up
+from anchorpose.simulate.shoot import Shot, Studio, set_up
 
 SURE = 0.85
 
 
 def test_one_person_in_an_empty_room_is_one() -> None:
     pytest.importorskip("onnxruntime", reason="the learnt descriptor needs onnxruntime")
-    found, labels = found_in(single(seed=23, seconds=1.0), camera=0)
+    studio = set_up(draw_clinic(single(seed=23, seconds=1.0)))
+    found, labels = found_in(studio, studio.shoot(0), camera=0)
     assert len(found) == 1
     assert found[0].certainty > SURE
     assert (labels[found[0].rays] == PATIENT).mean() > 0.95  # pixels at edges may look a pixel aside
@@ -26,8 +27,10 @@ def test_one_person_in_an_empty_room_is_one() -> None:
 def test_a_patient_and_those_who_hold_are_told_apart() -> None:
     pytest.importorskip("onnxruntime", reason="the learnt descriptor needs onnxruntime")
     config = clinic(seed=31, seconds=2.0)
+    studio = set_up(draw_clinic(config))
+    shot = studio.shoot(config.frames // 2)
     for camera in range(3):
-        found, labels = found_in(config, camera, frame=config.frames // 2)
+        found, labels = found_in(studio, shot, camera)
         shown = {label: int((labels == label).sum()) for label in np.unique(labels) if label >= PATIENT}
         plain = [label for label, pixels in shown.items() if pixels > 400]
         owners = [int(np.bincount(labels[person.rays]).argmax()) for person in found if person.certainty > SURE]
@@ -55,10 +58,8 @@ def test_votes_for_two_places_are_two_people_and_a_few_pixels_nobody() -> None:
     assert found[1].area_m2 == pytest.approx(796 * 0.02**2)
 
 
-def found_in(config: SimulationConfig, camera: int, frame: int = 0) -> tuple[tuple, np.ndarray]:
+def found_in(studio: Studio, shot: Shot, camera: int) -> tuple[tuple, np.ndarray]:
     """The people that are found in one image, and the true label of each ray."""
-    studio = set_up(draw_clinic(config))
-    shot = studio.shoot(frame)
     depth_m = shot.depths_mm[camera] * np.float32(0.001)
     said = describe(depth_m, studio.clinic.cameras[camera])
     return find_people(said, depth_m), shot.images[camera].label[said.row, said.column].astype(int)

@@ -233,12 +233,10 @@ def test_tracking_begins_at_the_given_pose_and_leaves_its_frame_out(
     assert error[0].mean() != error[1].mean()
 
 
-SLOW = pytest.mark.slow  # "next" pairs by anchors and by a local descriptor
+SLOW = pytest.mark.slow  # what is shared is shared by one function, whichever the method
 
 
-@pytest.mark.parametrize(
-    "key", ["nearest", "next", pytest.param("anchors", marks=SLOW), pytest.param("fpfh", marks=SLOW)]
-)
+@pytest.mark.parametrize("key", ["nearest", *(pytest.param(key, marks=SLOW) for key in ("next", "anchors", "fpfh"))])
 def test_a_method_finds_the_same_alone_and_after_the_trials_that_it_shares_its_matches_with(
     prepared: PreparedClip, plan: Plan, trials: dict[float, Trial], key: str
 ) -> None:
