@@ -11,13 +11,15 @@ from scipy.spatial import cKDTree
 from anchorpose.descriptor.learnt import FOCAL_PX, STEP, Described
 
 APART_M: Final = 0.35
-"""Pelvises of people side by side are farther apart; of the votes in simulated scenes 93 % are nearer to their own."""
+"""Pelvises of people side by side are farther apart. Of the votes in 24 new scenes of the training's generator 96 % are
+nearer to their own pelvis."""
 
 NEAR_M: Final = 0.2  # around the middle of the votes of one person: twice their median error
 STRAY_M: Final = 0.7  # from every pelvis: a vote for nobody
 
 LEAST_AREA_M2: Final = 0.06
-"""Of the surface that a camera sees of a person: a head with its neck. Clutter that is taken for people is smaller."""
+"""Of the surface that a camera sees of a person: a head with its neck. Clutter that is taken for people can be larger;
+its certainty is lower."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
