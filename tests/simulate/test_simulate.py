@@ -140,7 +140,7 @@ def test_a_folder_that_is_not_empty_is_refused_and_left_alone(tmp_path):
     with pytest.raises(InputError, match="not empty"):
         simulate_recording(tmp_path / "out", SHORT)
     (tmp_path / "link").symlink_to(tmp_path / "nothing")
-    with pytest.raises(InputError, match="not empty"):
+    with pytest.raises(InputError, match="is a link"):
         simulate_recording(tmp_path / "link", SHORT)
     assert contents(tmp_path) == {"out/notes.txt": b"mine"}
 
