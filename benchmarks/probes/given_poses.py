@@ -128,7 +128,7 @@ def ask(folder: Path, clocks: Clocks) -> dict[str, float]:
     chosen, samples = sample_recording(timed, config)
     try:
         calibration = calibrate(timed, samples, config)
-        scenes = scenes_of(Settled(timed, clocks, calibration, tuple(chosen), tuple(samples)), config)
+        scenes = scenes_of(Settled(timed, clocks, calibration, tuple(chosen), tuple(samples)))
         doubts = agreeing_poses(timed, calibration, clocks, scenes, samples).doubts
     except InputError:
         return {"refused": 1.0, "noted": 0.0, "not_noticed": 0.0}

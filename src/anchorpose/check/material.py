@@ -10,11 +10,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.body.constraints import thin
+from anchorpose.body.matched_places import matches_of
 from anchorpose.body.skin_points import body_points, pose_points
 from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
-from anchorpose.isolation.people import PatientChoice, Person, find_people
+from anchorpose.isolation.people import PatientChoice, Person, see_people
 from anchorpose.isolation.scene import Scene, find_all_pieces
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel, View
@@ -184,7 +185,7 @@ def gather_material(recording: Recording, config: TrackConfig) -> Material:
     frames = dict(zip(settled.chosen, settled.samples, strict=True))
     shown = sorted(look.initial_frames, key=lambda one: one.frame)
     chosen = [shown[k] for k in thin(len(shown), LOOKS)]
-    patient = tuple(_look_closely(frames[one.frame], one.choice, look.scenes, config) for one in chosen)
+    patient = tuple(_look_closely(frames[one.frame], one.choice, look.scenes) for one in chosen)
     return Material(timed, settled.samples, settled, look, None, _successive(timed), patient)
 
 
@@ -214,21 +215,21 @@ def _successive(recording: Recording) -> tuple[tuple[FrameSet, FrameSet], ...]:
     return tuple((read_frame(recording, k), read_frame(recording, k + 1)) for k in chosen)
 
 
-def _look_closely(
-    frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[Scene], config: TrackConfig
-) -> SeenPatient:
+def _look_closely(frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[Scene]) -> SeenPatient:
     pieces = find_all_pieces(frame_set, scenes)
-    people = find_people(pieces, config.isolation, choice.group, faint=True)
+    cameras = [scene.camera for scene in scenes]
+    people = see_people(pieces, cameras)
     person = min(people.people, key=lambda one: float(np.linalg.norm(one.ground_xz_m - choice.ground_xz_m)))
     views = separate_initial(pieces, people, choice)
-    return SeenPatient(person, views, _hidden(views, [scene.camera for scene in scenes]))
+    return SeenPatient(person, views, _hidden(views, cameras))
 
 
 def _hidden(views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
     """(cameras,) share of a rough body's skin turned to each camera that equipment or people hide; NaN without one."""
     hidden = np.full(len(cameras), np.nan)
     body = ordinary_body(body_points())
-    found = rough_body(body, person_evidence(views, cameras, PixelLabel.PATIENT))
+    matches = matches_of(views, cameras, PixelLabel.PATIENT)
+    found = rough_body(body, person_evidence(views, cameras, PixelLabel.PATIENT), matches)
     if found is None:
         return hidden
     posed = pose_points(body, found.belief.pose)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
+from threading import Lock
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ WINDOWS: Final = ((9, 0.15), (33, 0.5))  # pixels around which relief is taken, 
 OFFSET: Final = 0.1  # of stature: the unit in which the network gives places within a patch
 LARGEST_BYTES: Final = 64_000_000  # of a file of weights; the package's has 4
 LONGEST_LINE: Final = 4096
+REMEMBERED: Final = 8  # described images: two moments of four cameras
 FORMAT: Final = "anchorpose-learnt-descriptor"
 REMEDY: Final = "export it by tools/train_descriptor.py, or use the weights of the package"
 
@@ -143,6 +145,54 @@ def describe(depth_m: np.ndarray, camera: Camera, weights: Weights | None = None
     )
 
 
+_remembered: Final[dict[int, tuple[np.ndarray, Camera, Described]]] = {}
+_lock: Final = Lock()
+
+
+def described(depth_m: np.ndarray, camera: Camera) -> Described:
+    """Return what ``describe`` returns, remembered for the last images: several stages of a frame ask for the same one.
+
+    Nobody writes into an image that was described.
+    """
+    with _lock:
+        known = _remembered.get(id(depth_m))
+    if known is not None and known[0] is depth_m and known[1].intrinsics == camera.intrinsics:
+        return known[2]
+    found = describe(depth_m, camera)
+    with _lock:
+        while len(_remembered) >= REMEMBERED:
+            _remembered.pop(next(iter(_remembered)))
+        _remembered[id(depth_m)] = (depth_m, camera, found)  # holds the image, so that no other one gets its id
+    return found
+
+
+def nearest_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return per pixel (height, width) the row and column of the nearest described ray, and whether there is one."""
+    return _nearest_rays(camera.intrinsics, camera.width, camera.height)
+
+
+@lru_cache(maxsize=16)
+def _nearest_rays(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rays = rays_of_pixels(intrinsics, width, height)
+    low, across, down = _extent(rays)
+    place = np.nan_to_num((rays - low) * FOCAL_PX / STEP, nan=-1.0)
+    column, row = np.rint(np.clip(place, -1.0, 1e6)).astype(np.int64).T.swapaxes(1, 2)
+    inside = (column >= 0) & (row >= 0) & (column < across // STEP) & (row < down // STEP)
+    return np.where(inside, row, 0), np.where(inside, column, 0), inside
+
+
+def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
+    """First ray (2,) of the network's image, and how many rays it has across and down, of those of all pixels."""
+    flat = rays.reshape(-1, 2)
+    low = np.maximum(np.nanmin(flat, axis=0), -WIDEST)
+    size = np.floor((np.minimum(np.nanmax(flat, axis=0), WIDEST) - low) * FOCAL_PX).astype(int) + 1
+    if size.min() < SMALLEST_PX:
+        shown = np.rad2deg(size.min() / FOCAL_PX)
+        raise ValueError(f"an image must show at least 9 degrees for the descriptor, this one shows {shown:.1f}")
+    across, down = (-(-size // MULTIPLE) * MULTIPLE).tolist()
+    return low, across, down
+
+
 def inputs_of(depth_m: np.ndarray) -> np.ndarray:
     """Return (5, h, w) float32 of depth (h, w): range, whether there is a reading, relief against two means, nearness.
 
@@ -166,13 +216,7 @@ def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarr
 
     Nearest, not mean: a mean over an edge is a depth where nothing is.
     """
-    rays = rays_of_pixels(intrinsics, width, height).reshape(-1, 2)
-    low = np.maximum(np.nanmin(rays, axis=0), -WIDEST)
-    size = np.floor((np.minimum(np.nanmax(rays, axis=0), WIDEST) - low) * FOCAL_PX).astype(int) + 1
-    if size.min() < SMALLEST_PX:
-        shown = np.rad2deg(size.min() / FOCAL_PX)
-        raise ValueError(f"an image must show at least 9 degrees for the descriptor, this one shows {shown:.1f}")
-    across, down = (-(-size // MULTIPLE) * MULTIPLE).tolist()
+    low, across, down = _extent(rays_of_pixels(intrinsics, width, height))
     x, y = low[0] + np.arange(across) / FOCAL_PX, low[1] + np.arange(down) / FOCAL_PX
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     pixel = project(np.column_stack([grid, np.ones(len(grid))]), lens_array(intrinsics))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from anchorpose.descriptor.learnt import FOCAL_PX, STEP, Described
+from anchorpose.camera import Camera, transform_points
+from anchorpose.descriptor.learnt import FOCAL_PX, STEP, Described, described, nearest_rays
 
 APART_M: Final = 0.35
 """Pelvises of people side by side are farther apart. Of the votes in 24 new scenes of the training's generator 96 % are
@@ -22,40 +24,103 @@ LEAST_AREA_M2: Final = 0.06
 its certainty is lower."""
 
 
+LEAST_CERTAINTY: Final = 0.8
+"""Mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``) people in plain view
+have more in 80 to 100 % of all cases, chairs and screens seldom."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPerson:
-    """pelvis_m (3,) in the camera's frame; rays (h, w) bool: those of ``Described`` that show this person; area_m2: of
-    the surface that is seen, across the line of sight; certainty: mean probability of the pixels, 0.5 to 1."""
+    """pelvis_m (3,) in the common frame; rays: per camera (h, w) bool, those of ``Described`` that show this person,
+    None without an image; area_m2: of the surface that is seen, across the lines of sight, in all cameras; certainty:
+    mean probability of the pixels, 0.5 to 1."""
 
     pelvis_m: np.ndarray
-    rays: np.ndarray
+    rays: tuple[np.ndarray | None, ...]
     area_m2: float
     certainty: float
 
 
-def find_people(said: Described, depth_m: np.ndarray) -> tuple[FoundPerson, ...]:
-    """Return the people of a described image (height, width), the one that shows most first.
+def find_people(
+    said: Sequence[Described | None], depths_m: Sequence[np.ndarray | None], poses: Sequence[np.ndarray]
+) -> tuple[FoundPerson, ...]:
+    """Return the people of described images (height, width) of one moment, the one that shows most first.
 
-    The pelvises are where the votes are densest, weighted by the area that a pixel shows, each found among the votes
-    that are ``APART_M`` from those before. A pixel belongs to the pelvis nearest to its vote.
+    said, depths_m: one per camera, None without an image; poses: T_common_camera (4, 4) of each camera, so that votes
+    of several cameras meet. The pelvises are where the votes are densest, weighted by the area that a pixel shows, each
+    found among the votes that are ``APART_M`` from those before. A pixel belongs to the pelvis nearest to its vote.
     """
-    found = said.person >= 0.5
-    votes, certainty = said.pelvis_m[found], said.person[found]
-    area_m2 = (depth_m[said.row[found], said.column[found]] * STEP / FOCAL_PX) ** 2
-    pelvises = _pelvises(votes, area_m2)
+    votes = [_votes(one, depth, pose) for one, depth, pose in zip(said, depths_m, poses, strict=True)]
+    shown = [one for one in votes if one is not None]
+    if not shown:
+        return ()
+    every, area_m2 = np.concatenate([one.pelvis_m for one in shown]), np.concatenate([one.area_m2 for one in shown])
+    pelvises = _pelvises(every, area_m2)
     if not len(pelvises):
         return ()
-    distance, owner = cKDTree(pelvises).query(votes)
+    distance, owner = cKDTree(pelvises).query(every)
     owner[distance > STRAY_M] = -1
-    people, places = list[FoundPerson](), np.nonzero(found)
+    certainty = np.concatenate([one.certainty for one in shown])
+    people = []
     for number, pelvis_m in enumerate(pelvises):
         mine = owner == number
         area = float(area_m2[mine].sum())
         if area >= LEAST_AREA_M2:
-            rays = np.zeros_like(found)
-            rays[tuple(axis[mine] for axis in places)] = True
-            people.append(FoundPerson(pelvis_m, rays, area, float(certainty[mine].mean())))
+            people.append(FoundPerson(pelvis_m, _rays(mine, votes), area, float(certainty[mine].mean())))
     return tuple(sorted(people, key=lambda person: -person.area_m2))
+
+
+RIM_RAYS: Final = 3  # beyond a person's rays: 6 cm at two metres, fingers and shoes that the network leaves out
+RIM_M: Final = 0.1  # in depth, of what is still the person beside the rays
+
+
+def people_mask(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
+    """Return the pixels (height, width) bool of all people whom the descriptor is certain of, with a rim."""
+    import cv2
+
+    said = described(depth_m, camera)
+    own = np.zeros(said.person.shape, dtype=bool)
+    for one in find_people([said], [depth_m], [np.eye(4)]):
+        if one.certainty >= LEAST_CERTAINTY and one.rays[0] is not None:
+            own |= one.rays[0]
+    rays_m, around = depth_m[said.row, said.column], np.ones((2 * RIM_RAYS + 1,) * 2, np.uint8)
+    far = cv2.dilate(np.where(own, rays_m, np.float32(0.0)), around)
+    near = -cv2.dilate(np.where(own, -rays_m, np.float32(-np.inf)), around)
+    row, column, inside = nearest_rays(camera)
+    return np.asarray(
+        inside & (depth_m > near[row, column] - RIM_M) & (depth_m < far[row, column] + RIM_M) & (depth_m > 0)
+    )
+
+
+class _Votes(NamedTuple):
+    """Of the person's rays (h, w) bool of one camera: votes (n, 3) in the common frame, area (n,), probability (n,)."""
+
+    found: np.ndarray
+    pelvis_m: np.ndarray
+    area_m2: np.ndarray
+    certainty: np.ndarray
+
+
+def _votes(said: Described | None, depth_m: np.ndarray | None, pose: np.ndarray) -> _Votes | None:
+    if said is None or depth_m is None:
+        return None
+    found = said.person >= 0.5
+    area_m2 = (depth_m[said.row[found], said.column[found]] * STEP / FOCAL_PX) ** 2
+    return _Votes(found, transform_points(pose, said.pelvis_m[found]), area_m2, said.person[found])
+
+
+def _rays(mine: np.ndarray, votes: Sequence[_Votes | None]) -> tuple[np.ndarray | None, ...]:
+    """Per camera the rays (h, w) bool of the votes (n,) of all cameras that are a person's."""
+    rays, first = list[np.ndarray | None](), 0
+    for one in votes:
+        if one is None:
+            rays.append(None)
+            continue
+        last, own = first + len(one.pelvis_m), np.zeros_like(one.found)
+        own[one.found] = mine[first:last]
+        rays.append(own)
+        first = last
+    return tuple(rays)
 
 
 def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:

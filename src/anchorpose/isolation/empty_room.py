@@ -1,7 +1,7 @@
 """The empty room of one camera: from its background frame or, without one, from what stays in place in the recording.
 
-What stays is the room less the people who never leave their place: whoever stands in the equipment for a whole
-recording is the patient, not furniture, and of what is behind resting people only floor and walls are known.
+What stays is the room less the people who never leave their place: the learnt descriptor knows what a person looks
+like, and of what is behind people who stay only floor and walls are known.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from scipy.spatial import ConvexHull
 
 from anchorpose.calibration.first_frames import FRAMES_NEEDED, MAD_OF_NORMAL, SAME_M, noise_per_m, people_only
 from anchorpose.camera import Camera, transform_points
+from anchorpose.descriptor.people import people_mask
 from anchorpose.isolation.background import (
     EQUIPMENT_GATE,
     EQUIPMENT_TOLERANCE_M,
@@ -34,8 +35,8 @@ from anchorpose.isolation.depth_noise import (
     neighbour_noise,
 )
 from anchorpose.isolation.room_planes import depth_of_room
-from anchorpose.isolation.still_people import resting_people, swaying_people
 from anchorpose.recording.equipment import EquipmentModel
+from anchorpose.threads import each
 
 BLOCK_PX: Final = 16  # noise changes slowly over the image: it is measured in blocks of this size
 READINGS_NEEDED: Final = 32  # of one block, for a median good to a sixth of itself
@@ -44,10 +45,8 @@ OFTEN_READ: Final = 0.5  # of the frames, whether they agree or not: people hide
 SAME_SIGMAS: Final = 6.0  # beyond ``SAME_M``: readings of one surface differ by less
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room where a pixel is free a fifth of the time
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # where these percentiles lie on a normal distribution
-MOVED_SIGMAS: Final = 5.0  # of a pixel's noise, over a dozen frames
 
 LEAN_M: Final = 0.25  # beyond the outline on the ground: arms over the rails, and the back
-PERSON_M: Final = 0.6  # from the axis of a person to the knees of one who sits, and the elbows
 HEAD_M: Final = 2.3  # above the floor: a raised arm
 SOLE_M: Final = 0.015  # above the floor: what the plane may be off, and a third of a foot's height
 
@@ -58,16 +57,13 @@ def learn_background(
     camera: Camera,
     floor_height_m: float | None,
     equipment: EquipmentModel | None = None,
-    person_xz_m: tuple[float, float] | None = None,
-    swaying: bool = False,
 ) -> BackgroundModel:
     """The background of one camera from a frame of the empty room or, without one, from sampled frames.
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
-    has a pose. Without an empty frame the background is what is farthest most of the time, less the people who never
-    leave their place. floor_height_m: None where no floor is seen; the equipment is not needed beside an empty frame.
-    swaying: people may stand still all the time, so that what sways as no furniture does is not the room. Raises
-    ValueError without frames.
+    has a pose. Without an empty frame the background is what is farthest most of the time, of what the learnt
+    descriptor does not take for people. floor_height_m: None where no floor is seen; the equipment is not needed beside
+    an empty frame. Raises ValueError without frames.
     """
     if not frames_m:
         raise ValueError("a background needs at least one frame of the recording to measure the noise on")
@@ -82,11 +78,6 @@ def learn_background(
         sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
         return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
-    if swaying and len(frames_m) >= FRAMES_NEEDED:
-        people = swaying_people(depth, frames_m, camera, floor_height_m, noise)
-        depth = np.where(people, depth_of_room(depth, camera, noise), depth)
-    if person_xz_m is not None:
-        depth = _without_person(depth, camera, floor_height_m, person_xz_m, noise)
     if len(frames_m) > 1:  # of one frame, room and reading are the same reading, rounded once
         sigma = _at_least_a_step(sigma, depth, detail.step_per_m)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
@@ -104,10 +95,10 @@ def _from_recording(
     equipment: EquipmentModel | None,
     noise: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(depth_m, sigma_m) of what stays in place, without the people who do."""
-    depth, sigma = _what_stays(np.stack(frames_m), noise)
-    nearer = [np.where(frame < depth - MOVED_SIGMAS * sigma, frame, np.float32(0.0)) for frame in frames_m]
-    walls, room = depth_of_room(depth, camera, noise), depth
+    """(depth_m, sigma_m) of what stays in place, without people; behind those who stay, floor and walls are known."""
+    people = np.stack(each(lambda frame: people_mask(frame, camera), frames_m))
+    depth, sigma = _what_stays(np.where(people, np.float32(0.0), np.stack(frames_m)), noise)
+    walls = depth_of_room(depth, camera, noise)
     if equipment is not None:
         drawn = equipment_depth(camera, equipment)
         standing = in_equipment(depth, camera, equipment, floor_height_m, noise)
@@ -115,23 +106,8 @@ def _from_recording(
         standing &= ~((drawn > 0) & (depth > drawn - margin))
         depth = depth.copy()
         depth[standing] = np.where(drawn > 0, drawn, walls)[standing]
-        room = np.where(drawn > 0, np.float32(0.0), depth)  # a rail joins people to each other
-    if len(frames_m) < FRAMES_NEEDED:
-        nearer = []
-    people = resting_people(room, nearer, camera, floor_height_m, noise)
-    depth[people] = walls[people]
+    depth = np.where(people.any(axis=0) & (depth <= 0), walls, depth)
     return depth, np.maximum(sigma, np.float32(noise) * depth**2)  # also where floor and walls were filled in
-
-
-def _without_person(
-    room_m: np.ndarray, camera: Camera, floor_height_m: float | None, person_xz_m: tuple[float, float], noise: float
-) -> np.ndarray:
-    """The room without what stands about a place; floor and walls behind it where they are known."""
-    points = transform_points(camera.require_pose(), camera.back_project(room_m))
-    standing = np.hypot(points[..., 0] - person_xz_m[0], points[..., 2] - person_xz_m[1]) < PERSON_M
-    if floor_height_m is not None:
-        standing &= points[..., 1] - floor_height_m > SOLE_M + JUMP_GATE * noise * room_m
-    return np.where(standing, depth_of_room(room_m, camera, noise), room_m).astype(np.float32)
 
 
 def in_equipment(

@@ -8,10 +8,12 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from anchorpose.camera import Camera
+from anchorpose.descriptor.people import LEAST_AREA_M2
 from anchorpose.isolation.bystander_memory import SAMPLE_PX
 from anchorpose.isolation.components import label_components
 from anchorpose.isolation.ownership import NOBODY, OwnershipLikelihood
-from anchorpose.isolation.people import PERSON_AREA_M2, IsolationConfig, find_columns, find_people, ground_distance
+from anchorpose.isolation.people import PERSON_AREA_M2, see_people
 from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel
@@ -53,8 +55,8 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
     return grow_regions(pixels, np.where(mine & stray[piece], np.uint8(NOBODY), owner))
 
 
-TRUNK_RADIUS_M: Final = 0.15  # half a trunk's depth and some clothes: what stands there is this person
-OWN_COLUMN: Final = 0.5  # of a column beside the patient's: with so much of it on their expected skin, it is theirs
+OWN_SHARE: Final = 0.5  # of a person among the patient's pixels: with so much on the expected skin, it is the patient
+OFF_SKIN_M: Final = 0.2  # from the expected skin: an arm moves as far between two frames without a fit
 PART_CONTACT_M: Final = 0.05  # a wrist's width, over which a part of the patient is connected to the rest
 ON_SKIN_M: Final = 0.05  # from the patient's expected skin: its spacing, clothes, and what it moves
 LAST_LABEL: Final = 254
@@ -95,67 +97,71 @@ def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, 
 
 def one_patient(
     shown: Sequence[Pieces],
+    cameras: Sequence[Camera],
     owners: list[np.ndarray],
     expected: OwnershipLikelihood | None,
     free: int,
-    config: IsolationConfig,
 ) -> list[np.ndarray]:
-    """Owners with anybody who stands apart from the patient, and was taken for part of them, split off.
+    """Owners with other people who were taken for a part of the patient split off.
 
-    The patient is where most of what they own is; another column that is a person by size is another person, unless
-    most of it lies on the patient's predicted skin: a patient who bends down has the trunk beside the legs. expected:
-    the likelihood of predicted skin, None where there is none. free: the first unused label.
+    Asked only where much of the patient lies off the expected skin: the learnt descriptor then says whether several
+    people share the pixels. The patient is the one with most of them, and whoever lies mostly on the expected skin: a
+    patient who bends down has the trunk beside the legs. expected: the likelihood of predicted skin, None where there
+    is none. free: the first unused label.
     """
-    if not shown:
-        return owners
-    parts = [sampled(pixels, o, o == PixelLabel.PATIENT) for pixels, o in zip(shown, owners, strict=True)]
-    points, _, area = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if len(find_columns(points, area)) < 2:
+    skin = None if expected is None else expected.points_m[expected.owner == PixelLabel.PATIENT]
+    tree = None if skin is None or not len(skin) else cKDTree(skin)
+    if _off_skin_m2(shown, owners, tree) < LEAST_AREA_M2:
         return owners
     theirs = [pixels.only(o == PixelLabel.PATIENT) for pixels, o in zip(shown, owners, strict=True)]
-    people = find_people(theirs, config).people
-    if len(people) < 2:
+    people = see_people(theirs, cameras)
+    if len(people.people) < 2:
         return owners
-    axes = np.array([person.ground_xz_m for person in people])
-    others = np.arange(len(axes)) != np.argmax([person.area_m2 for person in people])
-    if expected is not None:
-        others &= (
-            _share_on_skin(shown, owners, expected.points_m[expected.owner == PixelLabel.PATIENT], axes) < OWN_COLUMN
-        )
+    others = np.arange(len(people.people)) != np.argmax([person.area_m2 for person in people.people])
+    others &= _share_on_skin(theirs, people.of, tree, len(others)) < OWN_SHARE
     if not others.any():
         return owners
     first = max(free, *(int(owner.max(initial=0)) + 1 for owner in owners))
-    label = np.full(len(axes), PixelLabel.PATIENT, np.int64)
-    label[others] = np.minimum(first + np.arange(others.sum()), LAST_LABEL)
-    return [_split(pixels, owner, axes, label) for pixels, owner in zip(shown, owners, strict=True)]
+    label = np.full(len(others) + 1, PixelLabel.PATIENT, np.int64)
+    label[:-1][others] = np.minimum(first + np.arange(others.sum()), LAST_LABEL)
+    label[-1] = NOBODY
+    return [_split(pixels, owner, label[of]) for pixels, owner, of in zip(shown, owners, people.of, strict=True)]
+
+
+def _off_skin_m2(shown: Sequence[Pieces], owners: Sequence[np.ndarray], skin: cKDTree | None) -> float:
+    """Area of the patient's pixels that are farther than ``OFF_SKIN_M`` from the expected skin; all without one."""
+    area_m2 = 0.0
+    for pixels, owner in zip(shown, owners, strict=True):
+        points, _, area = sampled(pixels, owner, owner == PixelLabel.PATIENT)
+        if len(points):
+            off = np.ones(len(points), bool) if skin is None else ~np.isfinite(_away_m(skin, points, OFF_SKIN_M))
+            area_m2 += float(area[off].sum())
+    return area_m2
+
+
+def _away_m(skin: cKDTree, points_m: np.ndarray, reach_m: float) -> np.ndarray:
+    """(n,) distance of points from the skin, inf beyond the reach."""
+    return np.asarray(skin.query(points_m, distance_upper_bound=reach_m)[0])
 
 
 def _share_on_skin(
-    shown: Sequence[Pieces], owners: Sequence[np.ndarray], skin_m: np.ndarray, axes: np.ndarray
+    theirs: Sequence[Pieces], people: Sequence[np.ndarray | None], skin: cKDTree | None, count: int
 ) -> np.ndarray:
-    """(k,) share of the patient's pixels about each axis that lie on the patient's predicted skin (p, 3)."""
-    own, every = np.zeros(len(axes)), np.zeros(len(axes))
-    if not len(skin_m):
-        return own
-    tree = cKDTree(skin_m)
-    for pixels, owner in zip(shown, owners, strict=True):
-        points, _, area = sampled(pixels, owner, owner == PixelLabel.PATIENT)
-        if not len(points):
+    """(k,) share of each person's pixels, among the patient's, that lie on the patient's expected skin."""
+    own, every = np.zeros(count + 1), np.zeros(count + 1)
+    for pixels, of in zip(theirs, people, strict=True):
+        if of is None or skin is None or not len(of):
             continue
-        of = np.argmin([ground_distance(points, axis) for axis in axes], axis=0)
-        away, _ = tree.query(points, distance_upper_bound=ON_SKIN_M)
-        every += np.bincount(of, area, minlength=len(axes))
-        own += np.bincount(of, np.where(np.isfinite(away), area, 0.0), minlength=len(axes))
-    return np.asarray(own / np.maximum(every, 1e-9))
+        on_skin = np.isfinite(_away_m(skin, pixels.points_m, ON_SKIN_M))
+        every += np.bincount(of % (count + 1), pixels.area_m2, count + 1)
+        own += np.bincount(of % (count + 1), np.where(on_skin, pixels.area_m2, 0.0), count + 1)
+    return np.asarray(own / np.maximum(every, 1e-9))[:-1]
 
 
-def _split(pixels: Pieces, owner: np.ndarray, axes: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """(n,) uint8 owners after the patient's pixels were divided among axes (k, 2) with labels (k,)."""
+def _split(pixels: Pieces, owner: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    """(n,) uint8 owners after the patient's pixels were divided by growth from their seeds, labels or ``NOBODY``."""
     patient = owner == PixelLabel.PATIENT
-    theirs = pixels.only(patient)
-    of = np.argmin([ground_distance(theirs.points_m, axis) for axis in axes], axis=0)
-    seeds = np.where(ground_distance(theirs.points_m, axes[of]) < TRUNK_RADIUS_M, label[of], NOBODY)
-    grown = grow_regions(theirs, seeds.astype(np.uint8))
+    grown = grow_regions(pixels.only(patient), seeds.astype(np.uint8))
     split = owner.copy()
     split[patient] = np.where(grown == NOBODY, PixelLabel.PATIENT, grown)
     return split

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import BystanderMemory
 from anchorpose.isolation.ownership import (
     NOBODY,
@@ -20,20 +21,12 @@ from anchorpose.isolation.ownership import (
 from anchorpose.isolation.patient_label import (
     LAST_LABEL,
     ON_SKIN_M,
-    TRUNK_RADIUS_M,
     one_patient,
     sampled,
     without_parts,
     without_strays,
 )
-from anchorpose.isolation.people import (
-    PERSON_AREA_M2,
-    IsolationConfig,
-    PatientChoice,
-    People,
-    find_people,
-    ground_distance,
-)
+from anchorpose.isolation.people import PERSON_AREA_M2, PatientChoice, People, see_people
 from anchorpose.isolation.region_growing import grow_regions
 from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
@@ -57,15 +50,13 @@ def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: Pa
 def label_people(pieces: Sequence[Pieces | None], people: People, order: np.ndarray) -> tuple[View | None, ...]:
     """Label each camera's pixels by person; order (k,): numbers of the people, of whom the first is labelled patient.
 
-    Trunks are distinguished by their place on the ground; arms and legs grow from them over the surface, up to the
-    creases between people who touch.
+    What the descriptor gives to nobody joins the person it is connected to, up to the creases between people who touch.
     """
-    axes = np.array([person.ground_xz_m for person in people.people]).reshape(-1, 2)
-    label = np.full(len(axes) + 1, NOBODY, np.uint8)  # the last one: nobody
+    label = np.full(len(people.people) + 1, NOBODY, np.uint8)  # the last one: nobody
     label[order] = np.minimum(PixelLabel.PATIENT + np.arange(len(order)), LAST_LABEL)
     shown, persons = [pixels for pixels in pieces if pixels is not None], [of for of in people.of if of is not None]
-    trunks = [_trunks(pixels, of, axes, label) for pixels, of in zip(shown, persons, strict=True)]
-    return _views(pieces, _with_detached(shown, _grown(shown, trunks)))
+    seeds = [label[of] for of in persons]
+    return _views(pieces, _with_detached(shown, _grown(shown, seeds)))
 
 
 def separate(
@@ -73,18 +64,19 @@ def separate(
     memory: BystanderMemory,
     expected: OwnershipLikelihood | None,
     elapsed_s: float,
-    config: IsolationConfig,
+    cameras: Sequence[Camera],
 ) -> tuple[View | None, ...]:
     """Label each camera's pixels by who was where ``elapsed_s`` ago and, if given, by predicted skin.
 
     expected: the likelihood of those whose skin is predicted; the others' is where they were seen last. A pixel goes
     to the most likely owner if that leads clearly (``decide_ownership``). What is left, between two people or out of
     everybody's range, goes to the person it is connected to (``grow_regions``); a separate piece to the person it
-    nearly touches (a bar cuts a forearm off); what is far from everybody and as large as a person is a new person.
+    nearly touches (a bar cuts a forearm off); what is left and is a person by the learnt descriptor is a new person.
     elapsed_s: negative in the backward pass, whose new people get labels from another range, so that they share none
     with people met later in time.
     """
     shown = [pixels for pixels in pieces if pixels is not None]
+    of_shown = [camera for pixels, camera in zip(pieces, cameras, strict=True) if pixels is not None]
     bodies = np.zeros(0, np.int64) if expected is None else np.flatnonzero(np.bincount(expected.owner))
     remembered = memory.without(bodies).likelihood(elapsed_s, 0.0 if expected is None else UNSUPPORTED_SIGMA_M)
     likelihood = join_likelihoods([remembered, *([] if expected is None else [expected])])
@@ -93,22 +85,11 @@ def separate(
     owners = without_strays(shown, _with_detached(shown, _grown(shown, decided)))
     free = memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
     owners = _with_remembered_patient(shown, owners, memory.points_m[memory.owner == PixelLabel.PATIENT])
-    owners = _with_newcomers(shown, owners, free, config)
+    owners = _with_newcomers(shown, of_shown, owners, free)
     owners = owners if expected is None else without_parts(shown, owners, expected)
     # remembered skin does not count as expected: the patient may have been mistaken before
-    owners = one_patient(shown, owners, expected, free, config)
+    owners = one_patient(shown, of_shown, owners, expected, free)
     return _views(pieces, owners)
-
-
-def _trunks(pixels: Pieces, of: np.ndarray, axes: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """(n,) uint8: labels of the pixels in the middle of a person's column, and of pieces that one person has alone."""
-    if not len(axes):
-        return np.zeros(len(of), np.uint8)
-    near = ground_distance(pixels.points_m, axes[of]) < TRUNK_RADIUS_M
-    owners = np.zeros((pixels.piece_count + 1, len(axes)), dtype=bool)
-    owners[pixels.piece[of >= 0], of[of >= 0]] = True
-    alone = owners.sum(axis=1) == 1
-    return np.where((of >= 0) & (near | alone[pixels.piece]), label[of], NOBODY).astype(np.uint8)
 
 
 def _decided(pixels: Pieces, grid: LikelihoodGrid | None) -> np.ndarray:
@@ -178,19 +159,27 @@ def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], 
 
 
 def _with_newcomers(
-    shown: Sequence[Pieces], owners: list[np.ndarray], next_label: int, config: IsolationConfig
+    shown: Sequence[Pieces], cameras: Sequence[Camera], owners: list[np.ndarray], next_label: int
 ) -> list[np.ndarray]:
-    """Owners with new labels for what nobody owns and is a person by size."""
-    cameras = list(zip(shown, owners, strict=True))
-    if sum(float(pixels.area_m2[owner == NOBODY].sum()) for pixels, owner in cameras) < PERSON_AREA_M2:
+    """Owners with new labels for the people of whose pixels nobody owns most."""
+    free = [owner == NOBODY for owner in owners]
+    if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, free, strict=True)) < PERSON_AREA_M2:
         return owners
-    people = find_people([pixels.only(owner == NOBODY) for pixels, owner in cameras], config)
-    label = np.minimum(next_label + np.arange(len(people.people) + 1), LAST_LABEL)
-    label[-1] = NOBODY
-    labelled = [owner.copy() for owner in owners]
-    for owner, of in zip(labelled, people.of, strict=True):
-        owner[owner == NOBODY] = label[of]
-    return labelled
+    people = see_people(shown, cameras)
+    of_pixels = [of for of in people.of if of is not None]
+    count = len(people.people) + 1  # the last one: nobody
+    free_m2, all_m2 = np.zeros(count), np.zeros(count)
+    for pixels, own, of in zip(shown, free, of_pixels, strict=True):
+        all_m2 += np.bincount(of % count, pixels.area_m2, count)
+        free_m2 += np.bincount(of[own] % count, pixels.area_m2[own], count)
+    new = np.flatnonzero((free_m2[:-1] > PERSON_AREA_M2) & (free_m2[:-1] > all_m2[:-1] / 2.0))
+    if not len(new):
+        return owners
+    label = np.full(count, NOBODY, np.uint8)
+    label[new] = np.minimum(next_label + np.arange(len(new)), LAST_LABEL)
+    return _grown(
+        shown, [np.where(own, label[of], owner) for own, of, owner in zip(free, of_pixels, owners, strict=True)]
+    )
 
 
 def _views(pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray]) -> tuple[View | None, ...]:

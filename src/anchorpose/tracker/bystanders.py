@@ -21,6 +21,7 @@ from anchorpose.body.evidence import Evidence, evidence_cost
 from anchorpose.body.explanation import seen_past
 from anchorpose.body.initial import find_rough_pose
 from anchorpose.body.limb_search import search_limbs
+from anchorpose.body.matched_places import LEAST_MATCHES, Matches, matches_of
 from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pace, Pose, PoseBelief, vague_belief
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.shape_prior import child_belief, shape_of_height
@@ -28,7 +29,6 @@ from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_bod
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
-from anchorpose.isolation.people import IsolationConfig
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
@@ -151,7 +151,7 @@ def follow_bystanders(
             return replace(last, wait=last.wait - 1)
         evidence = person_evidence(views, cameras, label)
         found = _follow(known[label], evidence, points, elapsed_s) if label in known else None
-        found = found or _find(label, evidence, points)
+        found = found or _find(label, evidence, matches_of(views, cameras, label), points)
         return found or Search(label, last.pause, min(2 * last.pause, LONGEST_PAUSE))
 
     now = each(next_of, _labels(views))
@@ -160,22 +160,18 @@ def follow_bystanders(
 
 
 def label_by_bodies(
-    pieces: Sequence[Pieces | None],
-    views: tuple[View | None, ...],
-    bystanders: Bystanders,
-    cameras: Sequence[Camera],
-    config: IsolationConfig,
+    pieces: Sequence[Pieces | None], views: tuple[View | None, ...], bystanders: Bystanders, cameras: Sequence[Camera]
 ) -> tuple[View | None, ...]:
     """The labels of a first frame once more, by the bodies that explain them; the same where the patient has none.
 
     Arms and legs that grew over the surface of people who touch go back to the body that has them.
     """
-    patient = rough_person(person_evidence(views, cameras, PixelLabel.PATIENT), thorough=True)
+    patient = rough_person(views, cameras, PixelLabel.PATIENT, thorough=True)
     if patient is None:
         return views
     posed = Bystander(PixelLabel.PATIENT, patient.body, patient.found.belief, np.zeros(POSE_SIZE), 1.0)
     likelihood = bystander_likelihood(Bystanders((posed, *bystanders.followed)), body_points(), 0.0)
-    return separate(pieces, update_memory(empty_memory(), pieces, views, cameras, 0.0), likelihood, 0.0, config)
+    return separate(pieces, update_memory(empty_memory(), pieces, views, cameras, 0.0), likelihood, 0.0, cameras)
 
 
 def _labels(views: Sequence[View | None]) -> list[int]:
@@ -225,11 +221,11 @@ def ordinary_body(points: SkinPoints) -> Body:
     return build_body(points, shape_of_height(points.asset, HEIGHT_M))
 
 
-def rough_body(body: Body, evidence: Evidence) -> Registration | None:
+def rough_body(body: Body, evidence: Evidence, matches: Matches) -> Registration | None:
     """A body of given shape where one person is seen, in any heading and posture; None where too little is seen."""
-    if len(evidence.surface) < LEAST_NODES:
+    if len(evidence.surface) < LEAST_NODES or len(matches) < LEAST_MATCHES:
         return None
-    pose = find_rough_pose(body, evidence, ROUGHLY)
+    pose = find_rough_pose(body, evidence, matches, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
     return found if found.found else None
 
@@ -241,21 +237,24 @@ class RoughPerson(NamedTuple):
     found: Registration
 
 
-def rough_person(evidence: Evidence, thorough: bool = False) -> RoughPerson | None:
+def rough_person(
+    views: Sequence[View | None], cameras: Sequence[Camera], label: int, thorough: bool = False
+) -> RoughPerson | None:
     """An adult where one person is seen, or a child as tall as what is seen; None as ``rough_body``.
 
     A child is tried where no adult fits; thorough: also where one does, since an adult who crouches may fit a child,
     and the one that explains more is taken.
     """
-    points = body_points()
-    adult = _rough_person(ordinary_body(points), evidence)
+    points, evidence = body_points(), person_evidence(views, cameras, label)
+    matches = matches_of(views, cameras, label)
+    adult = _rough_person(ordinary_body(points), evidence, matches)
     if adult is None or (_fits(adult, evidence) and not thorough):
         return adult
     bottom_m, top_m = np.percentile(evidence.surface.points_m[:, 1], [0.1, 99.9])
     height_m = float(top_m - min(bottom_m, 0.0))  # the world's origin is on the floor, or near it
     if height_m > TALLEST_CHILD_M:
         return adult
-    child = _rough_person(_child_body(points, round(max(height_m, SHORTEST_CHILD_M), 1)), evidence)
+    child = _rough_person(_child_body(points, round(max(height_m, SHORTEST_CHILD_M), 1)), evidence, matches)
     if child is None or not _fits(child, evidence):
         return adult
     return min((adult, child), key=lambda one: _cost(one, evidence)) if _fits(adult, evidence) else child
@@ -265,8 +264,8 @@ def _cost(one: RoughPerson, evidence: Evidence) -> float:
     return evidence_cost(one.body, one.found.belief.pose, evidence, ROUGHLY.reaches_m[-1], ROUGHLY)
 
 
-def _rough_person(body: Body, evidence: Evidence) -> RoughPerson | None:
-    found = rough_body(body, evidence)
+def _rough_person(body: Body, evidence: Evidence, matches: Matches) -> RoughPerson | None:
+    found = rough_body(body, evidence, matches)
     return None if found is None else RoughPerson(body, found)
 
 
@@ -280,9 +279,9 @@ def _child_body(points: SkinPoints, height_m: float) -> Body:
     return build_body(points, child_belief(points.asset).standing(points.asset, height_m, HEIGHT_SIGMA_M).shape)
 
 
-def _find(label: int, evidence: Evidence, points: SkinPoints) -> Bystander | None:
+def _find(label: int, evidence: Evidence, matches: Matches, points: SkinPoints) -> Bystander | None:
     body = ordinary_body(points)
-    found = rough_body(body, evidence)
+    found = rough_body(body, evidence, matches)
     if found is None:
         return None
     if not _is_person(body, found.belief.pose, evidence):

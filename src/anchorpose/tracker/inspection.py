@@ -178,7 +178,7 @@ def _initial_frames_nearby(route: Route, position: int, room: Room, config: Trac
 
 def _choose(route: Route, positions: Sequence[int], room: Room, config: TrackConfig) -> list[InitialFrame]:
     """The initial frame among some frames, chosen as ``track`` does; empty where nobody is seen."""
-    sightings = [sight_people(frame_set, room.scenes, config) for frame_set in route.frames(positions)]
+    sightings = [sight_people(frame_set, room.scenes) for frame_set in route.frames(positions)]
     equipment, place = room.recording.equipment, config.patient_xz_m
     return list(rank_initial_frames(positions, sightings, equipment, place, room.cameras)[:1])
 

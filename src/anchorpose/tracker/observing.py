@@ -16,7 +16,7 @@ from anchorpose.body.skin_points import Body, body_points
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
-from anchorpose.isolation.people import IsolationConfig, PatientChoice, find_people
+from anchorpose.isolation.people import IsolationConfig, PatientChoice, see_people
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel, View
@@ -53,14 +53,11 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isola
     """Who is who where nothing is known but where the patient stands."""
     with run.stage("isolation"):
         pieces = find_all_pieces(frame_set, run.room.scenes)
-        group = choice.group if choice.frame == frame_set.frame else None
-        views = separate_initial(
-            pieces, find_people(pieces, run.config.isolation, group, faint=group is not None), choice
-        )
+        views = separate_initial(pieces, see_people(pieces, run.room.cameras), choice)
     bystanders = see_bystanders(Bystanders(), views, 0.0, run)
     if bystanders.followed:
         with run.stage("bystanders"):
-            views = label_by_bodies(pieces, views, bystanders, run.room.cameras, run.config.isolation)
+            views = label_by_bodies(pieces, views, bystanders, run.room.cameras)
     return _isolated(pieces, views, empty_memory(), bystanders, 0.0, run)
 
 
@@ -136,7 +133,7 @@ def _separated(
     with run.stage("isolation"):
         others = bystander_likelihood(bystanders, body_points(), elapsed_s)
         likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
-        return separate(pieces, memory, likelihood, elapsed_s, run.config.isolation)
+        return separate(pieces, memory, likelihood, elapsed_s, run.room.cameras)
 
 
 def see_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:

@@ -12,38 +12,31 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.constraints import thin
-from anchorpose.body.initial import find_first_pose
 from anchorpose.calibration.calibration import Calibration, PoseRecord, PoseSource
 from anchorpose.calibration.clocks import Clocks, clocks_of_results, settle_clocks
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
-from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.other_place import usual_share, without_other_places
 from anchorpose.isolation.scene import Scene, set_scene
+from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import agreeing_poses
 from anchorpose.tracker.look import Look, look_around
-from anchorpose.tracker.observing import observe_first
+from anchorpose.tracker.observing import isolate_first
 from anchorpose.tracker.patient_choice import GIVEN_M, named_patient
-from anchorpose.tracker.prior_shape import ordinary_height_m, shapes_to_try
 from anchorpose.tracker.resting_objects import with_resting_objects
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
-from anchorpose.tracker.sighting import sight_people
+from anchorpose.tracker.sighting import rough_body_of, sight_people
 from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
 BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
 AROUND: Final = 6  # frames before and after the one in which the user named the patient: half a step each
-LOOKS: Final = 3  # frames, each 2 to 6 s of fitting
-HARDLY_MOVES: Final = (
-    "the patient hardly moves and might be furniture: only the shape, and more swaying than furniture shows, speak for "
-    "a person"
-)
-LEAST_RATIO: Final = 1.2  # of the next best heading's cost to the best one's: 1.3 to 3.8 where the patient is seen well
+LOOKS: Final = 3  # frames from which the heading is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +56,7 @@ def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_
     Raises InputError where poses cannot be found, or given ones cannot be right (``given_poses``).
     """
     settled = settle(recording, config, review)
-    scenes = scenes_of(settled, config)
+    scenes = scenes_of(settled)
     poses = agreeing_poses(settled.recording, settled.calibration, settled.clocks, scenes, settled.samples)
     settled = replace(settled, calibration=poses)
     return with_best_initial_frame(furnish_room(settled, config, review, scenes), config)
@@ -144,12 +137,9 @@ def furnish_room(
     unusable, unless all are.
     """
     recording, calibration = settled.recording, settled.calibration
-    scenes = scenes_of(settled, config) if scenes is None else scenes
+    scenes = scenes_of(settled) if scenes is None else scenes
     if config.patient_frame is not None:
         initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
-        if not initial:  # a person who never moves looks like furniture
-            scenes = scenes_of(settled, config, config.patient_xz_m)
-            initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:
             raise _nobody_named(recording, scenes, config, config.patient_frame)
         return Room(recording, settled.clocks, calibration, scenes, initial, review)
@@ -166,32 +156,14 @@ def look_for_patient(
 
     scenes: of every camera, where they are known already.
     """
-    scenes = scenes_of(settled, config) if scenes is None else scenes
+    scenes = scenes_of(settled) if scenes is None else scenes
     samples = settled.samples
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
     usable = [usable[k] for k in thin(len(usable), config.follow.samples)]  # samples of an empty room are more
-    look = _look(settled, usable, scenes, config)
-    if not look.initial_frames:  # who stands still all the time was taken for furniture
-        look = _look_for_still_person(settled, usable, look, config) or look
-    return look
-
-
-def _look(
-    settled: Settled, usable: Sequence[int], scenes: tuple[Scene, ...], config: TrackConfig, before: Look | None = None
-) -> Look:
     positions = [settled.chosen[k] for k in usable]
-    samples = [without_other_places(settled.samples[k], scenes) for k in usable]
-    return look_around(positions, samples, scenes, settled.recording.equipment, config, before)
-
-
-def _look_for_still_person(settled: Settled, usable: Sequence[int], before: Look, config: TrackConfig) -> Look | None:
-    """The person at the place that the user gave or, without one, who sways as no furniture does; None: nobody."""
-    named = config.patient_xz_m is not None
-    look = _look(settled, usable, scenes_of(settled, config, config.patient_xz_m, swaying=not named), config, before)
-    if not look.initial_frames:
-        return None
-    return look if named else replace(look, notes=(*look.notes, HARDLY_MOVES))
+    frames = [without_other_places(samples[k], scenes) for k in usable]
+    return look_around(positions, frames, scenes, settled.recording.equipment, config)
 
 
 def _frames_of_named(
@@ -203,9 +175,7 @@ def _frames_of_named(
     """
     here, last = _position(recording, frame), len(recording.streams[0].files)
     positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
-    sightings = [
-        sight_people(without_other_places(read_frame(recording, k), scenes), scenes, config) for k in positions
-    ]
+    sightings = [sight_people(without_other_places(read_frame(recording, k), scenes), scenes) for k in positions]
     named = named_patient(sightings, here - positions.start, np.array(config.patient_xz_m))
     if named is None:
         return ()
@@ -223,7 +193,7 @@ def _position(recording: Recording, frame: int) -> int:
 
 def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int) -> InputError:
     """That nobody is at the given place, and where people are."""
-    people = sight_people(read_frame(recording, _position(recording, frame)), scenes, config).people
+    people = sight_people(read_frame(recording, _position(recording, frame)), scenes).people
     seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in people)]
     where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"
     x, z = config.patient_xz_m or (np.nan, np.nan)
@@ -231,66 +201,43 @@ def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackCo
     return InputError(recording.folder, problem, "give another place or another frame")
 
 
-def scenes_of(
-    settled: Settled, config: TrackConfig, person_xz_m: tuple[float, float] | None = None, swaying: bool = False
-) -> tuple[Scene, ...]:
-    """Every camera's empty room; person_xz_m, swaying: as for ``learn_background``."""
-    equipment, floor_m = settled.recording.equipment, settled.calibration.floor_height_m
+def scenes_of(settled: Settled) -> tuple[Scene, ...]:
+    """Every camera's empty room."""
 
     def scene_of(number: int, camera: Camera) -> Scene:
-        empty = set_scene(camera, _background(settled, number, person_xz_m, swaying), equipment)
-        return with_resting_objects(empty, number, settled.samples, floor_m, equipment, config.patient_xz_m)
+        empty = set_scene(camera, _background(settled, number), settled.recording.equipment)
+        return with_resting_objects(empty, number, settled.samples)
 
     return tuple(scene_of(number, camera) for number, camera in enumerate(settled.calibration.cameras))
 
 
-def _background(
-    settled: Settled, number: int, person_xz_m: tuple[float, float] | None, swaying: bool
-) -> BackgroundModel:
+def _background(settled: Settled, number: int) -> BackgroundModel:
     recording, camera = settled.recording, settled.calibration.cameras[number]
     frames = [depth for sample in settled.samples if (depth := sample.depths_m[number]) is not None]
     if not frames:
         where = recording.folder / camera.name
         raise InputError(where, "none of the sampled depth images can be read", "record or copy this camera again")
-    model = learn_background(
-        recording.backgrounds_m[number],
-        frames,
-        camera,
-        settled.calibration.floor_height_m,
-        recording.equipment,
-        person_xz_m,
-        swaying,
-    )
+    floor_m, equipment = settled.calibration.floor_height_m, recording.equipment
+    model = learn_background(recording.backgrounds_m[number], frames, camera, floor_m, equipment)
     return replace(model, usual_share=usual_share(model.depth_m, model.sigma_m, frames))
 
 
 def heading_of_patient(
     room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
 ) -> int | None:
-    """Index of the level unit vector (3,) that the patient faces; None unless all frames clearly agree.
+    """Index of the level unit vector (3,) that the patient faces; None unless all frames agree.
 
     room: with an initial frame that indexes ``samples``. Several frames, because in a single one another person may be
     taken for a part of the patient.
     """
     looks = [one for one in room.initial_frames if one.choice.sure][:LOOKS]
-    costs = [cost for look in looks if (cost := _costs(room, samples[look.frame], look, headings, config)) is not None]
-    if not costs:
-        return None
-    ratios = np.array(costs)
-    best = int(np.log(ratios).sum(axis=0).argmin())
-    others = np.delete(ratios, best, axis=1).min(axis=1) / ratios[:, best]
-    sure = (others > 1.0).all() and float(np.exp(np.log(others).mean())) > LEAST_RATIO
-    return best if sure else None
+    faced = [facing for look in looks if (facing := _facing(room, samples[look.frame], look, config)) is not None]
+    nearest = {int(np.argmax([facing @ heading for heading in headings])) for facing in faced}
+    return nearest.pop() if len(nearest) == 1 else None
 
 
-def _costs(
-    room: Room, frame_set: FrameSet, look: InitialFrame, headings: Sequence[np.ndarray], config: TrackConfig
-) -> list[float] | None:
-    """Cost of the best body facing each way in one frame; None where too little of the patient is seen."""
-    seen = observe_first(frame_set, look.choice, ordinary_height_m(room.recording), Run(room, config))
-    if len(seen.surface) < config.registration.least_nodes:
-        return None
-    shape = replace(shapes_to_try(seen.surface, room, room.recording.subject, config), may_change=True)
-    angles = [(float(np.arctan2(-heading[2], heading[0])),) for heading in headings]
-    # anchors are named by a heading, so they are left out
-    return [find_first_pose(seen.evidence, no_anchors(), shape, config.registration, angle).cost for angle in angles]
+def _facing(room: Room, frame_set: FrameSet, look: InitialFrame, config: TrackConfig) -> np.ndarray | None:
+    """(3,) the level direction in which the patient faces in a frame; None where too little of them is seen."""
+    isolated = isolate_first(frame_set, look.choice, Run(room, config))
+    body = rough_body_of(isolated.views, room.cameras, PixelLabel.PATIENT)
+    return None if body is None else np.array([body.facing_xz[0], 0.0, body.facing_xz[1]])

@@ -10,12 +10,11 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import SAMPLE_PX, BystanderMemory, update_memory
-from anchorpose.isolation.people import PERSON_RADIUS_M, PatientChoice, Person, find_people, ground_distance
+from anchorpose.isolation.people import PERSON_RADIUS_M, PatientChoice, Person, ground_distance, see_people
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
-from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.patient_choice import outside_m
 from anchorpose.tracker.room import Room, Run
@@ -80,17 +79,17 @@ class Search:
         there before. It is the patient in the equipment, or if everybody else who was met is in view. Who comes in just
         after the patient has left is another person.
         """
-        pieces, config = find_all_pieces(frame_set, run.room.scenes), run.config
+        pieces, cameras = find_all_pieces(frame_set, run.room.scenes), run.room.cameras
         elapsed_s = frame_set.time_s - self._time_s
-        views = separate(pieces, self.memory, None, elapsed_s, config.isolation)
-        self.memory = update_memory(self.memory, pieces, views, run.room.cameras, elapsed_s)
+        views = separate(pieces, self.memory, None, elapsed_s, cameras)
+        self.memory = update_memory(self.memory, pieces, views, cameras, elapsed_s)
         self._time_s = frame_set.time_s
         if self._left and abs(frame_set.time_s - self._lost_s) < RETURN_S:
             self._met |= _people_in(views)
             self._newcomer = self.memory.next_label
         reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
-        people = find_people(pieces, config.isolation).people
-        axes = [one.ground_xz_m for one in people if self._may_be_patient(one, pieces, views, reach_m, config)]
+        people = see_people(pieces, cameras).people
+        axes = [one.ground_xz_m for one in people if self._may_be_patient(one, pieces, views, reach_m)]
         if not axes:
             return NoStart.NOBODY_NEW if people else NoStart.NOBODY_THERE
         nearest = min(axes, key=lambda axis: float(np.linalg.norm(axis - self._place_xz_m)))
@@ -106,17 +105,12 @@ class Search:
         return not self._met <= _people_in(views)
 
     def _may_be_patient(
-        self,
-        person: Person,
-        pieces: Sequence[Pieces | None],
-        views: Sequence[View | None],
-        reach_m: float,
-        config: TrackConfig,
+        self, person: Person, pieces: Sequence[Pieces | None], views: Sequence[View | None], reach_m: float
     ) -> bool:
         """Whether a person is near enough to have come from there and is not a bystander who was followed meanwhile."""
         if np.linalg.norm(person.ground_xz_m - self._place_xz_m) > reach_m:
             return False
-        labels = _labels_about(person.ground_xz_m, pieces, views, config)
+        labels = _labels_about(person.ground_xz_m, pieces, views)
         known = (labels >= PixelLabel.OTHER_PERSON) & (labels < self._newcomer)
         return float(np.mean(known)) < BYSTANDER
 
@@ -167,9 +161,7 @@ def _reach_m(patient: np.ndarray, depth_m: np.ndarray, focal_px: float) -> float
     return float(np.percentile((column - first_px[row]) * depth_m[row, column] / focal_px, 95))
 
 
-def _labels_about(
-    axis_xz_m: np.ndarray, pieces: Sequence[Pieces | None], views: Sequence[View | None], config: TrackConfig
-) -> np.ndarray:
+def _labels_about(axis_xz_m: np.ndarray, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> np.ndarray:
     """(n,) uint8 labels of every third pixel of the people that stands about an axis."""
     found = [np.zeros(0, np.uint8)]
     for piece, view in zip(pieces, views, strict=True):

@@ -14,14 +14,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.body.explanation import explain
-from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose, likely_headings
-from anchorpose.body.limb_search import rarity
+from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
+from anchorpose.body.limb_search import rarity, search_limbs
+from anchorpose.body.matched_places import LEAST_MATCHES, Matches, matches_of
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, vague_belief
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.other_place import without_other_places
 from anchorpose.isolation.people import PatientChoice
+from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.reader import read_frame
@@ -40,7 +42,6 @@ from anchorpose.tracker.sighting import SeenPerson, Sighting
 SEEN = 0.3  # of the skin of a forearm or shank: half of it faces a camera
 USUAL = 60.0  # squared deviations of all joint ranges: right first poses have 15 to 60, wrong ones over 100
 LEAST_QUALITY = 0.25  # where no equipment says that a person is there: right ones have 0.35, one in a crowd had less
-HEADINGS = 2  # that are tried: rough bodies mistake a back for a front in one of ten
 LEAST_TRUNK = 0.05  # of the skin of trunk and head: a face, or what is seen of a chest between others
 MOST_DEVIATIONS = 3.0  # of a statistical component: one adult in a thousand
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
@@ -66,20 +67,24 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     """The patient in this frame, or why there is none. known: the learnt shape, if there is one already."""
     points, room, config = body_points(), run.room, run.config
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run)
-    if len(observation.surface) < config.registration.least_nodes:
+    matches = matches_of(observation.evidence.views, room.cameras, PixelLabel.PATIENT)
+    if len(observation.surface) < config.registration.least_nodes or len(matches) < LEAST_MATCHES:
         return NoStart.TOO_LITTLE_SEEN
-    first = _first_body(observation, run, known)
+    first = _first_body(observation, matches, run, known)
     if known is None and not _is_likely(first, room.recording.subject):
         return NoStart.NOT_HUMAN
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
+    if found.found:  # sides that the descriptor exchanged, and limbs that it left out
+        vague = vague_belief(found.belief.pose)
+        found = search_limbs(body, found, vague, observation.evidence, config.registration).registration
     start = Start(observation, first.shape, found.belief, found.explained)
     if not found.found or found.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
     return _why_not(start, run) or start
 
 
-def _first_body(seen: Observation, run: Run, known: FittedShape | None) -> FirstPose:
+def _first_body(seen: Observation, matches: Matches, run: Run, known: FittedShape | None) -> FirstPose:
     """The first pose with the learnt body, else with one that may still change.
 
     Where what is stated about the patient allows no likely body, the images decide without it.
@@ -87,11 +92,11 @@ def _first_body(seen: Observation, run: Run, known: FittedShape | None) -> First
     subject, config = run.room.recording.subject, run.config
     if known is not None:
         belief = likeliest(known_beliefs(subject, config), known)
-        return _first_pose(seen, FirstShape((replace(belief, shape=known),), may_change=False), run)
-    first = _first_pose(seen, shapes_to_try(seen.surface, run.room, subject, config), run)
+        return _first_pose(seen, matches, FirstShape((replace(belief, shape=known),), may_change=False), run)
+    first = _first_pose(seen, matches, shapes_to_try(seen.surface, run.room, subject, config), run)
     if _is_likely(first, subject) or subject == subject.unmeasured:
         return first
-    return _first_pose(seen, shapes_to_try(seen.surface, run.room, subject.unmeasured, config), run)
+    return _first_pose(seen, matches, shapes_to_try(seen.surface, run.room, subject.unmeasured, config), run)
 
 
 def _is_likely(first: FirstPose, subject: Subject) -> bool:
@@ -100,10 +105,9 @@ def _is_likely(first: FirstPose, subject: Subject) -> bool:
     return (subject.height_m is not None or is_human(first.shape)) and bool(deviations.max() < MOST_DEVIATIONS)
 
 
-def _first_pose(seen: Observation, shape: FirstShape, run: Run) -> FirstPose:
-    headings, config = _headings(seen, shape, run), run.config.registration
+def _first_pose(seen: Observation, matches: Matches, shape: FirstShape, run: Run) -> FirstPose:
     with run.stage("first pose"):
-        return find_first_pose(seen.evidence, seen.anchors, shape, config, headings, seen.geodesics)
+        return find_first_pose(seen.evidence, matches, shape, run.config.registration)
 
 
 def _why_not(start: Start, run: Run) -> NoStart | None:
@@ -129,14 +133,6 @@ def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
     """
     trunk = unit(joints_m[JOINT_INDEX["SpineShoulder"]] - joints_m[JOINT_INDEX["SpineBase"]])
     return bool(trunk[1] > UPRIGHT and posed.points_m[:, 1].min() > floor_m + HANGS_M)
-
-
-def _headings(seen: Observation, shape: FirstShape, run: Run) -> tuple[float, ...]:
-    """Which way the patient may face: along X in the equipment, elsewhere as rough bodies find it."""
-    if run.room.recording.equipment is not None:
-        return (0.0,)
-    body = build_body(body_points(), shape.tried[0].shape)
-    return likely_headings(body, seen.evidence, run.config.registration, HEADINGS)
 
 
 def quality(start: Start) -> float:
@@ -233,8 +229,8 @@ def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: f
     whole, apart = min(one.person.area_m2 / ordinary_m2, 1.0), min(min(away_m, default=CROWDED_M) / CROWDED_M, 1.0)
     explained = 1.0 if one.body is None else one.body.explained
     score = explained * whole * apart * (1.0 if len(people) >= usual else MERGED)
-    choice = PatientChoice(place, patient.reason, patient.sure, sighting.frame, sighting.group, patient.rival_xz_m)
-    return InitialFrame(shown.frame, choice, round(score, 1), whole, one.body is None)
+    choice = PatientChoice(place, patient.reason, patient.sure, sighting.frame, patient.rival_xz_m)
+    return InitialFrame(shown.frame, choice, round(score, 1), whole, len(people) == 1)
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:

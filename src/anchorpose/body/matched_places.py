@@ -1,0 +1,124 @@
+"""Match pixels to places on the body by the learnt descriptor, and fit the body's pose to the matches.
+
+The paper matches nodes whose geodesic distances agree (Definition 5). The learnt descriptor gives the place on the skin
+itself, so that a single frame has matches all over the body, and the pose needs no start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from anchorpose.body.constraints import Constraints, thin
+from anchorpose.body.fit import damped_step
+from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, Pose
+from anchorpose.body.skin_points import Body, SkinPoints, pose_points
+from anchorpose.camera import Camera, transform_points
+from anchorpose.descriptor.learnt import described
+from anchorpose.isolation.view import View
+
+LEAST_MATCHES: Final = 30  # 60 cm2 at two metres: a hand
+MATCHES: Final = 800  # a person at two metres has 2,000; more only cost time
+LEAST_SIGMA_M: Final = 0.03  # of a match: skin points are as far apart, and clothes as thick
+MATCHES_PER_OBSERVATION: Final = 10.0  # the network is wrong about whole parts, not about pixels
+SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
+"""Distance at which a match counts a quarter, in each step: from a limb's length down to a limb's width."""
+
+_NO_KERNEL_M: Final = 1e3  # the weights of the rows are robust already
+_ALIGNING: Final = 8  # steps of the reweighted alignment of the trunk
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matches:
+    """place (n, 3): on the standing mean adult of stature 1, X forward, Y up from the floor, Z right; target_m (n, 3):
+    in the world; error (n,): expected distance of place from the truth, in statures."""
+
+    place: np.ndarray
+    target_m: np.ndarray
+    error: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.place)
+
+
+def matches_of(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Matches:
+    """Return the matches of all pixels of a label that the descriptor takes for a person."""
+    found = [_matches_of(view, camera, label) for view, camera in zip(views, cameras, strict=True) if view is not None]
+    if not found:
+        return Matches(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    return Matches(*(np.concatenate([getattr(one, name) for one in found]) for name in Matches.__slots__))
+
+
+def _matches_of(view: View, camera: Camera, label: int) -> Matches:
+    said = described(view.depth_m, camera)
+    own = (said.person >= 0.5) & (view.labels[said.row, said.column] == label)
+    row, column = said.row[own], said.column[own]
+    depth_m = view.depth_m[row, column, None]
+    seen_m = np.concatenate([camera.pixel_rays()[row, column] * depth_m, depth_m], axis=1)
+    return Matches(said.place[own], transform_points(camera.require_pose(), seen_m), said.error[own])
+
+
+def fit_matches(body: Body, matches: Matches) -> Pose:
+    """Return the pose that brings the skin closest to its matched places; gross errors lose their weight.
+
+    Raises ValueError for fewer than ``LEAST_MATCHES``.
+    """
+    if len(matches) < LEAST_MATCHES:
+        raise ValueError(f"a pose needs {LEAST_MATCHES} matches, these are {len(matches)}")
+    chosen = thin(len(matches), MATCHES)
+    point, target_m = _skin_at(body.points, matches.place[chosen]), matches.target_m[chosen]
+    sigma_m = np.maximum(matches.error[chosen] * np.ptp(body.rest_m[:, 1]), LEAST_SIGMA_M)
+    pose = _aligned(body, point, target_m, sigma_m)
+    for scale_m in SCALES_M:
+        rows = _rows(pose_points(body, pose).points_m, point, target_m, sigma_m, scale_m)
+        pose = damped_step(body, pose, rows, None, MATCHES_PER_OBSERVATION)
+    return pose
+
+
+def _rows(
+    posed_m: np.ndarray, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray, scale_m: float
+) -> Constraints:
+    """Three rows per match, with one robust weight (Geman and McClure) of the match's whole distance."""
+    away_m = np.linalg.norm(posed_m[point] - target_m, axis=1)
+    spread_m = np.repeat(sigma_m * (1.0 + (away_m / scale_m) ** 2), 3)
+    direction = np.tile(np.eye(3), (len(point), 1))
+    return Constraints(
+        np.repeat(point, 3), np.repeat(target_m, 3, axis=0), direction, spread_m, np.full(len(spread_m), _NO_KERNEL_M)
+    )
+
+
+@cache
+def _tree(points: SkinPoints) -> cKDTree:
+    """Of the skin points on the standing mean adult of stature 1."""
+    skin = points.asset.vertices
+    place = skin[points.vertex] - [0.0, skin[:, 1].min(), 0.0]
+    return cKDTree(place / np.ptp(skin[:, 1]))
+
+
+def _skin_at(points: SkinPoints, place: np.ndarray) -> np.ndarray:
+    """(n,) the skin point nearest to each place (n, 3)."""
+    return np.asarray(_tree(points).query(place)[1])
+
+
+def _aligned(body: Body, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray) -> Pose:
+    """The rest pose, turned and moved so that the trunk lies on its matches; all of the body where it has too few."""
+    asset = body.points.asset
+    rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
+    trunk = np.isin(body.points.part[point], body.points.moving[LIMB_OF_BONES == TRUNK])
+    used = trunk if trunk.sum() >= LEAST_MATCHES else np.ones(len(point), dtype=bool)
+    own_m = pose_points(body, Pose(rotations, np.zeros(3))).points_m[point[used]]
+    to_m, weight, turn = target_m[used], sigma_m[used] ** -2, Rotation.identity()
+    for _ in range(_ALIGNING):
+        middle, goal = np.average(own_m, axis=0, weights=weight), np.average(to_m, axis=0, weights=weight)
+        turn, _ = Rotation.align_vectors(to_m - goal, own_m - middle, weights=weight)
+        away_m = np.linalg.norm(turn.apply(own_m - middle) + goal - to_m, axis=1)
+        weight = (sigma_m[used] * (1.0 + (away_m / SCALES_M[-1]) ** 2)) ** -2
+    rotations[asset.bone("Hips")] = turn.as_matrix()
+    turned_m = pose_points(body, Pose(rotations, np.zeros(3))).points_m[point[used]]
+    return Pose(rotations, np.average(to_m - turned_m, axis=0, weights=weight))
