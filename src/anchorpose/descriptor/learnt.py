@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from anchorpose.camera import Camera
-from anchorpose.errors import InputError, MissingPackage
+from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics, lens_array, project, rays_of_pixels
 from anchorpose.recording.regular_file import read_whole
 
@@ -85,12 +85,10 @@ def stored_weights() -> Weights:
 def read_weights(path: Path) -> Weights:
     """Read weights that ``tools/train_descriptor.py`` exported: a line of JSON, then the network in ONNX.
 
-    Raises InputError for a file that is none or is damaged, and MissingPackage without onnxruntime.
+    Raises InputError for a file that is none or is damaged.
     """
-    try:
-        import onnxruntime
-    except ModuleNotFoundError as error:
-        raise MissingPackage("the learnt descriptor", "onnxruntime", "descriptor") from error
+    import onnxruntime
+
     head, network = _parts(path)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1  # one order of sums: the same bytes on each run
