@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 from anchorpose.body.constraints import Constraints, thin
 from anchorpose.body.fit import damped_step
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, Pose
-from anchorpose.body.skin_points import Body, SkinPoints, pose_points
+from anchorpose.body.shape_prior import shape_of_height
+from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import described
 from anchorpose.isolation.view import View
@@ -30,6 +31,9 @@ MATCHES_PER_OBSERVATION: Final = 10.0  # the network is wrong about whole parts,
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
 """Distance at which a match counts a quarter, in each step: from a limb's length down to a limb's width."""
 
+MEAN_STATURE_M: Final = 1.70  # to begin with
+STATURES_M: Final = (0.90, 2.15)  # one person in a thousand is shorter or taller, with the error of one frame
+_SCALINGS: Final = 3  # 4, 3 and 2 % off in the median
 _NO_KERNEL_M: Final = 1e3  # the weights of the rows are robust already
 _ALIGNING: Final = 8  # steps of the reweighted alignment of the trunk
 
@@ -79,6 +83,28 @@ def fit_matches(body: Body, matches: Matches) -> Pose:
         rows = _rows(pose_points(body, pose).points_m, point, target_m, sigma_m, scale_m)
         pose = damped_step(body, pose, rows, None, MATCHES_PER_OBSERVATION)
     return pose
+
+
+def stature_of(matches: Matches) -> float:
+    """Return the standing height (m) of the person who is matched, within 3 % in half of all single frames.
+
+    An adult of any height is fitted and scaled so that the matches are as far apart as on the body. Raises as
+    ``fit_matches``.
+    """
+    points, stature_m = body_points(), MEAN_STATURE_M
+    chosen = thin(len(matches), MATCHES)
+    point, target_m = _skin_at(points, matches.place[chosen]), matches.target_m[chosen]
+    for _ in range(_SCALINGS):
+        body = build_body(points, shape_of_height(points.asset, stature_m))
+        own_m = pose_points(body, fit_matches(body, matches)).points_m[point]
+        sigma_m = np.maximum(matches.error[chosen] * stature_m, LEAST_SIGMA_M)
+        away_m = np.linalg.norm(own_m - target_m, axis=1)
+        weight = (sigma_m * (1.0 + (away_m / SCALES_M[-1]) ** 2)) ** -2
+        own_m = own_m - np.average(own_m, axis=0, weights=weight)
+        to_m = target_m - np.average(target_m, axis=0, weights=weight)
+        scale = (weight[:, None] * own_m * to_m).sum() / (weight[:, None] * own_m**2).sum()
+        stature_m = float(np.clip(stature_m * scale, *STATURES_M))
+    return stature_m
 
 
 def _rows(

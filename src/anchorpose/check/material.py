@@ -10,8 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.body.constraints import thin
-from anchorpose.body.matched_places import matches_of
-from anchorpose.body.skin_points import body_points, pose_points
+from anchorpose.body.skin_points import pose_points
 from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
@@ -29,7 +28,7 @@ from anchorpose.recording.recording import (
     nominal_period_s,
     pair_frames,
 )
-from anchorpose.tracker.bystanders import ordinary_body, person_evidence, rough_body
+from anchorpose.tracker.bystanders import rough_person
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.look import Look
 from anchorpose.tracker.preparation import Settled, look_for_patient, sample_recording, settle
@@ -227,12 +226,10 @@ def _look_closely(frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[S
 def _hidden(views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
     """(cameras,) share of a rough body's skin turned to each camera that equipment or people hide; NaN without one."""
     hidden = np.full(len(cameras), np.nan)
-    body = ordinary_body(body_points())
-    matches = matches_of(views, cameras, PixelLabel.PATIENT)
-    found = rough_body(body, person_evidence(views, cameras, PixelLabel.PATIENT), matches)
-    if found is None:
+    person = rough_person(views, cameras, PixelLabel.PATIENT)
+    if person is None:
         return hidden
-    posed = pose_points(body, found.belief.pose)
+    posed = pose_points(person.body, person.found.belief.pose)
     for index, (view, camera) in enumerate(zip(views, cameras, strict=True)):
         if view is not None:
             reason, facing = skin_reasons(posed, view, camera, REACH_M)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,11 +17,11 @@ from numba import njit
 
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
-from anchorpose.body.evidence import Evidence, evidence_cost
+from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import seen_past
 from anchorpose.body.initial import find_rough_pose
 from anchorpose.body.limb_search import search_limbs
-from anchorpose.body.matched_places import LEAST_MATCHES, Matches, matches_of
+from anchorpose.body.matched_places import LEAST_MATCHES, matches_of, stature_of
 from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pace, Pose, PoseBelief, vague_belief
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.shape_prior import child_belief, shape_of_height
@@ -62,8 +62,8 @@ ROUGHLY: Final = RegistrationConfig(
 
 WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # a person who walks
 
-HEIGHT_M: Final = 1.72  # of an adult of whom nothing else is known
-SHORTEST_CHILD_M, TALLEST_CHILD_M = 1.0, 1.5  # standing: a child whose legs are hidden is seen as shorter
+TALLEST_CHILD_M: Final = 1.5  # who is taller has an adult's proportions
+STATURE_STEP_M: Final = 0.05  # the error of a stature by one frame
 HEIGHT_SIGMA_M: Final = 0.01  # of a child's height: to a decimetre it is as given
 LEAST_EXPLAINED: Final = 0.75  # share of a person's nodes that the body must account for; otherwise there is no body
 MOST_TRUNK_PAST: Final = 0.25  # share of the trunk that a camera sees past; rough bodies are a few centimetres off
@@ -151,7 +151,7 @@ def follow_bystanders(
             return replace(last, wait=last.wait - 1)
         evidence = person_evidence(views, cameras, label)
         found = _follow(known[label], evidence, points, elapsed_s) if label in known else None
-        found = found or _find(label, evidence, matches_of(views, cameras, label), points)
+        found = found or _find(label, views, cameras, evidence)
         return found or Search(label, last.pause, min(2 * last.pause, LONGEST_PAUSE))
 
     now = each(next_of, _labels(views))
@@ -166,7 +166,7 @@ def label_by_bodies(
 
     Arms and legs that grew over the surface of people who touch go back to the body that has them.
     """
-    patient = rough_person(views, cameras, PixelLabel.PATIENT, thorough=True)
+    patient = rough_person(views, cameras, PixelLabel.PATIENT)
     if patient is None:
         return views
     posed = Bystander(PixelLabel.PATIENT, patient.body, patient.found.belief, np.zeros(POSE_SIZE), 1.0)
@@ -216,20 +216,6 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
     return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s)
 
 
-def ordinary_body(points: SkinPoints) -> Body:
-    """The body of an adult of whom nothing is known."""
-    return build_body(points, shape_of_height(points.asset, HEIGHT_M))
-
-
-def rough_body(body: Body, evidence: Evidence, matches: Matches) -> Registration | None:
-    """A body of given shape where one person is seen, in any heading and posture; None where too little is seen."""
-    if len(evidence.surface) < LEAST_NODES or len(matches) < LEAST_MATCHES:
-        return None
-    pose = find_rough_pose(body, evidence, matches, ROUGHLY)
-    found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
-    return found if found.found else None
-
-
 class RoughPerson(NamedTuple):
     """A person's body of ordinary shape, and how it lies on what is seen."""
 
@@ -237,53 +223,31 @@ class RoughPerson(NamedTuple):
     found: Registration
 
 
-def rough_person(
-    views: Sequence[View | None], cameras: Sequence[Camera], label: int, thorough: bool = False
-) -> RoughPerson | None:
-    """An adult where one person is seen, or a child as tall as what is seen; None as ``rough_body``.
-
-    A child is tried where no adult fits; thorough: also where one does, since an adult who crouches may fit a child,
-    and the one that explains more is taken.
-    """
-    points, evidence = body_points(), person_evidence(views, cameras, label)
-    matches = matches_of(views, cameras, label)
-    adult = _rough_person(ordinary_body(points), evidence, matches)
-    if adult is None or (_fits(adult, evidence) and not thorough):
-        return adult
-    bottom_m, top_m = np.percentile(evidence.surface.points_m[:, 1], [0.1, 99.9])
-    height_m = float(top_m - min(bottom_m, 0.0))  # the world's origin is on the floor, or near it
-    if height_m > TALLEST_CHILD_M:
-        return adult
-    child = _rough_person(_child_body(points, round(max(height_m, SHORTEST_CHILD_M), 1)), evidence, matches)
-    if child is None or not _fits(child, evidence):
-        return adult
-    return min((adult, child), key=lambda one: _cost(one, evidence)) if _fits(adult, evidence) else child
+def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughPerson | None:
+    """Return an ordinary body of the stature that is seen, where the person with a label is; None: too little seen."""
+    evidence, matches = person_evidence(views, cameras, label), matches_of(views, cameras, label)
+    if len(evidence.surface) < LEAST_NODES or len(matches) < LEAST_MATCHES:
+        return None
+    body = ordinary_body(body_points(), round(stature_of(matches) / STATURE_STEP_M))
+    pose = find_rough_pose(body, evidence, matches, ROUGHLY)
+    found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
+    return RoughPerson(body, found) if found.found else None
 
 
-def _cost(one: RoughPerson, evidence: Evidence) -> float:
-    return evidence_cost(one.body, one.found.belief.pose, evidence, ROUGHLY.reaches_m[-1], ROUGHLY)
-
-
-def _rough_person(body: Body, evidence: Evidence, matches: Matches) -> RoughPerson | None:
-    found = rough_body(body, evidence, matches)
-    return None if found is None else RoughPerson(body, found)
-
-
-def _fits(one: RoughPerson, evidence: Evidence) -> bool:
-    return one.found.explained >= LEAST_EXPLAINED and _is_person(one.body, one.found.belief.pose, evidence)
-
-
-@cache
-def _child_body(points: SkinPoints, height_m: float) -> Body:
-    """The body of a child of whom nothing but the height is known."""
+@lru_cache(maxsize=16)
+def ordinary_body(points: SkinPoints, steps: int) -> Body:
+    """The body of an adult or a child of whom nothing is known but the height, in steps of ``STATURE_STEP_M``."""
+    height_m = steps * STATURE_STEP_M
+    if height_m >= TALLEST_CHILD_M:
+        return build_body(points, shape_of_height(points.asset, height_m))
     return build_body(points, child_belief(points.asset).standing(points.asset, height_m, HEIGHT_SIGMA_M).shape)
 
 
-def _find(label: int, evidence: Evidence, matches: Matches, points: SkinPoints) -> Bystander | None:
-    body = ordinary_body(points)
-    found = rough_body(body, evidence, matches)
-    if found is None:
+def _find(label: int, views: Sequence[View | None], cameras: Sequence[Camera], evidence: Evidence) -> Bystander | None:
+    person = rough_person(views, cameras, label)
+    if person is None:
         return None
+    body, found = person
     if not _is_person(body, found.belief.pose, evidence):
         found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
     if found.explained < LEAST_EXPLAINED or not _is_person(body, found.belief.pose, evidence):

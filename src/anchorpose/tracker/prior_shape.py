@@ -9,12 +9,11 @@ from typing import Final, Literal
 import numpy as np
 
 from anchorpose.body.initial import FirstShape
+from anchorpose.body.matched_places import STATURES_M
 from anchorpose.body.shape_prior import ShapeBelief, adult_belief, child_belief, shape_of_height, standing_height
 from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.recording.recording import Recording, Subject
-from anchorpose.surface.surface import Nodes
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.room import Room
 
 Sex = Literal["female", "male"]
 
@@ -83,11 +82,7 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
 
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CHILD_HEIGHTS_M = (0.95, 1.55)
-HUMAN_M = (0.90, 2.15)  # one person in a thousand is shorter or taller, with the error of one frame
-CUT_OFF = 1.08  # feet cut off by the image border or lost on the floor are a twelfth of the height
-SEATED_BELOW_M = 1.35  # an adult seen no taller sits or is half hidden: then the extent says nothing about the height
 ORDINARY_HEIGHT_M = 1.70  # of an adult whose height is not given
-ORDINARY_HEIGHTS_M = (1.60, 1.75)
 CONTRADICTS = 3.0  # standard deviations by which a stated height and the images may differ
 SYSTEMATIC_M = 0.02  # of a height by the images: shoes, hair and a body unlike the model
 TRIED_SIGMA_M = 0.01  # of a height that a body is tried with
@@ -122,41 +117,22 @@ def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief
     return min(beliefs, key=lambda belief: belief.common(asset).cost(shape))
 
 
-def shapes_to_try(surface: Nodes, room: Room, subject: Subject, config: TrackConfig) -> FirstShape:
-    """Bodies to begin with, of the heights that the surface may have, and of what is stated about the patient."""
-    asset = body_points().asset
-    beliefs = known_beliefs(subject, config)
-    tried = list[ShapeBelief]()
-    for belief in beliefs:
+def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> FirstShape:
+    """Return the bodies to begin with, of the stature that is seen or stated, and of what is stated about the patient.
+
+    A child's only where one may be so tall, or the age is that of a child.
+    """
+    asset, tried = body_points().asset, list[ShapeBelief]()
+    seen_m = stature_m if subject.height_m is None else subject.height_m
+    for belief in known_beliefs(subject, config):
         child = belief.mean[0] != 0.0
-        heights_m = _child_heights(surface, room, subject) if child else adult_heights(surface, room)
-        for height_m in heights_m if subject.height_m is None else (subject.height_m,):
-            shape = belief.standing(asset, height_m, TRIED_SIGMA_M).shape if child else shape_of_height(asset, height_m)
-            shape = replace(shape, missing=belief.shape.missing)
-            tried.append(replace(belief.common(asset), shape=shape))
+        shortest, tallest = CHILD_HEIGHTS_M if child else ADULT_HEIGHTS_M
+        if child and subject.age_years is None and not shortest <= seen_m <= tallest:
+            continue
+        height_m = seen_m if subject.height_m is not None else float(np.clip(seen_m, shortest, tallest))
+        shape = belief.standing(asset, height_m, TRIED_SIGMA_M).shape if child else shape_of_height(asset, height_m)
+        tried.append(replace(belief.common(asset), shape=replace(shape, missing=belief.shape.missing)))
     return FirstShape(tried, config.learning.own_shape)
-
-
-def adult_heights(surface: Nodes, room: Room) -> Sequence[float]:
-    """Standing heights of adults to try: what is seen and a little more."""
-    extent = _extent_m(surface, room)
-    if extent < SEATED_BELOW_M:
-        return ORDINARY_HEIGHTS_M
-    return tuple(float(np.clip(extent * factor, *ADULT_HEIGHTS_M)) for factor in (1.0, CUT_OFF))
-
-
-def _child_heights(surface: Nodes, room: Room, subject: Subject) -> Sequence[float]:
-    """The same of children: none where an adult is seen, or where no child would be so small standing."""
-    extent, (shortest, tallest) = _extent_m(surface, room), CHILD_HEIGHTS_M
-    standing = tuple(extent * factor for factor in (1.0, CUT_OFF) if shortest <= extent * factor <= tallest)
-    return standing if standing or subject.age_years is None else (stature_m(subject.age_years, subject.sex)[0],)
-
-
-def _extent_m(surface: Nodes, room: Room) -> float:
-    """From the top of what is seen to its bottom, or to the floor."""
-    top, bottom = np.percentile(surface.points_m[:, 1], [99.9, 0.1])
-    floor = room.calibration.floor_height_m
-    return float(top - (bottom if floor is None else min(floor, bottom)))
 
 
 def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> str:
@@ -182,5 +158,5 @@ def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> s
 
 def is_human(shape: FittedShape) -> bool:
     """Whether a person may be as short or as tall: the model cannot be fitted to half a person."""
-    shortest, tallest = HUMAN_M
+    shortest, tallest = STATURES_M
     return shortest < standing_height(body_points().asset, shape)[0] < tallest

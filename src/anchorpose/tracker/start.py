@@ -16,7 +16,7 @@ import numpy as np
 from anchorpose.body.explanation import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
 from anchorpose.body.limb_search import rarity, search_limbs
-from anchorpose.body.matched_places import LEAST_MATCHES, Matches, matches_of
+from anchorpose.body.matched_places import LEAST_MATCHES, Matches, matches_of, stature_of
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, vague_belief
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
@@ -93,10 +93,11 @@ def _first_body(seen: Observation, matches: Matches, run: Run, known: FittedShap
     if known is not None:
         belief = likeliest(known_beliefs(subject, config), known)
         return _first_pose(seen, matches, FirstShape((replace(belief, shape=known),), may_change=False), run)
-    first = _first_pose(seen, matches, shapes_to_try(seen.surface, run.room, subject, config), run)
+    stature_m = stature_of(matches)
+    first = _first_pose(seen, matches, shapes_to_try(stature_m, subject, config), run)
     if _is_likely(first, subject) or subject == subject.unmeasured:
         return first
-    return _first_pose(seen, matches, shapes_to_try(seen.surface, run.room, subject.unmeasured, config), run)
+    return _first_pose(seen, matches, shapes_to_try(stature_m, subject.unmeasured, config), run)
 
 
 def _is_likely(first: FirstPose, subject: Subject) -> bool:
