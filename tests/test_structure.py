@@ -20,8 +20,8 @@ PACKAGE = ROOT / "src" / "anchorpose"
 
 FLOW = (
     "recording",
-    "calibration",
     "descriptor",
+    "calibration",
     "isolation",
     "surface",
     "geodesics",

@@ -1,46 +1,57 @@
-"""Who the learnt descriptor finds in single images of real rooms, against people labelled by eye.
+"""Who is found in single images of real rooms, against people labelled by eye.
 
-Each image stands alone: nobody moves in it. Found: most pixels of a found person lie in the box of a labelled one.
+Each image stands alone, as if nobody ever moved: the room is learnt from it alone. Found: most pixels of a found person
+lie in the box of a labelled one. Wrong: a found person whose pixels lie in no box.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from probe import Row, Scene, answer
 
-from anchorpose.descriptor.learnt import Described, describe
-from anchorpose.descriptor.people import FoundPerson, find_people
+from anchorpose.descriptor.learnt import describe
+from anchorpose.descriptor.people import find_people
+from anchorpose.isolation.people import see_people
+from anchorpose.isolation.scene import find_all_pieces
+from anchorpose.isolation.separation import label_people
+from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.recording import FrameSet
 from anchorpose.research.benchmark.labels import LabelledPerson, read_labels
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.patient_choice import HUMAN, MOST_PAST
+from anchorpose.tracker.preparation import Settled, scenes_of, settle
+from anchorpose.tracker.sighting import rough_body_of
 
 LABELS: Final = Path(__file__).resolve().parent.parent / "labels"
 INSIDE: Final = 0.7
 SURE: Final = (0.5, 0.7, 0.8, 0.9)  # least mean probability of a person's pixels
 
+Pixels = tuple[np.ndarray, np.ndarray]
+
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Yield a row for each least certainty, over all labelled images."""
+    """Yield a row for each least certainty of the descriptor, and one for people whom a body explains."""
     recording = open_recording(scene.recording)
+    settled = settle(recording, TrackConfig())
     labelled = read_labels(LABELS, scene.recording.name, "first")
-    counts = {sure: np.zeros(4) for sure in SURE}
+    counts = {title: np.zeros(4) for title in (*(f"certainty from {sure:g}" for sure in SURE), "a body explains it")}
     for frames in read_frames(recording):
-        depth_m = frames.depths_m[0]
-        if frames.frame not in labelled or depth_m is None:
+        if frames.frame not in labelled or frames.depths_m[0] is None:
             continue
-        said = describe(depth_m, recording.cameras[0])
-        found, people = find_people(said, depth_m), labelled[frames.frame]
-        for sure in SURE:
-            owners = [_owner(person, said, people) for person in found if person.certainty >= sure]
+        people = labelled[frames.frame]
+        for title, found in _found(frames, settled):
+            owners = [_owner(pixels, people) for pixels in found]
             plain = [number for number, person in enumerate(people) if person.plain]
-            hit = len(set(owners) & set(plain))
-            counts[sure] += [1, len(plain), hit, owners.count(None)]
-    for sure, (images, plain, hit, wrong) in counts.items():
+            counts[title] += [1, len(plain), len(set(owners) & set(plain)), owners.count(None)]
+    for title, (images, plain, hit, wrong) in counts.items():
         yield (
-            f", certainty from {sure:g}",
+            f", {title}",
             {
                 "images": float(images),
                 "people": float(plain),
@@ -50,9 +61,31 @@ def measure(scene: Scene) -> Iterator[Row]:
         )
 
 
-def _owner(person: FoundPerson, said: Described, people: tuple[LabelledPerson, ...]) -> int | None:
+def _found(frames: FrameSet, settled: Settled) -> Iterator[tuple[str, Sequence[Pixels]]]:
+    """The pixels of each person that is found, in each of the ways that are compared."""
+    camera, depth_m = settled.calibration.cameras[0], frames.depths_m[0]
+    assert depth_m is not None
+    said = describe(depth_m, camera)
+    everybody = find_people([said], [depth_m], [np.eye(4)])
+    for sure in SURE:
+        rays = [one.rays[0] for one in everybody if one.certainty >= sure and one.rays[0] is not None]
+        yield f"certainty from {sure:g}", [(said.row[own], said.column[own]) for own in rays]
+    scenes = scenes_of(replace(settled, samples=(frames,)))
+    pieces = find_all_pieces(frames, scenes)
+    people = see_people(pieces, [camera])
+    views = label_people(pieces, people, np.arange(len(people.people)))
+    explained = []
+    for number in range(len(people.people)):
+        body = rough_body_of(views, [camera], PixelLabel.PATIENT + number)
+        if body is not None and body.explained >= HUMAN and body.past <= MOST_PAST:
+            assert views[0] is not None
+            explained.append(np.nonzero(views[0].labels == PixelLabel.PATIENT + number))
+    yield "a body explains it", explained
+
+
+def _owner(pixels: Pixels, people: tuple[LabelledPerson, ...]) -> int | None:
     """The labelled person whose box holds most pixels of a found one; None where no box holds enough."""
-    row, column = said.row[person.rays], said.column[person.rays]
+    row, column = pixels
     shares = []
     for labelled in people:
         left, top, right, bottom = labelled.box

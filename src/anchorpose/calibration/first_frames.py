@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -10,6 +10,8 @@ from typing import Final
 import numpy as np
 
 from anchorpose.camera import Camera
+from anchorpose.descriptor.learnt import described
+from anchorpose.descriptor.people import LEAST_CERTAINTY, find_people
 from anchorpose.recording.recording import FrameSet
 
 MAD_OF_NORMAL: Final = 0.6745  # median of |x| of a standard normal
@@ -70,12 +72,9 @@ def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
     return np.where(count >= STAYS_SHARE * len(frames_m), total, 0.0).astype(np.float32)
 
 
-NEARER_M, NEARER_SIGMAS = 0.15, 3.0  # a body is thicker than this; smoothing cameras differ from the room by more
-LEGS_M, HEADS_M = 0.3, 2.0  # between these heights people differ from floor and ceiling
-SEEN_AREA_M2, SEEN_HEIGHT_M = 0.1, 0.6  # a fifth of an adult's frontal area, half the height of one who crouches
+NEARER_M: Final = 0.15  # before the room: a body is thicker than this
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5  # readings on less than half the depth image, within a person's reach in depth
 FRAMES_NEEDED: Final = 8  # below that a percentile over time means nothing
-CELL_M: Final = 0.25  # half a shoulder breadth
 USUAL_DISTANCE_M: Final = 2.5  # of a patient from the camera, where nobody is found
 
 
@@ -89,31 +88,23 @@ class Start:
 
 
 def start_of_patient(
-    camera: Camera,
-    sample_frames: Sequence[FrameSet],
-    background_m: np.ndarray | None,
-    up: np.ndarray,
-    height_m: float | None,
+    camera: Camera, sample_frames: Sequence[FrameSet], up: np.ndarray, height_m: float | None
 ) -> Start:
-    """The densest place over the ground, in the first sampled frame that shows enough of a person.
+    """Return the place below the pelvis of whoever shows most in the first sampled frame with a person.
 
-    up (3,) camera frame; height_m: of the camera above the floor, None where unknown. Where nothing stands out from
-    the room, the place is straight ahead of the camera.
+    up (3,) camera frame; height_m: of the camera above the floor, None where unknown. Where the learnt descriptor sees
+    nobody, the place is straight ahead of the camera.
     """
-    frames = [(frame.frame, depth) for frame in sample_frames if (depth := frame.depths_m[0]) is not None]
-    for room, how in _rooms([depth for _, depth in frames], background_m):
-        for number, depth in frames:
-            mask = depth > 0
-            if room is not None:
-                mask &= (room <= 0) | (depth < room - _margin_m(room, depth))
-            points = camera.back_project(np.where(mask, depth, 0)).reshape(-1, 3)[mask.ravel()].astype(np.float64)
-            if height_m is not None:
-                above = points @ up + height_m
-                points = points[(above > LEGS_M) & (above < HEADS_M)]
-            place = _densest(points, points[:, 2] ** 2 / (camera.intrinsics.fx * camera.intrinsics.fy), up)
-            if place is not None:
-                ground = _dropped(place, points, up, height_m)
-                return Start(ground, f"the origin is below {how}, in frame {number}")
+    for frame in sample_frames:
+        depth = frame.depths_m[0]
+        if depth is None:
+            continue
+        said = described(depth, camera)
+        for one in find_people([said], [depth], [np.eye(4)]):
+            if one.certainty >= LEAST_CERTAINTY and one.rays[0] is not None:
+                seen_m = camera.back_project(depth)[said.row[one.rays[0]], said.column[one.rays[0]]]
+                place = _dropped(one.pelvis_m, seen_m.astype(np.float64), up, height_m)
+                return Start(place, f"the origin is below the person who shows most in frame {frame.frame}")
     ahead = np.array([0.0, 0.0, USUAL_DISTANCE_M])
     return Start(
         _dropped(ahead, ahead[None], up, height_m), "nobody was found: the origin is 2.5 m ahead of the camera"
@@ -127,50 +118,6 @@ def people_only(depth_m: np.ndarray) -> bool:
         return True
     low, high = np.percentile(readings, [1, 99])
     return bool(readings.size < ALONE_SHARE * depth_m.size and high - low < ALONE_DEPTH_M)
-
-
-def _rooms(depths_m: Sequence[np.ndarray], background_m: np.ndarray | None) -> Iterator[tuple[np.ndarray | None, str]]:
-    """What people may stand out from, the most reliable first, in words too; None = the room is unknown."""
-    if background_m is not None:
-        yield background_m, "the first person in front of the empty room"
-    elif len(depths_m) >= FRAMES_NEEDED and not all(people_only(depth) for depth in depths_m):
-        yield (
-            np.quantile(np.stack(depths_m), 0.9, axis=0).astype(np.float32),
-            "the first person or moved furniture in front of what stays in place",
-        )
-    yield None, "the largest upright mass, a person or furniture"
-
-
-def _margin_m(room_m: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
-    """(height, width) how much nearer than the room people are; noise grows with the square of depth."""
-    both = (room_m > 0) & (depth_m > 0)
-    square = np.maximum(room_m, 1e-3) ** 2
-    typical = float(np.median(np.abs(room_m - depth_m)[both] / square[both])) if both.any() else 0.0
-    margin: np.ndarray = np.maximum(NEARER_M, NEARER_SIGMAS * typical / MAD_OF_NORMAL * square)
-    return margin
-
-
-def _densest(points_m: np.ndarray, area_m2: np.ndarray, up: np.ndarray) -> np.ndarray | None:
-    """(3,) mean of the points of the fullest ground cell and its eight neighbours; None where it is not a person.
-
-    Pixels are counted, not square metres: the patient is nearer than walls and shelves.
-    """
-    if not len(points_m):
-        return None
-    side = np.cross(up, [0.0, 0.0, 1.0])
-    side /= np.linalg.norm(side)
-    level = points_m @ np.stack([side, np.cross(side, up)], axis=1)
-    cell = np.floor((level - level.min(axis=0)) / CELL_M).astype(np.int64) + 1
-    shape = cell.max(axis=0) + 2
-    mass = np.bincount(cell[:, 0] * shape[1] + cell[:, 1], minlength=int(shape.prod())).reshape(shape)
-    around = sum(np.roll(mass, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1))
-    peak = np.array(np.unravel_index(np.argmax(around), mass.shape))
-    near = (np.abs(cell - peak) <= 1).all(axis=1)
-    low, high = np.percentile(points_m[near] @ up, [2, 98])
-    if area_m2[near].sum() < SEEN_AREA_M2 or high - low < SEEN_HEIGHT_M:
-        return None
-    centre: np.ndarray = np.average(points_m[near], axis=0, weights=area_m2[near])
-    return centre
 
 
 def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m: float | None) -> np.ndarray:
