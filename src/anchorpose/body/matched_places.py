@@ -31,7 +31,7 @@ MATCHES_PER_OBSERVATION: Final = 10.0  # the network is wrong about whole parts,
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
 """Distance at which a match counts a quarter, in each step: from a limb's length down to a limb's width."""
 
-MEAN_STATURE_M: Final = 1.70  # to begin with
+MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20  # of a person of whom nothing is known, adults and children together
 STATURES_M: Final = (0.90, 2.15)  # one person in a thousand is shorter or taller, with the error of one frame
 _SCALINGS: Final = 3  # 4, 3 and 2 % off in the median
 _NO_KERNEL_M: Final = 1e3  # the weights of the rows are robust already
@@ -88,8 +88,8 @@ def fit_matches(body: Body, matches: Matches) -> Pose:
 def stature_of(matches: Matches) -> float:
     """Return the standing height (m) of the person who is matched, within 3 % in half of all single frames.
 
-    An adult of any height is fitted and scaled so that the matches are as far apart as on the body. Raises as
-    ``fit_matches``.
+    A body is fitted and scaled so that the matches are as far apart as on it, together with what is known of people in
+    general: few and uncertain matches tell little. Raises as ``fit_matches``.
     """
     points, stature_m = body_points(), MEAN_STATURE_M
     chosen = thin(len(matches), MATCHES)
@@ -102,8 +102,10 @@ def stature_of(matches: Matches) -> float:
         weight = (sigma_m * (1.0 + (away_m / SCALES_M[-1]) ** 2)) ** -2
         own_m = own_m - np.average(own_m, axis=0, weights=weight)
         to_m = target_m - np.average(target_m, axis=0, weights=weight)
-        scale = (weight[:, None] * own_m * to_m).sum() / (weight[:, None] * own_m**2).sum()
-        stature_m = float(np.clip(stature_m * scale, *STATURES_M))
+        seen = (weight[:, None] * (own_m / stature_m) ** 2).sum() / MATCHES_PER_OBSERVATION
+        scaled_m = (weight[:, None] * own_m / stature_m * to_m).sum() / MATCHES_PER_OBSERVATION
+        known = STATURE_SIGMA_M**-2
+        stature_m = float(np.clip((scaled_m + known * MEAN_STATURE_M) / (seen + known), *STATURES_M))
     return stature_m
 
 

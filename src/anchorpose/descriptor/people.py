@@ -25,8 +25,9 @@ its certainty is lower."""
 
 
 LEAST_CERTAINTY: Final = 0.7
-"""Mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``) everybody in plain view
-has more. So have 0.2 to 3 things per image, which a body does not explain (``tracker.patient_choice.HUMAN``)."""
+"""Mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``) all people in plain
+view have more. So have 0.2 to 3 things per image, which a body does not explain (``tracker.patient_choice.HUMAN``).
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

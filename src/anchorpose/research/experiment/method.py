@@ -43,6 +43,7 @@ class Family(StrEnum):
     SPECTRAL = "spectral"  # local, from the surface's spectrum
     MESH = "mesh"  # local, on the mesh
     GLOBAL = "global"  # all distances
+    LEARNT = "learnt"  # places on the body by a network
     NONE = "none"  # no association: the framework by itself
     TRACKER = "tracker"  # not in the framework: this project's own tracker
 

@@ -32,6 +32,7 @@ LOOK: Final = {
     Family.SPECTRAL: (as_hex(colours.GREEN), (0, (1, 1.2))),
     Family.MESH: (as_hex(colours.PURPLE), (0, (5, 1.5, 1, 1.5))),
     Family.GLOBAL: (as_hex(colours.ORANGE), (0, (8, 2))),
+    Family.LEARNT: (as_hex(colours.SKY), (0, (3, 1))),
     Family.NONE: (FAINT, (0, (2, 2))),
     Family.TRACKER: (INK, "solid"),
 }
@@ -48,6 +49,7 @@ FAMILY_NAMES: Final = {
     Family.SPECTRAL: "spectral",
     Family.MESH: "on the mesh",
     Family.GLOBAL: "global",
+    Family.LEARNT: "learnt",
     Family.NONE: "no feature",
     Family.TRACKER: "anchorpose",
 }
