@@ -65,6 +65,7 @@ def test_the_page_shows_sessions_failures_and_measures_and_escapes_what_it_is_gi
     assert "the right knee is lost &lt;always&gt;" in page
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_tracked_is_a_row_with_its_sentence_and_exit_code_1(tmp_path: Path, capsys) -> None:
     write_recording(tmp_path / "in" / "a", frames=2)
     (tmp_path / "in" / "a" / "recording.json").write_text("{")

@@ -93,6 +93,7 @@ def test_hard_scenes_for_tuning_show_nothing_of_what_is_held_out():
     assert {config.equipment for config in held_out} - {config.equipment for config in tuning} == {"sling"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["standing-frame-sit-to-stand-41011", "sling-sit-to-stand-42009"])
 def test_a_stool_is_as_high_as_the_thighs_whatever_the_heels_do(name):
     if not MOVEMENTS.is_file():

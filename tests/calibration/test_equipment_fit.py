@@ -46,6 +46,7 @@ def three() -> EquipmentProposal:
     return proposed((FRONT, LEFT, RIGHT), POST, RAIL, BAR)
 
 
+@pytest.mark.thorough
 def test_three_cameras_give_every_part_to_millimetres(three):
     assert len(three.parts) == 3
     post, bar = near(three, POST).part, near(three, BAR).part
@@ -56,6 +57,7 @@ def test_three_cameras_give_every_part_to_millimetres(three):
     assert all(part.residual_m < 0.006 for part in three.parts)  # the sensor's own noise is 7 mm at 2.4 m
 
 
+@pytest.mark.thorough
 def test_a_tube_is_distinguished_from_a_square_bar(three):
     rail = near(three, RAIL).part
     assert isinstance(rail, Cylinder)
@@ -64,10 +66,12 @@ def test_a_tube_is_distinguished_from_a_square_bar(three):
     assert isinstance(near(three, POST).part, Box)
 
 
+@pytest.mark.thorough
 def test_names_say_what_a_part_is_and_are_unique(three):
     assert [part.part.name for part in three.parts] == ["bar-1", "post-1", "rail-1"]
 
 
+@pytest.mark.thorough
 def test_every_surface_point_of_the_truth_is_explained_and_none_is_invented(three):
     truth = EquipmentModel((POST, RAIL, BAR))
     for one, other in ((truth, three.model), (three.model, truth)):
@@ -77,6 +81,7 @@ def test_every_surface_point_of_the_truth_is_explained_and_none_is_invented(thre
         assert np.mean(np.abs(other.distance_m(world)) < 0.015) > 0.97
 
 
+@pytest.mark.thorough
 def test_the_written_file_is_read_back_as_the_same_model(three, tmp_path):
     write_equipment(tmp_path / "equipment.json", three.model)
     again = read_equipment(tmp_path / "equipment.json")
@@ -177,6 +182,7 @@ def room_recording(folder):
     return folder
 
 
+@pytest.mark.thorough
 def test_the_verb_writes_a_file_and_pictures_and_says_what_is_a_guess(tmp_path, capsys):
     recording = room_recording(tmp_path / "r")
     command = ["equipment", "fit", str(recording), "-o", str(tmp_path / "out" / "equipment.json")]

@@ -88,6 +88,7 @@ def test_the_patients_pixels_are_blue_and_as_many_as_the_facts_say(looked):
     assert 100 < looked.facts["tree_matched"] <= looked.facts["tree_nodes"]
 
 
+@pytest.mark.thorough
 def test_as_tracked_shows_the_very_joints_of_track(recording, tmp_path):
     for name in ("tracked", "looked"):
         (tmp_path / name).mkdir()

@@ -388,6 +388,7 @@ def test_other_people_are_as_tall_as_asked_without_shoes_and_stand_on_the_floor(
     np.testing.assert_allclose(np.linalg.norm(person.normals, axis=1), 1.0, atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_three_people_in_four_wear_shoes():
     shod = [
         abs(np.ptp((person := other(seed, "varied")).body.vertices[:, 1]) - person.height_m) > 1e-6

@@ -46,6 +46,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [51_003, 51_014])
 def test_the_same_seed_gives_the_same_bytes_and_no_picture_of_the_empty_room(seed, tmp_path):
     config = room(seed, seconds=0.8, fps=5.0)

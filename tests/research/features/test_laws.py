@@ -12,6 +12,8 @@ from anchorpose.research.features.rops import RopsConfig, rops
 from anchorpose.research.features.shape_context import ShapeContextConfig, shape_context
 from anchorpose.research.features.shot import ShotConfig, shot
 
+pytestmark = pytest.mark.thorough
+
 
 def of_fpfh(points, normals, triangles, chosen=None):
     return fpfh(points, normals, FpfhConfig(radius_m=0.1), chosen)
