@@ -162,6 +162,7 @@ def test_workers_hold_no_results(tmp_path: Path, monkeypatch) -> None:
             wait_until(lambda most=ended - number: sum(map(len, clients[0].has_what().values())) <= most, 5.0)
 
 
+@pytest.mark.thorough
 def test_what_stops_the_caller_stops_the_children_first(tmp_path: Path) -> None:
     never = tmp_path / "never"
     jobs = [

@@ -100,6 +100,7 @@ def test_from_one_side_the_thickness_is_a_guess_and_marked_as_one():
     assert post.part.center_m[2] == pytest.approx(-0.4, abs=0.005)
 
 
+@pytest.mark.thorough
 def test_pieces_behind_a_bar_are_one_post_and_pieces_with_a_view_between_them_are_two():
     cut = Box("cut", np.array([0.4, 0.5, -0.4]), np.array([0.04, 0.12, 0.7]), np.eye(3))
     assert sum(part.part.name.startswith("post") for part in proposed((FRONT,), POST, cut).parts) == 1
@@ -107,6 +108,7 @@ def test_pieces_behind_a_bar_are_one_post_and_pieces_with_a_view_between_them_ar
     assert sum(part.part.name.startswith("post") for part in proposed((FRONT, LEFT), *apart).parts) == 2
 
 
+@pytest.mark.thorough
 def test_a_seat_is_a_plate_of_its_size():
     legs = [
         replace(POST, center_m=np.array([x, 0.21, z]), size_m=np.array([0.03, 0.42, 0.03]))
@@ -118,6 +120,7 @@ def test_a_seat_is_a_plate_of_its_size():
     assert seat.part.center_m[1] + np.sort(seat.part.size_m)[0] / 2 == pytest.approx(0.475, abs=0.008)
 
 
+@pytest.mark.thorough
 def test_equipment_that_stands_askew_gets_its_own_right_angles():
     turn = np.radians(25.0)
     R = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
@@ -128,6 +131,7 @@ def test_equipment_that_stands_askew_gets_its_own_right_angles():
     assert along[1] == pytest.approx(0.0, abs=1e-9)  # level to the last digit: snapped
 
 
+@pytest.mark.thorough
 def test_a_strut_keeps_its_slant():
     slant = np.radians(40.0)
     R = np.array([[1, 0, 0], [0, np.cos(slant), -np.sin(slant)], [0, np.sin(slant), np.cos(slant)]])

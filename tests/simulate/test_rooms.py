@@ -114,6 +114,7 @@ def test_the_border_cuts_off_what_the_seed_says():
         assert (rows[2] < 0) == (room_plan.framing == "head-cut-off")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [51_003, 51_008, 51_011, 51_017, 51_018, 51_023])
 def test_the_patients_feet_are_in_the_image_unless_they_are_cut_off(seed):
     clinic = draw_clinic(room(seed, seconds=6.0, fps=1.0))

@@ -243,6 +243,7 @@ def test_a_scene_that_cannot_be_is_refused(wrong):
         SimulationConfig(seed=1, **wrong)
 
 
+@pytest.mark.thorough
 def test_cameras_of_different_models_have_their_own_images_lenses_rates_and_noise(tmp_path):
     config = SimulationConfig(
         seed=31, seconds=1.0, fps=4.0, cameras=2, therapists=0, sensors=("femto-bolt", "d435"), every=(1, 2)

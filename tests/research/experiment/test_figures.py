@@ -38,6 +38,7 @@ def test_all_figures_are_drawn_from_a_whole_outcome(tables: list[Table]) -> None
         assert "anchor" in picture.svg, "texts stay texts"
 
 
+@pytest.mark.thorough
 def test_the_same_tables_give_the_same_bytes_whatever_was_drawn_before(tables: list[Table]) -> None:
     few = [table for table in tables if table.key in ("result1", "times")]
     once = draw_all(few)
@@ -46,6 +47,7 @@ def test_the_same_tables_give_the_same_bytes_whatever_was_drawn_before(tables: l
     assert "<dc:date>" not in once[0].svg
 
 
+@pytest.mark.thorough
 def test_a_readers_own_settings_change_nothing(tables: list[Table]) -> None:
     import matplotlib as mpl
 
