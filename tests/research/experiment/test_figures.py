@@ -29,6 +29,7 @@ def tables() -> list[Table]:
     return [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
 
 
+@pytest.mark.thorough
 def test_all_figures_are_drawn_from_a_whole_outcome(tables: list[Table]) -> None:
     pictures = draw_all(tables)
     assert [picture.key for picture in pictures] == [figure.key for figure in FIGURES]

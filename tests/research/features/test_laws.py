@@ -12,8 +12,6 @@ from anchorpose.research.features.rops import RopsConfig, rops
 from anchorpose.research.features.shape_context import ShapeContextConfig, shape_context
 from anchorpose.research.features.shot import ShotConfig, shot
 
-pytestmark = pytest.mark.thorough
-
 
 def of_fpfh(points, normals, triangles, chosen=None):
     return fpfh(points, normals, FpfhConfig(radius_m=0.1), chosen)
@@ -31,7 +29,10 @@ def of_rops(points, normals, triangles, chosen=None):
     return rops(points, triangles, RopsConfig(radius_m=0.12), chosen)
 
 
-@pytest.fixture(params=[of_fpfh, of_shot, of_shape_context, of_rops], ids=["FPFH", "SHOT", "3DSC", "RoPS"])
+@pytest.fixture(
+    params=[of_fpfh, *(pytest.param(one, marks=pytest.mark.thorough) for one in (of_shot, of_shape_context, of_rops))],
+    ids=["FPFH", "SHOT", "3DSC", "RoPS"],
+)
 def describe(request):
     """``describe(points_m, normals, triangles, chosen=None)``, all else fixed."""
     return request.param
