@@ -149,6 +149,7 @@ def test_a_clock_maps_times_both_ways():
     assert clock.reference_time_s(np.array([0.0, 10.0, 20.0])) == pytest.approx([1.99, 12.0, 22.01])
 
 
+@pytest.mark.thorough
 def test_the_verb_writes_tables_sentences_and_a_page(lab, tmp_path, capsys):
     out = tmp_path / "agreement"
     command = ["evaluate", str(lab.results), "--reference", str(lab.reference), "-o", str(out)]

@@ -26,6 +26,7 @@ def test_without_a_statement_an_adult_or_a_child_is_expected_and_of_a_grown_pers
     assert len(known_beliefs(Subject(age_years=8.0), CONFIG)) == 2  # the images may show otherwise
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tall_m", [1.0, 1.15, 1.3, 1.45])
 def test_a_child_of_any_height_is_likelier_a_child_and_an_adult_an_adult(tall_m):
     adults, children = known_beliefs(UNKNOWN, CONFIG)
@@ -57,6 +58,7 @@ def seen(tall_m: float):
     return adult_belief(asset()).standing(asset(), tall_m, 0.005)
 
 
+@pytest.mark.thorough
 def test_what_contradicts_the_images_is_named_and_what_does_not_is_not():
     assert contradiction(UNKNOWN, seen(1.7), CONFIG) == ""
     assert contradiction(Subject(height_m=1.72), seen(1.70), CONFIG) == ""

@@ -72,6 +72,7 @@ def test_each_has_a_body_where_it_stands_and_faces_where_it_faces():
         assert person.body.facing_xz @ facing > 0.9
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("height_m", [1.05, 1.3])
 def test_a_child_has_the_body_of_a_child_and_an_adult_beside_it_that_of_an_adult(height_m):
     """An adult's body that crouches may fit a child, but not as well."""

@@ -84,6 +84,7 @@ def test_without_matplotlib_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch, 
         draw_all(tables)
 
 
+@pytest.mark.thorough
 def test_nothing_loads_matplotlib_before_it_draws_and_nothing_ever_loads_its_state() -> None:
     script = (
         "import sys; import anchorpose.research.experiment.page.page as p; print('matplotlib' in sys.modules);"

@@ -137,6 +137,7 @@ def test_frames_may_come_in_any_order_but_not_twice() -> None:
         Tracking(results_of(replace(run, frame=np.array([1, 1, 2]))))
 
 
+@pytest.mark.thorough
 def test_the_ablation_has_all_forms_of_the_own_tracker_and_the_comparisons_have_one() -> None:
     results = make_results(scenes={Scene.CLINIC: (METHODS[0], METHODS[-1], *ABLATED)}, recordings=2)
     assert [one.key for one in table(results, "ablation").methods] == ["own", *(one.key for one in ABLATED)]
