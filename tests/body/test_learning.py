@@ -120,11 +120,13 @@ def unlike() -> LearnedBody:
     return learnt(OWN, POSES)
 
 
+@pytest.mark.thorough
 def test_limbs_get_their_length_from_six_poses(naked):
     # noise-free depth: what remains is the prior, which keeps 1 % of a length that one camera sees only from the front
     np.testing.assert_allclose(limb_lengths_m(naked.belief.shape), limb_lengths_m(NAKED), rtol=0.012)
 
 
+@pytest.mark.thorough
 def test_limbs_unlike_those_of_others_get_their_length_too(unlike):
     height_m = float(np.ptp(OWN.mesh(asset()).vertices[:, 1]))
     before, after = (
@@ -136,6 +138,7 @@ def test_limbs_unlike_those_of_others_get_their_length_too(unlike):
     assert after.mean() < 0.25 * before.mean()
 
 
+@pytest.mark.thorough
 def test_a_thigh_longer_than_the_other_is_learnt_as_such():
     left, right = (asset().common_count + asset().own_names.index(f"thigh_length_{side}") for side in ("left", "right"))
     uneven = like_others()
@@ -190,12 +193,14 @@ def test_the_learnt_shape_is_an_adults(naked, dressed, unlike):
         assert NOTHING.deviations(body.belief.shape).max() < 3.0
 
 
+@pytest.mark.thorough
 def test_the_same_frames_give_the_same_bits():
     first, again = (learnt(NAKED, POSES[:2]) for _ in range(2))
     np.testing.assert_array_equal(first.belief.shape.coefficients, again.belief.shape.coefficients)
     np.testing.assert_array_equal(first.belief.shape.offset_m, again.belief.shape.offset_m)
 
 
+@pytest.mark.thorough
 def test_the_order_of_the_frames_does_not_matter():
     evidence, start = pictures_of(NAKED, POSES[:3]), shape_of_height(asset(), 1.75)
     one = learn_body(points(), start, POSES[:3], evidence, NOTHING, RegistrationConfig())
