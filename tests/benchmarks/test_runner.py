@@ -59,6 +59,7 @@ def test_a_suite_has_its_cases_with_names_of_their_own_in_the_same_order_again(s
     assert [case.recording.name for case in cases_of([suite], use, False)[suite]] == names
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suite", SUITES)
 def test_every_probe_of_a_suite_exists_and_quick_takes_fewer_cases(suite):
     every, quick = (cases_of([suite], "tuning", few)[suite] for few in (False, True))

@@ -59,6 +59,7 @@ def test_a_body_is_found_without_any_anchor(truth):
     assert joint_errors_m(BODY, found.pose, truth).mean() < 0.015
 
 
+@pytest.mark.thorough
 def test_an_anchor_of_the_wrong_limb_misleads_nobody():
     """A hole in the trunk can make the left hand of the head: constrained by it, every start ends far away."""
     wrong = tips_of(STANDING)

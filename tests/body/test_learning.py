@@ -163,6 +163,7 @@ def test_trunk_and_neck_are_learnt_too(naked):
     assert after < 0.5 * before
 
 
+@pytest.mark.thorough
 def test_joints_of_the_learnt_poses_are_those_of_the_body_that_was_seen(naked, unlike):
     for learned, shape in ((naked, NAKED), (unlike, OWN)):
         true_rest, own_rest = build_body(points(), shape), build_body(points(), learned.belief.shape)
@@ -172,6 +173,7 @@ def test_joints_of_the_learnt_poses_are_those_of_the_body_that_was_seen(naked, u
             assert errors.max() < 0.02, JOINT_NAMES[errors.argmax()]
 
 
+@pytest.mark.thorough
 def test_the_outer_surface_is_learnt_to_millimetres(naked, dressed, unlike):
     for learned, shape in ((naked, NAKED), (dressed, DRESSED), (unlike, OWN)):
         assert np.abs(skin_errors_m(learned.belief.shape, shape)).mean() < 0.003
@@ -187,6 +189,7 @@ def test_clothes_are_distinguished_from_flesh(naked, dressed):
     np.testing.assert_allclose(limb_lengths_m(dressed.belief.shape), limb_lengths_m(NAKED), rtol=0.02)
 
 
+@pytest.mark.thorough
 def test_the_learnt_shape_is_an_adults(naked, dressed, unlike):
     for body in (naked, dressed, unlike):
         assert np.isfinite(body.belief.shape.coefficients).all()
@@ -258,6 +261,7 @@ def test_what_was_hidden_is_uncertain_and_settles_when_it_is_seen(windows):
     assert after.max() < min(0.012, 0.5 * before.max())
 
 
+@pytest.mark.thorough
 def test_legs_like_those_of_others_are_a_centimetre_off_at_most_however_late_they_are_seen():
     assert leg_errors_m(windows_of(like_others())[1], NAKED).max() < 0.010
 
@@ -270,6 +274,7 @@ def test_more_frames_never_make_the_shape_less_certain(windows):
     assert min(gained) > -1e-6
 
 
+@pytest.mark.thorough
 def test_frames_hardly_change_what_is_well_known():
     """Frames of a person a hand taller hardly change a shape of which much was seen before."""
     stranger = like_others()

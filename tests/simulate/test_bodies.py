@@ -79,6 +79,7 @@ def on_hand(person, side):
     return np.array([name.startswith(SIDES[side]) and ("Hand" in name or "Finger" in name) for name in names])
 
 
+@pytest.mark.thorough
 def test_people_are_as_tall_as_asked_and_use_every_coefficient():
     people = [draw_person(np.random.default_rng(seed), 0.0) for seed in range(40)]
     heights = [person.height_m for person in people]
@@ -156,6 +157,7 @@ def test_nobody_sinks_into_the_floor_or_floats_while_walking():
     assert np.max(lowest) < 0.03
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [1, 4, 6])
 def test_therapists_hands_are_on_the_skin_beside_the_joint_they_hold(seed):
     clinic, performance = act(presets.clinic(seed, seconds=8.0, fps=3.0))

@@ -157,6 +157,7 @@ def test_the_wall_has_one_gap_which_is_the_glass():
     assert (wall.gap & ~IN_GLASS).sum() < 0.05 * IN_GLASS.sum()
 
 
+@pytest.mark.thorough
 def test_a_mirror_image_is_nobody_in_any_frame():
     config = TrackConfig()
     frames = [FrameSet(frame=k, time_s=k / 5, depths_m=(seen(p, mirrored(p), 50 + k),)) for k, p in enumerate(WALK)]

@@ -46,6 +46,7 @@ def test_children_have_larger_heads_for_their_height():
     assert head_share(child) > 1.15 * head_share(adult())
 
 
+@pytest.mark.thorough
 def test_age_and_sex_move_the_height_and_the_images_may_move_it_back():
     (woman,) = known_beliefs(Subject(age_years=40.0, sex="female"), CONFIG)
     (man,) = known_beliefs(Subject(age_years=40.0, sex="male"), CONFIG)

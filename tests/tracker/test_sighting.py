@@ -127,6 +127,7 @@ def test_nobody_is_nobody():
     assert seen().people == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("away_m", [0.45, 0.5, 0.55])
 def test_bodies_give_back_what_grew_over_people_who_touch(away_m):
     """Somebody beside the patient reaches across the patient's chest; more pixels are right than without bodies."""

@@ -210,6 +210,7 @@ def test_the_next_generation_is_compared_with_every_row_in_the_same_frames() -> 
     assert [one.key for one in minus.methods] == ["anchors"]
 
 
+@pytest.mark.thorough
 def test_matches_over_longer_gaps_and_of_nodes_that_moved_stand_apart() -> None:
     results = make_results(recordings=2)
     found = tables(results)
@@ -234,6 +235,7 @@ def test_matches_over_longer_gaps_and_of_nodes_that_moved_stand_apart() -> None:
     assert found["next_matches"].value("fpfh", "1 0.15").mean == pytest.approx(less)
 
 
+@pytest.mark.thorough
 def test_a_method_without_direct_matches_answers_with_the_tree() -> None:
     results = make_results(recordings=2)
     found = tables(results)
@@ -250,6 +252,7 @@ def test_matches_are_compared_in_the_windows_that_all_methods_were_asked_in() ->
     assert {window[0] for window in Matching(replace(results, matched=tuple(fewer))).windows} == {"paper-501"}
 
 
+@pytest.mark.thorough
 def test_times_are_per_pair() -> None:
     times = table(make_results(recordings=2), "times")
     assert times.value("rops", "describe").mean == pytest.approx(0.32)
