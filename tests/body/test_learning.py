@@ -251,6 +251,7 @@ def leg_errors_m(belief: ShapeBelief, shape: FittedShape) -> np.ndarray:
     return np.abs(limb_lengths_m(belief.shape) - limb_lengths_m(shape))[LEGS]
 
 
+@pytest.mark.thorough
 def test_what_was_hidden_is_uncertain_and_settles_when_it_is_seen(windows):
     before, after = (leg_errors_m(belief, OWN) for belief in windows)
     sigma = [np.array([bone.sigma_m for bone in bone_lengths(asset(), belief)])[LEGS] for belief in windows]
@@ -266,6 +267,7 @@ def test_legs_like_those_of_others_are_a_centimetre_off_at_most_however_late_the
     assert leg_errors_m(windows_of(like_others())[1], NAKED).max() < 0.010
 
 
+@pytest.mark.thorough
 def test_more_frames_never_make_the_shape_less_certain(windows):
     first, second = windows
     # of what was seen; the prior alone may weigh less where the shape turns out to be unusual

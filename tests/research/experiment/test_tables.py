@@ -157,6 +157,7 @@ def test_real_recordings_are_listed_by_size_of_hole_too() -> None:
     assert "result1" not in [one.key for one in tracking_tables(results)]
 
 
+@pytest.mark.thorough
 def test_matches_are_given_overall_by_region_and_as_a_curve() -> None:
     results = make_results(recordings=3)
     found = tables(results)
