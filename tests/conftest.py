@@ -24,11 +24,15 @@ LONG: Final = (
 )  # not at the end, where other workers would wait
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """One worker compiles the kernels of tracking first, while the others run what needs few of them.
 
-    Otherwise every worker compiles them all, since a kernel is in the cache only once it has been compiled.
+    Otherwise every worker compiles them all, since a kernel is in the cache only once it has been compiled. A slow test
+    in a module of thorough ones stays slow.
     """
+    if config.option.markexpr == "thorough":
+        config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("slow")])
+        items[:] = [item for item in items if not item.get_closest_marker("slow")]
 
     def turn(item: pytest.Item) -> int:
         place = item.path.relative_to(Path(__file__).parent).parts[0]

@@ -37,11 +37,13 @@ def site(tmp_path_factory) -> Path:
     return folder / "site"
 
 
+@pytest.mark.thorough
 def test_the_documentation_holds_the_api_and_the_examples(site):
     assert "anchorpose.pipeline.track_recording" in (site / "api.html").read_text(encoding="utf-8")
     assert "truth.npz" in (site / "examples.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.thorough
 def test_nobody_has_to_fetch_anything_to_read_it(site):
     page = (site / "index.html").read_text(encoding="utf-8")
     assert [tag for tag in page.split("<") if tag.startswith(("script", "link", "img")) and "//" in tag] == []
@@ -61,6 +63,7 @@ def test_knee_angles_become_a_picture(tmp_path):
     assert (tmp_path / "knees.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.thorough
 def test_geodesics_of_one_picture_are_printed(tmp_path):
     simulate_recording(tmp_path / "s", single(5, seconds=0.4, fps=10.0))
     told = run(EXAMPLES / "geodesics_of_one_picture.py", tmp_path / "s/recording", "--frame", "1")

@@ -269,6 +269,7 @@ def test_a_part_of_a_recording_keeps_its_frame_numbers(empty_room, tmp_path):
     np.testing.assert_allclose(joints.time_s, [1 / FPS, 2 / FPS], atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_smoothing_is_recorded_and_gives_every_frame_in_order(run, tmp_path):
     told = list[tuple[int, int]]()
     recording = run.results.parent / "out/recording"

@@ -18,6 +18,8 @@ from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.tracker.config import TrackConfig
 
+pytestmark = pytest.mark.thorough
+
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 MSR = DATA / "msr_action3d"
 SEQUENCES = sorted(folder.name for folder in MSR.glob("a*_s*_e*")) or ["a01_s01_e02"]

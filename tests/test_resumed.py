@@ -19,6 +19,8 @@ from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker import journal, passes
 from anchorpose.tracker.config import TrackConfig
 
+pytestmark = pytest.mark.thorough
+
 FRAMES, FPS = 8, 8.0
 WRITES = 3  # between two stops
 

@@ -7,6 +7,8 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterable
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -71,10 +73,16 @@ MACHINE_PATH = re.compile(r"(?<![\w.~/])/(?:" + "|".join(("work", "root", "home"
 REGISTRY = re.compile("|".join((r"pypi\.", r"pythonhosted\.", r"registry\.npm", r"deb\.debian", "index" + "-url")))
 
 
-def imported_names(source: str) -> set[str]:
-    """What the source imports from anchorpose: stages, modules and the package itself; imports in functions count."""
+@cache
+def nodes_of(module: Path) -> tuple[ast.AST, ...]:
+    """Every node of a module's tree, read once for all tests."""
+    return tuple(ast.walk(ast.parse(module.read_text(encoding="utf-8"))))
+
+
+def imported_names(nodes: Iterable[ast.AST]) -> set[str]:
+    """What is imported from anchorpose: stages, modules and the package itself; imports in functions count."""
     names = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes:
         if isinstance(node, ast.Import):
             dotted = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -157,7 +165,7 @@ def forbidden_imports(name: str, allowed: set[str]) -> list[str]:
     return [
         f"{module.relative_to(PACKAGE)} imports {unwanted}"
         for module in modules_of(name)
-        for unwanted in sorted(imported_names(module.read_text(encoding="utf-8")) - allowed)
+        for unwanted in sorted(imported_names(nodes_of(module)) - allowed)
     ]
 
 
@@ -205,7 +213,7 @@ def test_nothing_that_tracks_can_reach_the_simulation_and_its_truth() -> None:
 
 def test_nothing_of_the_product_imports_research_but_the_verbs_that_run_it() -> None:
     modules = [path for path in PACKAGE.rglob("*.py") if path.relative_to(PACKAGE).parts[0] != "research"]
-    importing = [path for path in modules if "research" in imported_names(path.read_text(encoding="utf-8"))]
+    importing = [path for path in modules if "research" in imported_names(nodes_of(path))]
     names = {path.relative_to(PACKAGE).as_posix() for path in importing}
     assert names == {"cli/research_verbs.py"}
 
@@ -216,7 +224,7 @@ def test_only_the_console_prints() -> None:
     printing = [
         f"{path.relative_to(PACKAGE)}:{node.lineno}"
         for path in sorted(set(PACKAGE.rglob("*.py")) - own)
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in nodes_of(path)
         if (isinstance(node, ast.Name) and node.id == "print")
         or (isinstance(node, ast.ImportFrom) and node.module == "rich.console")
     ]
@@ -243,7 +251,7 @@ def test_every_input_is_opened_as_a_regular_file() -> None:
     found = {
         module.relative_to(PACKAGE).as_posix(): ast.unparse(node)
         for module in PACKAGE.rglob("*.py")
-        for node in ast.walk(ast.parse(module.read_text(encoding="utf-8")))
+        for node in nodes_of(module)
         if isinstance(node, ast.Call) and opens_a_file(node)
     }
     assert {name: call for name, call in found.items() if name not in OPENS_ITSELF} == {}
@@ -278,7 +286,7 @@ def test_no_module_is_a_drawer_for_odds_and_ends() -> None:
     ],
 )
 def test_the_reader_of_imports_sees_all_forms_of_them(source: str, found: set[str]) -> None:
-    assert imported_names(source) == found
+    assert imported_names(ast.walk(ast.parse(source))) == found
 
 
 @pytest.mark.parametrize("arguments", [None, ["--help"], ["track", "--help"], ["demo", "--help"], ["--version"]])
@@ -322,6 +330,7 @@ def test_ci_runs_the_commands_of_the_readme() -> None:
     demo, tests = commands_of(ROOT / "README.md")
     in_ci = commands_of(ROOT / ".ci" / "run")
     assert tests in in_ci
+    assert f"{tests.split(' && ')[-1]} -m thorough" in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
     assert demo.endswith("anchorpose demo")
     assert any(command.startswith(demo) for command in in_ci)
 

@@ -50,6 +50,7 @@ def test_an_error_and_arguments_of_unequal_number_are_raised():
             each(lambda a, b: a + b, [1, 2], [3])
 
 
+@pytest.mark.thorough
 def test_three_cameras_and_two_therapists_give_the_same_bytes_with_one_thread_and_with_four(tmp_path):
     simulate_recording(tmp_path / "out", clinic(7, seconds=FRAMES / 15.0))
     few = TrackConfig(follow=FollowConfig(samples=2))  # looking around takes longer than all the rest

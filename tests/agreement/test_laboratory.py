@@ -58,6 +58,7 @@ def test_statistics_are_those_of_the_true_clock_and_frame_within_their_intervals
     assert checked >= 32
 
 
+@pytest.mark.thorough
 def test_a_difference_of_definition_is_separated_from_error(lab, match, tmp_path):
     """The reference's left knee is put 30 mm farther down the thigh: its offset says so, and the errors stay."""
     reference = read_reference(lab.reference)
@@ -106,6 +107,7 @@ def _mirrored(lines):
     return ["\t".join(row) for row in rows]
 
 
+@pytest.mark.thorough
 def test_mirrored_axes_are_found_and_stated(lab, tmp_path):
     path = _edited(lab, tmp_path / "mirrored.trc", _mirrored)
     with pytest.raises(
@@ -129,6 +131,7 @@ def test_values_that_nothing_can_have_are_refused(tmp_path, time_s, place_m, wor
         read_captured(tmp_path / "a.csv")
 
 
+@pytest.mark.thorough
 def test_another_unit_is_found_and_said(lab, tmp_path):
     path = _edited(lab, tmp_path / "unit.trc", lambda lines: [line.replace("\tmm\t", "\tm\t") for line in lines])
     with pytest.raises(InputError, match=r"in another unit.*--unit mm"):
@@ -149,6 +152,7 @@ def test_a_clock_maps_times_both_ways():
     assert clock.reference_time_s(np.array([0.0, 10.0, 20.0])) == pytest.approx([1.99, 12.0, 22.01])
 
 
+@pytest.mark.thorough
 def test_the_verb_writes_tables_sentences_and_a_page(lab, tmp_path, capsys):
     out = tmp_path / "agreement"
     command = ["evaluate", str(lab.results), "--reference", str(lab.reference), "-o", str(out)]

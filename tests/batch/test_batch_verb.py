@@ -65,6 +65,7 @@ def test_the_page_shows_sessions_failures_and_measures_and_escapes_what_it_is_gi
     assert "the right knee is lost &lt;always&gt;" in page
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_tracked_is_a_row_with_its_sentence_and_exit_code_1(tmp_path: Path, capsys) -> None:
     write_recording(tmp_path / "in" / "a", frames=2)
     (tmp_path / "in" / "a" / "recording.json").write_text("{")
@@ -163,6 +164,7 @@ def test_texts_of_users_are_no_formulas_in_csv_and_whole_in_parquet(three: Path)
     assert {row["subject"][:2] for row in rows(three / "out" / "measures.csv")} == {"'="}
 
 
+@pytest.mark.thorough
 def test_a_password_in_an_address_is_nowhere_in_a_batch(tmp_path: Path, capsys) -> None:
     command = ["batch", "sftp://user:se%40cret@127.0.0.1:1/x", "-o", str(tmp_path / "out"), "--workers", "1"]
     assert main(command) == 1

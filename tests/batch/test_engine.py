@@ -67,6 +67,7 @@ def known_client(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Client]]:
     yield seen
 
 
+@pytest.mark.thorough
 def test_what_fails_fails_alone_with_its_sentence(tmp_path: Path) -> None:
     jobs = [
         Job("good", partial(batch_stub.note, tmp_path, "good"), tmp_path / "logs" / "good.log"),
@@ -93,6 +94,7 @@ def kill_a_worker(client: Client, name: str) -> None:
     raise AssertionError(f"no worker holds {name}")
 
 
+@pytest.mark.thorough
 def test_a_worker_killed_twice_repeats_its_own_session_only(tmp_path: Path, monkeypatch) -> None:
     go = tmp_path / "go"
     names = ["a", "b", "c", "d"]
@@ -151,6 +153,7 @@ def test_four_real_sessions_on_two_workers_are_all_done_though_a_worker_is_kille
         assert len({(out / "sessions" / name / table).read_bytes() for name in names}) == 1
 
 
+@pytest.mark.thorough
 def test_workers_hold_no_results(tmp_path: Path, monkeypatch) -> None:
     jobs = [Job(str(number), partial(batch_stub.note, tmp_path, "done")) for number in range(3)]
     with known_client(monkeypatch) as clients:
@@ -159,6 +162,7 @@ def test_workers_hold_no_results(tmp_path: Path, monkeypatch) -> None:
             wait_until(lambda most=ended - number: sum(map(len, clients[0].has_what().values())) <= most, 5.0)
 
 
+@pytest.mark.thorough
 def test_what_stops_the_caller_stops_the_children_first(tmp_path: Path) -> None:
     never = tmp_path / "never"
     jobs = [

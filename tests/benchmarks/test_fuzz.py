@@ -71,6 +71,7 @@ def run_apart(folder: Path, change: str, cases: int, kind: str = "f.Recordings(f
     return subprocess.run(command, check=False, capture_output=True, text=True, timeout=100)
 
 
+@pytest.mark.thorough
 def test_a_run_that_was_stopped_goes_on_and_its_counts_add_up(tmp_path):
     for cases in (15, 30):
         assert run_apart(tmp_path, "pass", cases).returncode == 0
@@ -80,12 +81,14 @@ def test_a_run_that_was_stopped_goes_on_and_its_counts_add_up(tmp_path):
         assert state.faults == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("strange", ["raise KeyError('x')", "numpy.ones(1 << 30)"])
 def test_another_error_and_too_much_memory_are_faults(tmp_path, strange):
     assert run_apart(tmp_path, strange, 2).returncode == 0
     assert len(load_state(tmp_path / "state").faults) == 2
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "first"), [("f.Recordings(folder)", "0 "), ("f.Files(folder, 'npy')", "7 npy")], ids=["recordings", "npy"]
 )

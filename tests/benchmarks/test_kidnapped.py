@@ -235,6 +235,7 @@ def left_hand_expected(tracker: PatientTracker) -> np.ndarray:
     return np.array([seen.expected.anchors_m[LEFT_HAND_ANCHOR] for seen in tracker.window.seen])
 
 
+@pytest.mark.thorough
 def test_a_fork_goes_on_exactly_as_the_tracker_and_leaves_it_alone(here):
     forked, again = fork(here.tracker), fork(here.tracker)
     ahead = [here.time_pass.read(place) for place in range(here.read, FRAMES)]
@@ -246,6 +247,7 @@ def test_a_fork_goes_on_exactly_as_the_tracker_and_leaves_it_alone(here):
     assert [frame_set.frame for frame_set in here.tracker.window.frames] == list(range(here.read - 3, here.read))
 
 
+@pytest.mark.thorough
 def test_a_kidnapped_tracker_is_wrong_and_as_sure_as_before(here):
     tracker, spoil = here.tracker, Spoil(Kind.ARM_IN_TRUNK, "Left")
     kidnapped = kidnap(tracker, here.past, spoil)
@@ -256,6 +258,7 @@ def test_a_kidnapped_tracker_is_wrong_and_as_sure_as_before(here):
     np.testing.assert_array_equal(kidnapped.belief.information, tracker.belief.information)
 
 
+@pytest.mark.thorough
 def test_its_past_and_what_it_has_looked_at_are_wrong_alike(here):
     tracker = here.tracker
     kidnapped = kidnap(tracker, here.past, Spoil(Kind.ARM_IN_TRUNK, "Left"))
@@ -268,6 +271,7 @@ def test_its_past_and_what_it_has_looked_at_are_wrong_alike(here):
     assert kidnapped.window[0] is not tracker.window[0]
 
 
+@pytest.mark.thorough
 def test_without_enough_past_a_tracker_cannot_be_spoilt_as_a_whole(here):
     past = Past.of(here.tracker)
     assert not past.full

@@ -59,6 +59,7 @@ def test_a_suite_has_its_cases_with_names_of_their_own_in_the_same_order_again(s
     assert [case.recording.name for case in cases_of([suite], use, False)[suite]] == names
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suite", SUITES)
 def test_every_probe_of_a_suite_exists_and_quick_takes_fewer_cases(suite):
     every, quick = (cases_of([suite], "tuning", few)[suite] for few in (False, True))
@@ -93,6 +94,7 @@ def test_hard_scenes_for_tuning_show_nothing_of_what_is_held_out():
     assert {config.equipment for config in held_out} - {config.equipment for config in tuning} == {"sling"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["standing-frame-sit-to-stand-41011", "sling-sit-to-stand-42009"])
 def test_a_stool_is_as_high_as_the_thighs_whatever_the_heels_do(name):
     if not MOVEMENTS.is_file():

@@ -90,6 +90,7 @@ def test_a_step_off_the_skin_is_the_residual_along_the_normal():
     np.testing.assert_allclose(rows.residuals(POSED)[own], -0.004, atol=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("reach_m", [0.06, 0.12, 0.4])
 def test_every_node_pulls_the_nearest_skin_in_place_and_normal_of_all_skin_that_faces_it(reach_m):
     behind = camera_at((-2.4, 1.1, 0.0), (0.0, 0.9, 0.0), "behind")

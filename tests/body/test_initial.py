@@ -52,12 +52,14 @@ def test_a_known_body_is_found_from_its_tips_and_its_surface(truth):
     assert found.shape is adult()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("truth", [STANDING, SITTING], ids=["standing", "sitting"])
 def test_a_body_is_found_without_any_anchor(truth):
     found = first_pose(truth, UNSEEN)
     assert joint_errors_m(BODY, found.pose, truth).mean() < 0.015
 
 
+@pytest.mark.thorough
 def test_an_anchor_of_the_wrong_limb_misleads_nobody():
     """A hole in the trunk can make the left hand of the head: constrained by it, every start ends far away."""
     wrong = tips_of(STANDING)
@@ -67,6 +69,7 @@ def test_an_anchor_of_the_wrong_limb_misleads_nobody():
     assert joint_errors_m(BODY, found.pose, STANDING).mean() < 0.015
 
 
+@pytest.mark.thorough
 def test_a_body_of_another_height_is_found_with_a_shape_that_gives_way():
     found = first_pose(STANDING, tips_of(STANDING), height_m=1.64)
     own = build_body(points(), found.shape)
@@ -76,6 +79,7 @@ def test_a_body_of_another_height_is_found_with_a_shape_that_gives_way():
     assert abs(height_m - 1.72) < 0.04  # half of what it was off
 
 
+@pytest.mark.thorough
 def test_the_same_evidence_gives_the_same_bits():
     first, again = (first_pose(STANDING, UNSEEN) for _ in range(2))
     np.testing.assert_array_equal(first.pose.rotations, again.pose.rotations)

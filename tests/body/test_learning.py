@@ -120,11 +120,13 @@ def unlike() -> LearnedBody:
     return learnt(OWN, POSES)
 
 
+@pytest.mark.thorough
 def test_limbs_get_their_length_from_six_poses(naked):
     # noise-free depth: what remains is the prior, which keeps 1 % of a length that one camera sees only from the front
     np.testing.assert_allclose(limb_lengths_m(naked.belief.shape), limb_lengths_m(NAKED), rtol=0.012)
 
 
+@pytest.mark.thorough
 def test_limbs_unlike_those_of_others_get_their_length_too(unlike):
     height_m = float(np.ptp(OWN.mesh(asset()).vertices[:, 1]))
     before, after = (
@@ -136,6 +138,7 @@ def test_limbs_unlike_those_of_others_get_their_length_too(unlike):
     assert after.mean() < 0.25 * before.mean()
 
 
+@pytest.mark.thorough
 def test_a_thigh_longer_than_the_other_is_learnt_as_such():
     left, right = (asset().common_count + asset().own_names.index(f"thigh_length_{side}") for side in ("left", "right"))
     uneven = like_others()
@@ -160,6 +163,7 @@ def test_trunk_and_neck_are_learnt_too(naked):
     assert after < 0.5 * before
 
 
+@pytest.mark.thorough
 def test_joints_of_the_learnt_poses_are_those_of_the_body_that_was_seen(naked, unlike):
     for learned, shape in ((naked, NAKED), (unlike, OWN)):
         true_rest, own_rest = build_body(points(), shape), build_body(points(), learned.belief.shape)
@@ -169,6 +173,7 @@ def test_joints_of_the_learnt_poses_are_those_of_the_body_that_was_seen(naked, u
             assert errors.max() < 0.02, JOINT_NAMES[errors.argmax()]
 
 
+@pytest.mark.thorough
 def test_the_outer_surface_is_learnt_to_millimetres(naked, dressed, unlike):
     for learned, shape in ((naked, NAKED), (dressed, DRESSED), (unlike, OWN)):
         assert np.abs(skin_errors_m(learned.belief.shape, shape)).mean() < 0.003
@@ -184,18 +189,21 @@ def test_clothes_are_distinguished_from_flesh(naked, dressed):
     np.testing.assert_allclose(limb_lengths_m(dressed.belief.shape), limb_lengths_m(NAKED), rtol=0.02)
 
 
+@pytest.mark.thorough
 def test_the_learnt_shape_is_an_adults(naked, dressed, unlike):
     for body in (naked, dressed, unlike):
         assert np.isfinite(body.belief.shape.coefficients).all()
         assert NOTHING.deviations(body.belief.shape).max() < 3.0
 
 
+@pytest.mark.thorough
 def test_the_same_frames_give_the_same_bits():
     first, again = (learnt(NAKED, POSES[:2]) for _ in range(2))
     np.testing.assert_array_equal(first.belief.shape.coefficients, again.belief.shape.coefficients)
     np.testing.assert_array_equal(first.belief.shape.offset_m, again.belief.shape.offset_m)
 
 
+@pytest.mark.thorough
 def test_the_order_of_the_frames_does_not_matter():
     evidence, start = pictures_of(NAKED, POSES[:3]), shape_of_height(asset(), 1.75)
     one = learn_body(points(), start, POSES[:3], evidence, NOTHING, RegistrationConfig())
@@ -243,6 +251,7 @@ def leg_errors_m(belief: ShapeBelief, shape: FittedShape) -> np.ndarray:
     return np.abs(limb_lengths_m(belief.shape) - limb_lengths_m(shape))[LEGS]
 
 
+@pytest.mark.thorough
 def test_what_was_hidden_is_uncertain_and_settles_when_it_is_seen(windows):
     before, after = (leg_errors_m(belief, OWN) for belief in windows)
     sigma = [np.array([bone.sigma_m for bone in bone_lengths(asset(), belief)])[LEGS] for belief in windows]
@@ -253,10 +262,12 @@ def test_what_was_hidden_is_uncertain_and_settles_when_it_is_seen(windows):
     assert after.max() < min(0.012, 0.5 * before.max())
 
 
+@pytest.mark.thorough
 def test_legs_like_those_of_others_are_a_centimetre_off_at_most_however_late_they_are_seen():
     assert leg_errors_m(windows_of(like_others())[1], NAKED).max() < 0.010
 
 
+@pytest.mark.thorough
 def test_more_frames_never_make_the_shape_less_certain(windows):
     first, second = windows
     # of what was seen; the prior alone may weigh less where the shape turns out to be unusual
@@ -265,6 +276,7 @@ def test_more_frames_never_make_the_shape_less_certain(windows):
     assert min(gained) > -1e-6
 
 
+@pytest.mark.thorough
 def test_frames_hardly_change_what_is_well_known():
     """Frames of a person a hand taller hardly change a shape of which much was seen before."""
     stranger = like_others()

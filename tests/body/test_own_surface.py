@@ -220,6 +220,7 @@ def test_a_patient_thought_to_face_the_other_way_is_found_with_the_names_exchang
     assert errors[0] > 0.2
 
 
+@pytest.mark.thorough
 def test_the_first_pose_of_who_faces_the_other_way_is_found():
     truth = turned_about_y(180.0, (0.0, 0.0, 0.0)).of_pose(STEPPING)
     evidence, seen = seen_body(truth, BODY, (FRONT, LEFT)), seen_of(truth)

@@ -214,6 +214,7 @@ def test_a_shape_moves_by_what_is_free_and_clothes_stay_between_nothing_and_the_
     assert start.coefficients.tolist() == [1.0] * SHAPES
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("height_m", [1.5, 1.72, 1.9])
 def test_an_adult_of_a_measured_height_has_it_to_a_centimetre(height_m):
     known = adult_belief(asset()).standing(asset(), height_m, 0.01)
@@ -249,6 +250,7 @@ def test_the_heights_derivative_is_its_slope():
         assert (standing_height(asset(), moved)[0] - own_m) / 1e-6 == pytest.approx(row[k], abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_bone_lengths_and_their_sigma_are_those_of_many_drawn_bodies():
     """Beside what no number of frames shows: ``SYSTEMATIC_M``."""
     rng = np.random.default_rng(5)

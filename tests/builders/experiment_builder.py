@@ -156,7 +156,8 @@ def _track(
 ) -> Tracked:
     frame = np.arange(FRAMES) + 1
     occluded = (frame % 2 == 0) & (hole_m > 0)
-    means = np.array([np.broadcast_to(tracking(one.key, hole_m, bool(hidden)), JOINT_COUNT) for hidden in occluded])
+    seen, hidden = (np.broadcast_to(tracking(one.key, hole_m, covered), JOINT_COUNT) for covered in (False, True))
+    means = np.where(occluded[:, None], hidden, seen)
     hard = 1.0 + 0.1 * np.sin(number)  # the recording's own: harder or easier for every method
     error = hard * means * (1.0 + spread * rng.uniform(-1, 1, means.shape))
     return Tracked(scene, f"{scene}-{500 + number}", hole_m, one.key, frame, occluded, error, form)

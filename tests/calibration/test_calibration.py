@@ -151,6 +151,7 @@ def test_several_cameras_without_poses_are_refused_with_a_remedy():
         find_world(recording(unposed(FRONT), replace(FRONT, name="left")), [])
 
 
+@pytest.mark.thorough
 def test_equipment_that_is_not_in_the_picture_is_refused_with_a_remedy():
     blind = recording(unposed(FRONT), equipment=EquipmentModel((KNEE_BAR,)))
     with pytest.raises(InputError, match=r"null for front, and this camera .*; compare equipment\.json"):
@@ -173,6 +174,7 @@ def test_the_pose_of_the_sample_with_holes_is_found_again():
     assert np.degrees(tilt) < 0.1
 
 
+@pytest.mark.thorough
 def test_the_floor_of_the_clinic_sample_is_at_zero():
     opened, sampled = shared("sample_clinic/recording")
     assert find_world(opened, sampled).floor_height_m == pytest.approx(0.0, abs=0.005)

@@ -89,6 +89,7 @@ def test_a_few_seconds_are_refused():
     assert place_cameras(CAMERAS, FLOORS, EMPTY, short, CONFIG) is NoCameraToCamera.TOO_SHORT
 
 
+@pytest.mark.thorough
 def test_one_round_person_who_never_moves_is_refused():
     """A turn about a pillar changes nothing in any picture."""
     answer = place_cameras(CAMERAS, FLOORS, EMPTY, frames(lambda t: body(0.0, 0.0), 8), CONFIG)

@@ -104,6 +104,7 @@ def test_clocks_are_found_whatever_their_epoch(room, epoch_s):
     assert found.sigma_s < 0.005
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seconds", [5.0, 8.5])
 def test_time_stamps_of_one_clock_are_confirmed_without_signals(room, monkeypatch, seconds):
     same = MovingRoom(room.cameras, (Clock(), Clock(ahead_s=0.004)), seconds=seconds)
@@ -117,6 +118,7 @@ def test_time_stamps_of_one_clock_are_confirmed_without_signals(room, monkeypatc
     assert len(asked) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("ahead_s", "signal_s", "expected_s"),
     [(0.004, 0.8, 0.0), (AHEAD_S, AHEAD_S, AHEAD_S)],

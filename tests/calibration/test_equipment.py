@@ -77,6 +77,7 @@ def shifted(model: EquipmentModel, by) -> EquipmentModel:
     return EquipmentModel(tuple(replace(part, center_m=part.center_m + np.array(by)) for part in model.parts))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "place", [pytest.param((2.3, 1.3, 0.8), marks=SLOW), (-0.9, 1.5, -2.2), pytest.param((1.9, 1.1, 1.6), marks=SLOW)]
 )
@@ -102,6 +103,7 @@ def test_gamma_0_may_lie_anywhere_above_the_floor():
     assert shift_mm < 3.0
 
 
+@pytest.mark.thorough
 def test_half_of_the_frame_behind_people_is_enough():
     view = view_of(*FRAME.parts, *body(0.55, 0.45), *body(0.0, 0.1))
     found = find_equipment(view, prepare_equipment(FRAME), EquipmentPoseConfig())
@@ -121,11 +123,13 @@ def test_a_mesh_of_a_part_is_found_like_the_part():
     assert errors(found.camera_to_world, camera().T_world_camera, np.array([0.1, 0.5, 0.0]))[0] < 3.0
 
 
+@pytest.mark.thorough
 def test_a_room_without_the_equipment_has_no_pose():
     found = find_equipment(view_of(*body(0.0, 0.0), *body(0.5, 0.5)), prepare_equipment(FRAME), EquipmentPoseConfig())
     assert isinstance(found, NoEquipmentPose)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rise_m", [0.03, pytest.param(0.1, marks=SLOW), pytest.param(-0.06, marks=SLOW)])
 def test_a_part_that_is_elsewhere_than_the_file_says_is_named(rise_m):
     bar = replace(FRAME.parts[4], center_m=FRAME.parts[4].center_m + np.array([0.0, rise_m, 0.0]))
@@ -204,6 +208,7 @@ def clinic():
     return shoot(SimulationConfig(seed=31, seconds=6.0, fps=10.0))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("background", [pytest.param(True, marks=SLOW), False])
 def test_three_cameras_of_a_clinic_are_found(clinic, background):
     true, recording, frames = clinic
@@ -218,6 +223,7 @@ def test_three_cameras_of_a_clinic_are_found(clinic, background):
     assert not any("moved" in note for note in world.notes)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_poses_that_are_given_are_kept_and_the_missing_one_joins_their_world(clinic):
     true, recording, frames = clinic
@@ -229,12 +235,14 @@ def test_poses_that_are_given_are_kept_and_the_missing_one_joins_their_world(cli
     assert errors(found, expected, np.array([0.1, 0.5, 0.0]))[0] < 5.0
 
 
+@pytest.mark.thorough
 def test_another_clinics_equipment_is_refused_with_a_remedy(clinic):
     _, recording, frames = clinic
     with pytest.raises(InputError, match=r"camera_to_world is null for \w+, and this camera .*; compare equipment"):
         find_world(replace(recording, equipment=FRAME), frames)
 
 
+@pytest.mark.thorough
 def test_given_poses_that_contradict_the_equipment_are_reported(clinic):
     true, recording, frames = clinic
     right = replace(recording, cameras=true.cameras)
@@ -251,6 +259,7 @@ def test_given_poses_that_contradict_the_equipment_are_reported(clinic):
     assert not doubt.refuted
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("shift_m", "background"), [((0.03, 0.0), True), pytest.param((0.1, 0.15), False, marks=SLOW)])
 def test_equipment_that_is_pushed_is_noticed_with_when_and_how_far(shift_m, background):
     config = SimulationConfig(

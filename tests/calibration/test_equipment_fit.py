@@ -46,6 +46,7 @@ def three() -> EquipmentProposal:
     return proposed((FRONT, LEFT, RIGHT), POST, RAIL, BAR)
 
 
+@pytest.mark.thorough
 def test_three_cameras_give_every_part_to_millimetres(three):
     assert len(three.parts) == 3
     post, bar = near(three, POST).part, near(three, BAR).part
@@ -56,6 +57,7 @@ def test_three_cameras_give_every_part_to_millimetres(three):
     assert all(part.residual_m < 0.006 for part in three.parts)  # the sensor's own noise is 7 mm at 2.4 m
 
 
+@pytest.mark.thorough
 def test_a_tube_is_distinguished_from_a_square_bar(three):
     rail = near(three, RAIL).part
     assert isinstance(rail, Cylinder)
@@ -64,10 +66,12 @@ def test_a_tube_is_distinguished_from_a_square_bar(three):
     assert isinstance(near(three, POST).part, Box)
 
 
+@pytest.mark.thorough
 def test_names_say_what_a_part_is_and_are_unique(three):
     assert [part.part.name for part in three.parts] == ["bar-1", "post-1", "rail-1"]
 
 
+@pytest.mark.thorough
 def test_every_surface_point_of_the_truth_is_explained_and_none_is_invented(three):
     truth = EquipmentModel((POST, RAIL, BAR))
     for one, other in ((truth, three.model), (three.model, truth)):
@@ -77,6 +81,7 @@ def test_every_surface_point_of_the_truth_is_explained_and_none_is_invented(thre
         assert np.mean(np.abs(other.distance_m(world)) < 0.015) > 0.97
 
 
+@pytest.mark.thorough
 def test_the_written_file_is_read_back_as_the_same_model(three, tmp_path):
     write_equipment(tmp_path / "equipment.json", three.model)
     again = read_equipment(tmp_path / "equipment.json")
@@ -95,6 +100,7 @@ def test_from_one_side_the_thickness_is_a_guess_and_marked_as_one():
     assert post.part.center_m[2] == pytest.approx(-0.4, abs=0.005)
 
 
+@pytest.mark.thorough
 def test_pieces_behind_a_bar_are_one_post_and_pieces_with_a_view_between_them_are_two():
     cut = Box("cut", np.array([0.4, 0.5, -0.4]), np.array([0.04, 0.12, 0.7]), np.eye(3))
     assert sum(part.part.name.startswith("post") for part in proposed((FRONT,), POST, cut).parts) == 1
@@ -102,6 +108,7 @@ def test_pieces_behind_a_bar_are_one_post_and_pieces_with_a_view_between_them_ar
     assert sum(part.part.name.startswith("post") for part in proposed((FRONT, LEFT), *apart).parts) == 2
 
 
+@pytest.mark.thorough
 def test_a_seat_is_a_plate_of_its_size():
     legs = [
         replace(POST, center_m=np.array([x, 0.21, z]), size_m=np.array([0.03, 0.42, 0.03]))
@@ -113,6 +120,7 @@ def test_a_seat_is_a_plate_of_its_size():
     assert seat.part.center_m[1] + np.sort(seat.part.size_m)[0] / 2 == pytest.approx(0.475, abs=0.008)
 
 
+@pytest.mark.thorough
 def test_equipment_that_stands_askew_gets_its_own_right_angles():
     turn = np.radians(25.0)
     R = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
@@ -123,6 +131,7 @@ def test_equipment_that_stands_askew_gets_its_own_right_angles():
     assert along[1] == pytest.approx(0.0, abs=1e-9)  # level to the last digit: snapped
 
 
+@pytest.mark.thorough
 def test_a_strut_keeps_its_slant():
     slant = np.radians(40.0)
     R = np.array([[1, 0, 0], [0, np.cos(slant), -np.sin(slant)], [0, np.sin(slant), np.cos(slant)]])
@@ -177,6 +186,7 @@ def room_recording(folder):
     return folder
 
 
+@pytest.mark.thorough
 def test_the_verb_writes_a_file_and_pictures_and_says_what_is_a_guess(tmp_path, capsys):
     recording = room_recording(tmp_path / "r")
     command = ["equipment", "fit", str(recording), "-o", str(tmp_path / "out" / "equipment.json")]

@@ -160,6 +160,7 @@ FAULTS = (
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("change", "checks", "least"), FAULTS)
 def test_a_fault_shows_in_its_checks_with_a_remedy(good, tmp_path, change, checks, least):
     found = with_fault(good, tmp_path, change)

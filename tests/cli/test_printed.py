@@ -108,7 +108,9 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     }
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize(
+    "verb", [pytest.param(verb, marks=pytest.mark.thorough) if verb == "batch" else verb for verb in VERBS]
+)
 def test_no_verb_prints_a_character_that_acts_on_a_terminal(verb, given, tmp_path, capsys) -> None:
     out = nasty_name(tmp_path)
     code = main([each.format(out=out, **given) for each in VERBS[verb]])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from goldens_builder import assert_golden
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.mark.parametrize("name", ["clinic", "bars", "room"])
 def test_results_have_not_changed(name, tmp_path):

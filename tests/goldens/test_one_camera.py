@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 from goldens_builder import assert_golden
 
+THOROUGH = [pytest.param(name, marks=pytest.mark.thorough) for name in ("hole", "front", "filtered", "msr")]
 
-@pytest.mark.parametrize("name", ["single", "hole", "front", "filtered", "msr"])
+
+@pytest.mark.parametrize("name", ["single", *THOROUGH])
 def test_results_have_not_changed(name, tmp_path):
     assert_golden(name, tmp_path)

@@ -160,6 +160,7 @@ def test_where_the_room_gives_no_reading_those_who_pass_are_no_room():
 CUPBOARD = Box("cupboard", np.array([-1.0, 0.6, 0.6]), np.array([0.4, 1.2, 0.5]), np.eye(3))
 
 
+@pytest.mark.thorough
 def test_furniture_that_a_person_passes_closely_stays_room():
     walk = [picture(FRONT, *ROOM, CUPBOARD, *body(-0.9, z), seed=k) for k, z in enumerate(np.linspace(-1.6, 0.15, 24))]
     model = learn_background(None, walk, FRONT, 0.0)

@@ -102,6 +102,7 @@ def shared_people(name: str, frame: int, with_picture: bool = True):
     return opened, pieces, find_people(pieces, CONFIG)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("with_picture", [True, False])
 def test_the_clinics_three_people_are_separated(with_picture):
     _, pieces, people = shared_people("sample_clinic/recording", 0, with_picture)
@@ -121,12 +122,14 @@ def test_five_people_in_a_corridor_are_separated():
     assert len(people.people) == 5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("with_picture", [True, False])
 def test_the_visitor_of_the_rehabilitation_room_is_one_person(with_picture):
     assert len(shared_people("iit_rehab_room", 150, with_picture)[2].people) == 1
     assert len(shared_people("iit_rehab_room", 0, with_picture)[2].people) == 0
 
 
+@pytest.mark.thorough
 def test_the_visitors_pixels_are_the_same_without_a_picture_of_the_empty_room():
     found = []
     for with_picture in (True, False):
@@ -161,6 +164,7 @@ def test_what_hangs_over_a_head_is_no_part_of_the_person():
     assert (people.of[0][pieces.points_m[:, 1] > 2.25] == -1).mean() > 0.95
 
 
+@pytest.mark.thorough
 def test_a_floor_full_of_mass_is_searched_in_seconds():
     points = np.random.default_rng(4).uniform(0.0, [25.0, 2.0, 25.0], (62_500, 3)).astype(np.float32)
     start = time.process_time()

@@ -142,6 +142,7 @@ def test_an_arm_that_outran_its_prediction_is_kept_while_nobody_is_near():
     assert view.patient[shown(arm, *body(0, 0))].mean() > 0.9
 
 
+@pytest.mark.thorough
 def test_labels_stay_while_one_crosses_in_front_of_another():
     """The helper walks from right to left between the camera and the patient."""
     walk = np.linspace(0.8, -0.8, 33)  # 5 cm a frame

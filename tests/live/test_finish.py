@@ -51,6 +51,7 @@ def played(recording, monkeypatch) -> str:
     return str(recording)
 
 
+@pytest.mark.thorough
 def test_a_full_disk_ends_the_session_and_what_is_stored_becomes_results(played, tmp_path, monkeypatch, capsys):
     write = Blocks.write
 

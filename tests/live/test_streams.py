@@ -90,6 +90,7 @@ def test_an_osc_target_that_is_not_there_delays_nothing():
     assert time.monotonic() - began_s < 5.0
 
 
+@pytest.mark.thorough
 def test_a_lab_streaming_layer_client_that_never_reads_delays_nothing():
     pylsl = pytest.importorskip("pylsl")
     from anchorpose.live.lsl import LslOutput

@@ -64,6 +64,7 @@ def looked(recording, tmp_path_factory) -> Looked:
     return Looked(recording, folder, (folder / "index.html").read_text(), json.loads((folder / FACTS_FILE).read_text()))
 
 
+@pytest.mark.thorough
 def test_every_stage_has_a_section_in_order_and_every_camera_a_picture_of_it(looked):
     assert tuple(re.findall(r'<section id="(\w+)"', looked.page)) == STAGES
     names = sorted(path.name for path in (looked.folder / "front").iterdir())
@@ -73,12 +74,14 @@ def test_every_stage_has_a_section_in_order_and_every_camera_a_picture_of_it(loo
     assert "no equipment.json" in looked.page  # the one that is missing is explained
 
 
+@pytest.mark.thorough
 def test_the_page_loads_nothing_and_says_what_was_done(looked):
     assert re.findall(r"""(?:src|href)=["'](?!data:|#)""", looked.page) == []
     assert "first guess" in looked.page
     assert "not a medical device" in looked.page
 
 
+@pytest.mark.thorough
 def test_the_patients_pixels_are_blue_and_as_many_as_the_facts_say(looked):
     people = cv2.imread(str(looked.folder / "front" / "05_people.png")).astype(int)
     blue = (people[..., 0] > people[..., 2] + 60) & (people[..., 1] > people[..., 2] + 20)
@@ -88,6 +91,7 @@ def test_the_patients_pixels_are_blue_and_as_many_as_the_facts_say(looked):
     assert 100 < looked.facts["tree_matched"] <= looked.facts["tree_nodes"]
 
 
+@pytest.mark.thorough
 def test_as_tracked_shows_the_very_joints_of_track(recording, tmp_path):
     for name in ("tracked", "looked"):
         (tmp_path / name).mkdir()
@@ -110,6 +114,7 @@ def test_a_frame_that_does_not_exist_is_refused_in_one_sentence(recording, tmp_p
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.thorough
 def test_a_foreign_folder_is_never_touched_and_an_own_one_only_when_asked(recording, looked, tmp_path, capsys):
     (tmp_path / "letter.txt").write_text("mine")
     command = ["inspect", str(recording), "--frame", "0", "-o"]
@@ -129,6 +134,7 @@ def test_without_anybody_the_earlier_stages_are_shown_and_the_page_says_why(tmp_
     assert page.count('class="missing"') == 6
 
 
+@pytest.mark.thorough
 def test_what_is_no_body_is_shown_up_to_its_anchors(tmp_path):
     column = write_room(tmp_path / "column", people=True)
     assert main(["inspect", str(column), "--frame", "1", "-o", str(tmp_path / "out")]) == 0

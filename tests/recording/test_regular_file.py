@@ -124,6 +124,7 @@ def test_an_image_that_changes_while_the_recording_is_read_ends_the_run(tmp_path
         next(frames)
 
 
+@pytest.mark.thorough
 def test_a_pipe_never_stops_a_verb(tmp_path):
     folder = write_recording(tmp_path / "r", frames=3)
     (folder / "front" / "depth" / "000001.png").unlink()

@@ -93,6 +93,7 @@ def use(session: Session) -> None:
     differences((session, session), ("a", "b"))
 
 
+@pytest.mark.thorough
 def test_no_altered_run_json_is_more_than_refused(folder, tmp_path):
     session, refused, read = read_session(folder), 0, 0
     use(session)

@@ -103,6 +103,7 @@ def test_shadow_is_mutual_and_distances_only_grow(pierced, seed):
     assert seen.min() > -1e-5
 
 
+@pytest.mark.thorough
 @settings(max_examples=25)
 @given(HOLES, st.integers(0, 1000))
 def test_proposition_1_on_a_sheet_with_a_smooth_convex_hole(pierced, seed):

@@ -45,6 +45,7 @@ def contact(first: int, last: int, seen: float) -> Contact:
 RUN = {"format": "anchorpose-run", "version": 1, "recording": "ward 3", "cameras": []}
 
 
+@pytest.mark.thorough
 def test_a_run_of_an_hour_can_be_read_and_continued(tmp_path: Path):
     (tmp_path / RUN_FILE).write_text(json.dumps(RUN | {"inputs_sha256": INPUTS}))
     assert read_run(tmp_path / RUN_FILE)["inputs_sha256"] == INPUTS

@@ -135,6 +135,7 @@ def test_recordings_begin_anywhere_in_a_movement(movement_file):
     assert np.ptp([joints[0, JOINT_INDEX["WristLeft"], 1] for joints in first]) > 0.2
 
 
+@pytest.mark.thorough
 def test_the_same_seed_gives_the_same_recording(movement_file):
     config = captured(movement_file, equipment="parallel-bars", chest_pad=True, therapists=1, passers_by=1)
     first, again, other = (set_up(draw_clinic(replace(config, seed=seed))).shoot(3).depths_mm[0] for seed in (2, 2, 3))
@@ -164,6 +165,7 @@ def depth_within_m(clinic: Clinic, skin_m: np.ndarray) -> float:
     return max(0.0, -min(float(part.distance_m(skin_m.astype(float)).min()) for part in clinic.equipment.parts))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("equipment", EQUIPMENT)
 @pytest.mark.parametrize("source", ["captured", "drawn"])
 def test_equipment_of_every_kind_leaves_room_for_the_trunk_of_the_standing_patient(movement_file, equipment, source):
@@ -246,6 +248,7 @@ def test_clips_are_named_by_their_movement():
 UIPRMD = DATA / "uiprmd_kinect" / "skeletons.npz"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("movement", list(MOVEMENTS))
 def test_every_real_movement_keeps_to_the_floor_with_the_arms_out_of_the_body(movement):
     if not UIPRMD.is_file():

@@ -46,6 +46,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [51_003, 51_014])
 def test_the_same_seed_gives_the_same_bytes_and_no_picture_of_the_empty_room(seed, tmp_path):
     config = room(seed, seconds=0.8, fps=5.0)
@@ -113,6 +114,7 @@ def test_the_border_cuts_off_what_the_seed_says():
         assert (rows[2] < 0) == (room_plan.framing == "head-cut-off")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [51_003, 51_008, 51_011, 51_017, 51_018, 51_023])
 def test_the_patients_feet_are_in_the_image_unless_they_are_cut_off(seed):
     clinic = draw_clinic(room(seed, seconds=6.0, fps=1.0))

@@ -20,6 +20,7 @@ from anchorpose.simulate.write import simulate_recording
 PASSED = SimulationConfig(seed=8, seconds=6.0, fps=4.0, cameras=1, therapists=1, equipment="none", passers_by=1)
 
 
+@pytest.mark.thorough
 def test_a_person_who_passes_hides_the_patient_for_a_while_and_the_truth_counts_it(tmp_path):
     simulate_recording(tmp_path / "passed", PASSED)
     simulate_recording(tmp_path / "alone", replace(PASSED, passers_by=0))

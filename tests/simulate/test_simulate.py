@@ -94,6 +94,7 @@ def test_an_unknown_pose_is_written_as_null(tmp_path):
         assert truth["T_world_camera"].shape == (1, 4, 4)
 
 
+@pytest.mark.thorough
 def test_dropped_pictures_leave_gaps_in_every_camera_but_the_first(tmp_path):
     config = SimulationConfig(seed=3, seconds=2, fps=6, cameras=2, therapists=0, dropped_share=0.5)
     simulate_recording(tmp_path / "out", config)
@@ -103,6 +104,7 @@ def test_dropped_pictures_leave_gaps_in_every_camera_but_the_first(tmp_path):
     assert left.time_s == pytest.approx(left.frame / 6, abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_a_rough_recorder_writes_what_its_truth_says(tmp_path):
     config = SimulationConfig(
         seed=3,
@@ -241,6 +243,7 @@ def test_a_scene_that_cannot_be_is_refused(wrong):
         SimulationConfig(seed=1, **wrong)
 
 
+@pytest.mark.thorough
 def test_cameras_of_different_models_have_their_own_images_lenses_rates_and_noise(tmp_path):
     config = SimulationConfig(
         seed=31, seconds=1.0, fps=4.0, cameras=2, therapists=0, sensors=("femto-bolt", "d435"), every=(1, 2)

@@ -144,6 +144,7 @@ STOPPED = [(images_of, GIVEN, signal.SIGKILL), (images_of, GIVEN, signal.SIGINT)
 STOPPED += [(RECORDERS[name], ConvertOptions(), signal.SIGKILL) for name in ("mkv", "ros1")]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("write", "options", "stop"), STOPPED)
 def test_a_killed_process_leaves_no_recording_and_can_be_gone_on_with(tmp_path, write, options, stop):
     write(tmp_path / "in", 80)

@@ -93,6 +93,7 @@ def review(tmp_path_factory) -> Review:
     return Review(recording, before, read_joints(second / "joints.parquet"), second, file, place_m)
 
 
+@pytest.mark.thorough
 def test_a_moved_joint_is_where_the_reviewer_says(review):
     before, after = (
         np.linalg.norm(table.position_m[MOVED, WRIST] - review.place_m) for table in (review.before, review.after)
@@ -102,18 +103,21 @@ def test_a_moved_joint_is_where_the_reviewer_says(review):
     assert not review.after.lost[MOVED, WRIST]
 
 
+@pytest.mark.thorough
 def test_bones_keep_their_length_when_a_joint_is_moved(review):
     elbow = JOINT_INDEX["ElbowLeft"]
     length = np.linalg.norm(review.after.position_m[:, WRIST] - review.after.position_m[:, elbow], axis=1)
     assert np.nanmax(length) - np.nanmin(length) < 1e-6
 
 
+@pytest.mark.thorough
 def test_other_limbs_stay_where_they_were(review):
     knee = JOINT_INDEX["KneeRight"]
     apart = np.linalg.norm(review.after.position_m[:, knee] - review.before.position_m[:STOP, knee], axis=1)
     assert np.nanmax(apart) < 0.01
 
 
+@pytest.mark.thorough
 def test_unusable_frames_have_no_joints_and_say_why(review):
     gone = np.isin(review.after.frame, np.arange(GONE[0], GONE[1] + 1))
     np.testing.assert_array_equal(review.after.lost.all(axis=1), gone)
@@ -134,6 +138,7 @@ def blank_explanations(results: Path) -> np.ndarray:
     return np.isnan(table.uncovered_cm2) & np.isnan(table.seen_past).all(axis=1)
 
 
+@pytest.mark.thorough
 def test_the_record_names_the_file_and_what_it_says(review):
     record = read_run(review.results / "run.json")["corrections"]
     assert record["file"] == "corrections.json"
@@ -142,6 +147,7 @@ def test_the_record_names_the_file_and_what_it_says(review):
     assert record["unusable"][0]["who"] == "AB"
 
 
+@pytest.mark.thorough
 def test_smoothing_keeps_what_is_corrected_and_begins_elsewhere_if_the_first_frame_is_unusable(review, tmp_path):
     given = read_corrections(review.file)
     file, results = tmp_path / "c.json", tmp_path / "results"
@@ -157,12 +163,14 @@ def test_smoothing_keeps_what_is_corrected_and_begins_elsewhere_if_the_first_fra
     assert {frame for frame, _ in people} == set(joints.frame.tolist())
 
 
+@pytest.mark.thorough
 def test_what_is_told_is_no_surer_than_he_who_tells_it(review):
     away_m = np.linalg.norm(review.after.position_m[MOVED, WRIST] - review.place_m)
     assert review.after.sigma_m[MOVED, WRIST] >= away_m / np.sqrt(3.0)
     assert review.after.sigma_m[MOVED, WRIST] > 0.008  # he said 0.010; what is seen adds little
 
 
+@pytest.mark.thorough
 def test_what_could_not_be_honoured_is_said(review):
     document, joints = read_run(review.results / "run.json"), review.after
     assert [sentence.split(" was not")[0] for sentence in document["corrections"]["not_honoured"]] == [
@@ -183,24 +191,28 @@ def refused(review: Review, tmp_path: Path, corrections: Corrections, match: str
         track_recording(review.recording, results, TrackConfig(), lambda *_: None, corrections=file)
 
 
+@pytest.mark.thorough
 def test_corrections_of_another_recording_are_refused(review, tmp_path):
     given = read_corrections(review.file)
     other = replace(given, recording=replace(given.recording, sha256="0" * 64))
     refused(review, tmp_path, other, "another recording")
 
 
+@pytest.mark.thorough
 def test_corrections_in_another_world_are_refused(review, tmp_path):
     given = read_corrections(review.file)
     cameras = tuple(replace(camera, camera_to_world=np.eye(4)) for camera in given.recording.cameras)
     refused(review, tmp_path, replace(given, recording=replace(given.recording, cameras=cameras)), "another world")
 
 
+@pytest.mark.thorough
 def test_a_frame_that_there_is_not_is_refused(review, tmp_path):
     given = read_corrections(review.file)
     strange = replace(given, joints=(moved(999, "Head", np.zeros(3)),))
     refused(review, tmp_path, strange, "frame 999")
 
 
+@pytest.mark.thorough
 def test_both_ends_of_an_interval_belong_to_it(review):
     said = review_of(read_corrections(review.file))
     assert [said.why_unusable(frame) is not None for frame in (5, 6, 7, 8)] == [False, True, True, False]

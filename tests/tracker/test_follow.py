@@ -74,6 +74,7 @@ def lost(estimate: Estimate) -> bool:
     return set(estimate.states) == {JointState.LOST}
 
 
+@pytest.mark.thorough
 def test_every_frame_has_one_estimate_in_order(course):
     assert [estimate.frame_set.frame for estimate in course.estimates] == list(range(FRAMES))
     for estimate in course.estimates:
@@ -81,6 +82,7 @@ def test_every_frame_has_one_estimate_in_order(course):
         assert len(estimate.states) == len(estimate.sigma_m) == JOINT_COUNT
 
 
+@pytest.mark.thorough
 def test_a_joint_is_lost_exactly_where_it_has_no_position_and_no_sigma(course):
     for estimate in course.estimates:
         gone = np.array([state == JointState.LOST for state in estimate.states])
@@ -90,10 +92,12 @@ def test_a_joint_is_lost_exactly_where_it_has_no_position_and_no_sigma(course):
         assert (estimate.sigma_m[~gone] > 0.0).all()
 
 
+@pytest.mark.thorough
 def test_an_empty_room_is_a_lost_patient(course):
     assert all(lost(estimate) for estimate in course.estimates[:APPEARS])
 
 
+@pytest.mark.thorough
 def test_he_is_found_soon_after_he_appears_and_followed_closely(course):
     first = next(k for k, estimate in enumerate(course.estimates) if not lost(estimate))
     assert APPEARS <= first < APPEARS + FIRST_PAUSE
@@ -103,11 +107,13 @@ def test_he_is_found_soon_after_he_appears_and_followed_closely(course):
         assert course.estimates[frame].states.count(JointState.OBSERVED) > 15
 
 
+@pytest.mark.thorough
 def test_what_was_observed_is_explained_by_the_body(course):
     assert all(course.estimates[frame].explained > 0.8 for frame in range(VANISHES - 2, VANISHES))
     assert all(course.estimates[frame].explained == 0.0 for frame in range(VANISHES, RETURNS))
 
 
+@pytest.mark.thorough
 def test_a_pose_is_explained_again_by_the_kept_labels_as_it_was_when_the_frame_was_seen(course):
     run, body, compared = Run(course.room, CONFIG), build_body(body_points(), course.shape), 0
     for position, estimate in enumerate(course.estimates):
@@ -137,6 +143,7 @@ def body_raised(pose: Pose, body: Body, bone: str) -> Pose:
     return pose.moved(change, body.points.moving)
 
 
+@pytest.mark.thorough
 def test_doubt_grows_while_nothing_is_seen_until_he_is_lost(course):
     blind = course.estimates[VANISHES:RETURNS]
     held = [estimate for estimate in blind if not lost(estimate)]
@@ -149,17 +156,20 @@ def test_doubt_grows_while_nothing_is_seen_until_he_is_lost(course):
     assert all(lost(estimate) for estimate in blind[len(held) :])
 
 
+@pytest.mark.thorough
 def test_hands_are_lost_to_doubt_before_the_trunk_is(course):
     last = course.estimates[VANISHES + int(CONFIG.follow.lost_after_s * FPS)]
     assert last.states[JOINT_INDEX["HandLeft"]] == last.states[JOINT_INDEX["HandRight"]] == JointState.LOST
     assert last.states[JOINT_INDEX["SpineBase"]] != JointState.LOST
 
 
+@pytest.mark.thorough
 def test_nothing_is_observed_while_nothing_is_seen(course):
     for estimate in course.estimates[VANISHES:RETURNS]:
         assert JointState.OBSERVED not in estimate.states
 
 
+@pytest.mark.thorough
 def test_the_truth_stays_within_what_the_doubt_allows(course):
     seen = [k for k, estimate in enumerate(course.estimates) if not lost(estimate)]
     off = np.abs(np.array([course.estimates[k].joints_m - course.truth_m[k] for k in seen]))
@@ -168,6 +178,7 @@ def test_the_truth_stays_within_what_the_doubt_allows(course):
     assert np.mean((off <= allowed)[known]) > 0.85  # 0.95 is meant; a short course is one draw of body and motion
 
 
+@pytest.mark.thorough
 def test_he_is_found_again_where_he_is(course):
     again = next(k for k in range(RETURNS, FRAMES) if not lost(course.estimates[k]))
     assert again < RETURNS + FIRST_PAUSE
@@ -175,6 +186,7 @@ def test_he_is_found_again_where_he_is(course):
         assert course.errors_m(frame).mean() < 0.02
 
 
+@pytest.mark.thorough
 def test_bones_keep_their_length_while_he_is_followed(course):
     start, end = np.array(LIMBS[5:]).T  # arms and legs; those to SpineBase and SpineShoulder cross a joint
     rigid = [k for k, (a, b) in enumerate(zip(start, end, strict=True)) if min(a, b) > 3]
@@ -188,6 +200,7 @@ def test_bones_keep_their_length_while_he_is_followed(course):
     assert np.ptp(lengths, axis=0).max() < 1e-6
 
 
+@pytest.mark.thorough
 def test_a_body_found_by_itself_is_kept_when_he_is_found_again(course):
     frames = list(read_frames(course.room.recording))[VANISHES - 1 : RETURNS + 2]
     estimates = list(follow_patient(Run(course.room, CONFIG), frames, None))
@@ -198,6 +211,7 @@ def test_a_body_found_by_itself_is_kept_when_he_is_found_again(course):
     assert all(shape is shapes[0] for shape in shapes)
 
 
+@pytest.mark.thorough
 def test_the_papers_own_parts_follow_roughly(course):
     config = replace(CONFIG, method=Method.PARTS)
     frames = read_frames(course.room.recording, APPEARS, VANISHES)
@@ -212,6 +226,7 @@ def test_the_papers_own_parts_follow_roughly(course):
     assert np.nanmean(off[-1]) > off[0].mean()
 
 
+@pytest.mark.thorough
 def test_a_room_without_a_patient_loses_every_frame(course):
     empty = replace(course.room, initial_frames=())
     frames = read_frames(course.room.recording, APPEARS, VANISHES)
@@ -220,10 +235,12 @@ def test_a_room_without_a_patient_loses_every_frame(course):
     assert all(lost(estimate) for estimate in estimates)
 
 
+@pytest.mark.thorough
 def test_no_frames_give_no_estimates(course):
     assert list(follow_patient(Run(course.room, CONFIG), [], course.shape)) == []
 
 
+@pytest.mark.thorough
 def test_following_from_the_middle_is_following_and_a_frame_that_the_body_explains_pays_for_no_matches(course):
     easy = course.estimates[APPEARS + 1 : VANISHES]
     assert all(estimate.matched_share is None for estimate in easy)
@@ -235,6 +252,7 @@ def test_following_from_the_middle_is_following_and_a_frame_that_the_body_explai
     assert not any(lost(estimate) for estimate in estimates)
 
 
+@pytest.mark.thorough
 def test_every_frame_is_matched_and_every_stage_timed_where_the_settings_say_so_with_nearly_the_same_joints(course):
     config = replace(CONFIG, hypotheses=HypothesisConfig(always=True))
     frames = read_frames(course.room.recording, APPEARS, VANISHES)
@@ -248,6 +266,7 @@ def test_every_frame_is_matched_and_every_stage_timed_where_the_settings_say_so_
         assert np.nanmean(away_m) < 0.005
 
 
+@pytest.mark.thorough
 def test_nobody_found_is_lost_in_every_joint(course):
     estimate = nobody_found(course.estimates[0].frame_set, "not seen")
     assert lost(estimate)
@@ -287,6 +306,7 @@ def test_a_stage_inside_another_is_not_counted_twice():
     assert watch.seconds == {"inner": 2.0, "outer": 5.0}
 
 
+@pytest.mark.thorough
 def test_the_look_ahead_is_looked_at_only_where_the_tree_asks_for_it(course):
     follower = Follower(Run(course.room, CONFIG), course.room.initial_frame.choice, course.shape)
     frames = read_frames(course.room.recording)
@@ -300,6 +320,7 @@ def test_the_look_ahead_is_looked_at_only_where_the_tree_asks_for_it(course):
     assert [seen.frame_set for seen in window.seen] == list(window.frames)
 
 
+@pytest.mark.thorough
 def test_no_more_frames_are_held_than_the_look_ahead_needs(course):
     """Memory does not grow with the recording: a frame is let go of when its estimate is."""
     pictures: list[weakref.ref[np.ndarray]] = []

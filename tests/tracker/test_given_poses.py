@@ -21,6 +21,8 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import agreeing_poses
 from anchorpose.tracker.preparation import Settled, scenes_of
 
+pytestmark = pytest.mark.thorough
+
 Clinic = tuple[Recording, list[FrameSet]]
 SLOW = pytest.mark.slow
 BESIDE_M = np.array([0.1, 0.0, 0.08])

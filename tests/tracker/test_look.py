@@ -90,6 +90,7 @@ def pushed(k: int) -> tuple:
     return (plate(0.5, (0.45, 0.05, 0.5)), plate(0.75, (0.04, 0.5, 0.5), x=-0.25), *wheels)
 
 
+@pytest.mark.thorough
 def test_furniture_that_is_pushed_is_no_patient():
     room = room_of(*[None] * COUNT, parts=[pushed(k) for k in range(COUNT)])
     assert room.initial_frame is None
@@ -104,6 +105,7 @@ def test_a_person_who_stands_still_beside_furniture_that_is_pushed_is_the_patien
     assert room.initial_frame.choice.ground_xz_m == pytest.approx((-0.5, 1.5), abs=0.25)
 
 
+@pytest.mark.thorough
 def test_legs_alone_are_said_to_be_limbs():
     room = room_of(*[(0.0, 0.2 * k - 0.6) for k in range(4)], camera=LOW)
     assert room.initial_frame is None
@@ -155,6 +157,7 @@ def test_the_wall_has_one_gap_which_is_the_glass():
     assert (wall.gap & ~IN_GLASS).sum() < 0.05 * IN_GLASS.sum()
 
 
+@pytest.mark.thorough
 def test_a_mirror_image_is_nobody_in_any_frame():
     config = TrackConfig()
     frames = [FrameSet(frame=k, time_s=k / 5, depths_m=(seen(p, mirrored(p), 50 + k),)) for k, p in enumerate(WALK)]

@@ -123,6 +123,7 @@ def test_a_stool_is_not_distinguished_from_a_person_where_no_floor_is_seen():
     assert not found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("moving", [stander, sitter], ids=["stands and sways", "sits and breathes"])
 def test_a_person_who_comes_and_keeps_still_is_no_object(moving):
     _, found = learnt(moving)

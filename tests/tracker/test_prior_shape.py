@@ -26,6 +26,7 @@ def test_without_a_statement_an_adult_or_a_child_is_expected_and_of_a_grown_pers
     assert len(known_beliefs(Subject(age_years=8.0), CONFIG)) == 2  # the images may show otherwise
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tall_m", [1.0, 1.15, 1.3, 1.45])
 def test_a_child_of_any_height_is_likelier_a_child_and_an_adult_an_adult(tall_m):
     adults, children = known_beliefs(UNKNOWN, CONFIG)
@@ -45,6 +46,7 @@ def test_children_have_larger_heads_for_their_height():
     assert head_share(child) > 1.15 * head_share(adult())
 
 
+@pytest.mark.thorough
 def test_age_and_sex_move_the_height_and_the_images_may_move_it_back():
     (woman,) = known_beliefs(Subject(age_years=40.0, sex="female"), CONFIG)
     (man,) = known_beliefs(Subject(age_years=40.0, sex="male"), CONFIG)
@@ -57,6 +59,7 @@ def seen(tall_m: float):
     return adult_belief(asset()).standing(asset(), tall_m, 0.005)
 
 
+@pytest.mark.thorough
 def test_what_contradicts_the_images_is_named_and_what_does_not_is_not():
     assert contradiction(UNKNOWN, seen(1.7), CONFIG) == ""
     assert contradiction(Subject(height_m=1.72), seen(1.70), CONFIG) == ""

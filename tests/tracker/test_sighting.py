@@ -72,6 +72,7 @@ def test_each_has_a_body_where_it_stands_and_faces_where_it_faces():
         assert person.body.facing_xz @ facing > 0.9
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("height_m", [1.05, 1.3])
 def test_a_child_has_the_body_of_a_child_and_an_adult_beside_it_that_of_an_adult(height_m):
     """An adult's body that crouches may fit a child, but not as well."""
@@ -126,6 +127,7 @@ def test_nobody_is_nobody():
     assert seen().people == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("away_m", [0.45, 0.5, 0.55])
 def test_bodies_give_back_what_grew_over_people_who_touch(away_m):
     """Somebody beside the patient reaches across the patient's chest; more pixels are right than without bodies."""

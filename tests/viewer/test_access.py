@@ -7,6 +7,8 @@ from typing import Any
 import pytest
 from viewer_page import position
 
+pytestmark = pytest.mark.thorough
+
 pytest_plugins = ("viewer_fixtures",)
 
 

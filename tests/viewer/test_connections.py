@@ -112,6 +112,7 @@ recorder.finish()
 """
 
 
+@pytest.mark.thorough
 def test_254_idle_connections_cost_the_recorder_no_image(tmp_path):
     pytest.importorskip("resource", reason="limits of a process exist on POSIX only")
     command = [sys.executable, "-c", RECORDING_UNDER_ATTACK, str(tmp_path / "kept")]

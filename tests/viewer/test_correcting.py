@@ -49,6 +49,7 @@ def test_a_joint_is_moved_by_keys_saved_and_undone(viewer: Any, server: ViewerSe
     until(viewer, lambda: "None so far" in viewer.locator("#corrections").inner_text())  # the file is first
 
 
+@pytest.mark.thorough
 def test_undoing_a_second_correction_brings_the_first_one_back(viewer: Any, server: ViewerServer) -> None:
     for reason in ("first", "second"):
         for key in (*(["]"] if reason == "first" else []), "e", "ArrowRight", "Enter"):
@@ -154,6 +155,7 @@ def test_the_gizmo_moves_a_joint(viewer: Any) -> None:
     assert viewer.evaluate("anchorpose.mover.active") is False
 
 
+@pytest.mark.thorough
 def test_earlier_corrections_are_listed_and_taken_back(viewer: Any, server: ViewerServer) -> None:
     for key in ("i", "o", "m"):
         viewer.keyboard.press(key)
@@ -169,6 +171,7 @@ def test_earlier_corrections_are_listed_and_taken_back(viewer: Any, server: View
     assert len(file_of(server).withdrawn) == 1
 
 
+@pytest.mark.thorough
 def test_taking_back_asks_a_newcomer_who_it_is_and_for_no_reason(viewer: Any, server: ViewerServer) -> None:
     for key in ("i", "o", "m"):
         viewer.keyboard.press(key)

@@ -91,6 +91,7 @@ def test_the_page_asks_waits_and_draws_them(page: Any, server: ViewerServer) -> 
     assert not page.evaluate("anchorpose.hypotheses.group.visible")  # they belong to another frame
 
 
+@pytest.mark.thorough
 def test_the_work_can_be_given_up_and_begun_again(tmp_path: Path) -> None:
     recording = write_small_recording(tmp_path / "recording")
     with viewer_of(write_small_results(tmp_path / "results", recording), recording) as server:
@@ -105,6 +106,7 @@ def test_the_work_can_be_given_up_and_begun_again(tmp_path: Path) -> None:
             server.api.get("hypotheses/found", {})
 
 
+@pytest.mark.thorough
 def test_a_frame_without_the_patient_says_why_there_are_none(tmp_path: Path) -> None:
     """The small recording's paper figure is nobody whom a body fits."""
     recording = write_small_recording(tmp_path / "recording")

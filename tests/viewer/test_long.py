@@ -18,6 +18,8 @@ from anchorpose.viewer.payloads import INTERVALS, KEPT, MOST_ROWS, curves_payloa
 from anchorpose.viewer.review import open_review
 from anchorpose.viewer.server import ViewerServer
 
+pytestmark = pytest.mark.thorough
+
 pytest_plugins = ("viewer_fixtures",)
 
 LONG = 6030  # frames

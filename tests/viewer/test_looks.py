@@ -7,12 +7,15 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 from viewer_builder import BODY_SHIFT_M, BODY_TURN, viewer_of, write_small_recording, write_small_results
 from viewer_page import bluish, is_bluish, opened, scene_picture, until
 
 from anchorpose.body.segments import load_body_asset
 from anchorpose.camera import transform_points
 from anchorpose.viewer.server import ViewerServer
+
+pytestmark = pytest.mark.thorough
 
 pytest_plugins = ("viewer_fixtures",)
 

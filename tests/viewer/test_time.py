@@ -10,6 +10,8 @@ import pytest
 from viewer_builder import FRAMES, LOST_FRAME, PERIOD_S, UNSURE_FRAME, viewer_of
 from viewer_page import opened, position, scene_picture, until
 
+pytestmark = pytest.mark.thorough
+
 pytest_plugins = ("viewer_fixtures",)
 
 

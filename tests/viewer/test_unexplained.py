@@ -18,6 +18,8 @@ from anchorpose.viewer.payloads import overview_payload, unpack
 from anchorpose.viewer.review import describe, open_review
 from anchorpose.viewer.server import ViewerServer
 
+pytestmark = pytest.mark.thorough
+
 pytest_plugins = ("viewer_fixtures",)
 
 BARE, THROUGH = 20, 36  # frames: surface without a limb, a limb that a camera sees past

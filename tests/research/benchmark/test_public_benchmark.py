@@ -124,6 +124,7 @@ def test_empty_places_and_no_sigma_are_missing_and_no_coverage(made, tmp_path):
     assert one.coverage_95 is None
 
 
+@pytest.mark.thorough
 def test_true_matches_are_as_near_as_nodes_are_to_each_other(made, tmp_path):
     found = scored(write_answers(tmp_path / "a", "matches", best_matches(made)), alone(made))
     assert list(found.tasks) == list(plan.GAPS)
@@ -133,6 +134,7 @@ def test_true_matches_are_as_near_as_nodes_are_to_each_other(made, tmp_path):
         assert one.median_mm < 13.0  # the distance of neighbours; each place is known to its nearest vertex only
 
 
+@pytest.mark.thorough
 def test_matches_of_a_hand_on_the_other_hand_are_as_far_off_as_the_way_over_the_body(made):
     pair = GROUP.pairs[0]
     truth = truth_of(made.folder / GROUP.name, pair, Skin(GROUP.simulation))
@@ -145,6 +147,7 @@ def test_matches_of_a_hand_on_the_other_hand_are_as_far_off_as_the_way_over_the_
     assert np.isnan(truth.error_mm(match)[right])
 
 
+@pytest.mark.thorough
 def test_matches_without_row_and_without_match_are_told_apart(made, tmp_path):
     table = best_matches(made)
     chosen = np.array(table["task"]) == GAP
@@ -226,6 +229,7 @@ def test_answers_about_recordings_that_were_not_made_are_counted(made, tmp_path)
     assert answers.read_answers(folder, alone(made)).elsewhere == 1
 
 
+@pytest.mark.thorough
 def test_other_bytes_are_named_by_recording_and_altered_truth_is_refused(made, tmp_path, monkeypatch):
     folder = tmp_path / "copy"
     shutil.copytree(made.folder, folder)
@@ -307,6 +311,7 @@ def test_real_labels_are_compared_in_the_cameras_frame(tmp_path, made):
         real.score_real(folder, tmp_path, labels)
 
 
+@pytest.mark.thorough
 def test_a_foreign_method_takes_part_and_its_figures_are_written(made, tmp_path, monkeypatch, capsys):
     assert "import anchorpose" not in EXAMPLE.read_text()
     assert "from anchorpose" not in EXAMPLE.read_text()

@@ -135,6 +135,7 @@ REFUTED_BY_TRACKING = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("key", [key for key in REFUTED_BY_TRACKING if key not in ("dijkstra-suffices", "like-gmds")])
 def test_a_claim_about_joints_does_not_hold_where_the_data_say_otherwise(key: str) -> None:
     refuted = claim(tracking_but(REFUTED_BY_TRACKING[key]), key)
@@ -142,6 +143,7 @@ def test_a_claim_about_joints_does_not_hold_where_the_data_say_otherwise(key: st
     assert any(check.answer is NO for check in refuted.checks)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("key", ["dijkstra-suffices", "like-gmds"])
 def test_a_claim_about_joints_and_matches_holds_in_part_where_only_the_matches_agree(key: str) -> None:
     assert claim(tracking_but(REFUTED_BY_TRACKING[key]), key).verdict is Verdict.IN_PART
@@ -156,6 +158,7 @@ REFUTED_BY_MATCHES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("key", list(REFUTED_BY_MATCHES))
 def test_a_claim_about_matches_does_not_hold_where_the_data_say_otherwise(key: str) -> None:
     assert claim(matching_but(REFUTED_BY_MATCHES[key]), key).verdict is Verdict.NOT

@@ -29,6 +29,7 @@ def tables() -> list[Table]:
     return [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
 
 
+@pytest.mark.thorough
 def test_all_figures_are_drawn_from_a_whole_outcome(tables: list[Table]) -> None:
     pictures = draw_all(tables)
     assert [picture.key for picture in pictures] == [figure.key for figure in FIGURES]
@@ -38,6 +39,7 @@ def test_all_figures_are_drawn_from_a_whole_outcome(tables: list[Table]) -> None
         assert "anchor" in picture.svg, "texts stay texts"
 
 
+@pytest.mark.thorough
 def test_the_same_tables_give_the_same_bytes_whatever_was_drawn_before(tables: list[Table]) -> None:
     few = [table for table in tables if table.key in ("result1", "times")]
     once = draw_all(few)
@@ -46,6 +48,7 @@ def test_the_same_tables_give_the_same_bytes_whatever_was_drawn_before(tables: l
     assert "<dc:date>" not in once[0].svg
 
 
+@pytest.mark.thorough
 def test_a_readers_own_settings_change_nothing(tables: list[Table]) -> None:
     import matplotlib as mpl
 
@@ -81,6 +84,7 @@ def test_without_matplotlib_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch, 
         draw_all(tables)
 
 
+@pytest.mark.thorough
 def test_nothing_loads_matplotlib_before_it_draws_and_nothing_ever_loads_its_state() -> None:
     script = (
         "import sys; import anchorpose.research.experiment.page.page as p; print('matplotlib' in sys.modules);"

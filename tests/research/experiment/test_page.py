@@ -109,11 +109,13 @@ def page(folder: Path) -> str:
     return (folder / "index.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.thorough
 def test_files_that_are_not_the_experiments_are_kept(folder: Path) -> None:
     assert (folder / "figures.kept" / "notes.txt").read_text() == "mine"
     assert (folder / "cache" / "kept").read_text() == "as it was"
 
 
+@pytest.mark.thorough
 def test_the_page_is_well_formed_and_loads_nothing(page: str) -> None:
     elements = Elements(page)
     assert len(set(elements.ids)) == len(elements.ids)
@@ -122,21 +124,25 @@ def test_the_page_is_well_formed_and_loads_nothing(page: str) -> None:
     assert not re.search(r"url\((?!#)|@import|<link|<script", page)
 
 
+@pytest.mark.thorough
 def test_pictures_of_single_methods_stay_files(page: str) -> None:
     assert "one method by itself" not in page
 
 
+@pytest.mark.thorough
 def test_every_reference_within_a_drawing_has_its_target(page: str) -> None:
     wanted = set(re.findall(r"url\(#([^)]+)\)", page)) | set(re.findall(r'xlink:href="#([^"]+)"', page))
     assert wanted
     assert wanted <= set(Elements(page).ids)
 
 
+@pytest.mark.thorough
 def test_nothing_from_outside_is_taken_for_html(page: str) -> None:
     assert EVIL not in page
     assert page.count("&lt;script&gt;") >= 4  # the method, its setting, the failed recording, the caption
 
 
+@pytest.mark.thorough
 def test_the_page_says_each_claim_and_its_verdict_first(page: str, results: ExperimentResults) -> None:
     positions = [page.index(f"id='claim-{claim.key}'") for claim in judge_claims(results)]
     assert positions == sorted(positions)
@@ -144,6 +150,7 @@ def test_the_page_says_each_claim_and_its_verdict_first(page: str, results: Expe
     assert len(positions) == 20
 
 
+@pytest.mark.thorough
 def test_figures_tables_pictures_and_limits_are_in_the_page(page: str) -> None:
     assert page.count("<svg") == 10
     assert page.count("src='data:image/png") == 2
@@ -152,6 +159,7 @@ def test_figures_tables_pictures_and_limits_are_in_the_page(page: str) -> None:
         assert text in page, text
 
 
+@pytest.mark.thorough
 def test_the_config_on_the_page_is_what_the_command_reads(
     page: str, results: ExperimentResults, tmp_path: Path
 ) -> None:
@@ -183,6 +191,7 @@ def test_real_recordings_of_one_person_are_said_to_narrow_the_intervals(results:
     assert "too narrow" not in run_html(results)
 
 
+@pytest.mark.thorough
 def test_all_files_are_there_and_others_stay(folder: Path, results: ExperimentResults) -> None:
     assert {path.name for path in folder.iterdir()} == {
         "cache",
@@ -199,6 +208,7 @@ def test_all_files_are_there_and_others_stay(folder: Path, results: ExperimentRe
     assert len(json.loads((folder / "claims.json").read_text())) == len(judge_claims(results))
 
 
+@pytest.mark.thorough
 def test_the_same_outcome_gives_the_same_bytes(
     folder: Path, figures: list[DrawnFigure], results: ExperimentResults, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -95,6 +95,7 @@ def test_the_interval_is_that_of_a_plain_bootstrap() -> None:
     assert (found.low, found.high) == pytest.approx(widened(found.mean, means, 4), abs=0.2)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("summarise", [mean_over, median_over])
 def test_the_interval_holds_the_truth_about_as_often_as_it_says(summarise) -> None:
     """Frames of a recording resemble each other: an interval from single frames would hold the truth one time in three.

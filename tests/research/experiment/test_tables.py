@@ -137,6 +137,7 @@ def test_frames_may_come_in_any_order_but_not_twice() -> None:
         Tracking(results_of(replace(run, frame=np.array([1, 1, 2]))))
 
 
+@pytest.mark.thorough
 def test_the_ablation_has_all_forms_of_the_own_tracker_and_the_comparisons_have_one() -> None:
     results = make_results(scenes={Scene.CLINIC: (METHODS[0], METHODS[-1], *ABLATED)}, recordings=2)
     assert [one.key for one in table(results, "ablation").methods] == ["own", *(one.key for one in ABLATED)]
@@ -156,6 +157,7 @@ def test_real_recordings_are_listed_by_size_of_hole_too() -> None:
     assert "result1" not in [one.key for one in tracking_tables(results)]
 
 
+@pytest.mark.thorough
 def test_matches_are_given_overall_by_region_and_as_a_curve() -> None:
     results = make_results(recordings=3)
     found = tables(results)
@@ -209,6 +211,7 @@ def test_the_next_generation_is_compared_with_every_row_in_the_same_frames() -> 
     assert [one.key for one in minus.methods] == ["anchors"]
 
 
+@pytest.mark.thorough
 def test_matches_over_longer_gaps_and_of_nodes_that_moved_stand_apart() -> None:
     results = make_results(recordings=2)
     found = tables(results)
@@ -233,6 +236,7 @@ def test_matches_over_longer_gaps_and_of_nodes_that_moved_stand_apart() -> None:
     assert found["next_matches"].value("fpfh", "1 0.15").mean == pytest.approx(less)
 
 
+@pytest.mark.thorough
 def test_a_method_without_direct_matches_answers_with_the_tree() -> None:
     results = make_results(recordings=2)
     found = tables(results)
@@ -249,6 +253,7 @@ def test_matches_are_compared_in_the_windows_that_all_methods_were_asked_in() ->
     assert {window[0] for window in Matching(replace(results, matched=tuple(fewer))).windows} == {"paper-501"}
 
 
+@pytest.mark.thorough
 def test_times_are_per_pair() -> None:
     times = table(make_results(recordings=2), "times")
     assert times.value("rops", "describe").mean == pytest.approx(0.32)

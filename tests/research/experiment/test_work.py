@@ -50,6 +50,8 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
+pytestmark = pytest.mark.thorough
+
 CONFIG = replace(quick(), seconds=1.2, segment_frames=5, methods=("nearest", "none"), windows=1)
 
 

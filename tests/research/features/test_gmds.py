@@ -17,6 +17,8 @@ from anchorpose.research.features.map_search import branch_and_bound, stress_m
 from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
+pytestmark = pytest.mark.thorough
+
 EVERY_NODE = GmdsConfig(samples=63, candidates=63)
 
 

@@ -29,7 +29,10 @@ def of_rops(points, normals, triangles, chosen=None):
     return rops(points, triangles, RopsConfig(radius_m=0.12), chosen)
 
 
-@pytest.fixture(params=[of_fpfh, of_shot, of_shape_context, of_rops], ids=["FPFH", "SHOT", "3DSC", "RoPS"])
+@pytest.fixture(
+    params=[of_fpfh, *(pytest.param(one, marks=pytest.mark.thorough) for one in (of_shot, of_shape_context, of_rops))],
+    ids=["FPFH", "SHOT", "3DSC", "RoPS"],
+)
 def describe(request):
     """``describe(points_m, normals, triangles, chosen=None)``, all else fixed."""
     return request.param

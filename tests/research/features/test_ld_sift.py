@@ -23,6 +23,8 @@ from anchorpose.research.features.ld_sift import (
     mean_edge_m,
 )
 
+pytestmark = pytest.mark.thorough
+
 MIDDLE = 41 * 41 // 2
 SMALL = LdSiftConfig(radius_m=0.10, samples=4)
 

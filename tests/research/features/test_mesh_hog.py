@@ -14,6 +14,8 @@ from anchorpose.research.features.circle import peak_fraction, spread_over_two, 
 from anchorpose.research.features.mesh_gradient import mesh_gradient
 from anchorpose.research.features.mesh_hog import FirstAxis, MeshHogConfig, ScalarFunction, mesh_hog, scalar_function
 
+pytestmark = pytest.mark.thorough
+
 MIDDLE = 41 * 41 // 2
 SMALL = MeshHogConfig(radius_m=0.10, curvature_radius_m=0.05)
 

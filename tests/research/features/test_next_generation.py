@@ -7,6 +7,8 @@ import pytest
 
 from anchorpose.research.experiment.methods.next_generation import MOST, most_similar
 
+pytestmark = pytest.mark.thorough
+
 SUBSETS = np.array([[0, 1, 2], [1, 3, 4]])
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from anchorpose.research.features.psi import NONE, match_by_psi, subsets_with_pieces
 from anchorpose.track_tree.hypotheses import GateConfig
+
+pytestmark = pytest.mark.thorough
 
 GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.0, search_radius_m=10.0)
 ALL = np.ones(5, bool)

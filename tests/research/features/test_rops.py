@@ -10,6 +10,8 @@ from feature_shapes import bumpy_torus, pcl_reference
 from anchorpose.research.features.neighbours import find_neighbours
 from anchorpose.research.features.rops import RopsConfig, prepare_triangles, rops, triangle_frames
 
+pytestmark = pytest.mark.thorough
+
 CONFIG = RopsConfig(radius_m=0.12)
 
 

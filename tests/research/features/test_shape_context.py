@@ -10,6 +10,8 @@ from feature_shapes import bumpy_torus, pcl_reference
 from anchorpose.research.features.neighbours import find_neighbours
 from anchorpose.research.features.shape_context import ShapeContextConfig, shape_context, tangent_frames
 
+pytestmark = pytest.mark.thorough
+
 CONFIG = ShapeContextConfig(radius_m=0.12)
 
 

@@ -25,6 +25,8 @@ from anchorpose.research.features.spectral_signatures import (
 )
 from anchorpose.surface.mesh import keep_nodes
 
+pytestmark = pytest.mark.thorough
+
 SIGNATURES = (hks, si_hks, wks)
 PAIRS = 60
 

@@ -14,6 +14,8 @@ from anchorpose.research.features.laplacian import mesh_laplacian, surface_lapla
 from anchorpose.research.features.spectral_signatures import spectrum, spectrum_of
 from anchorpose.surface.mesh import faces, keep_nodes
 
+pytestmark = pytest.mark.thorough
+
 
 def cotangent_matrix(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """The textbook's loop: no flips, one triangle after another."""
