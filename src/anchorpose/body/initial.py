@@ -15,7 +15,7 @@ from anchorpose.body.constraints import surface_constraints
 from anchorpose.body.evidence import Evidence, evidence_cost, evidence_rows
 from anchorpose.body.fit import damped_step
 from anchorpose.body.learning import ShapeFrame, learn_shape_step
-from anchorpose.body.matched_places import Matches, fit_matches
+from anchorpose.body.matched_places import MatchedPerson, fit_matches
 from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
@@ -53,11 +53,19 @@ class FirstShape:
     may_change: bool
 
 
-def find_first_pose(evidence: Evidence, matches: Matches, shape: FirstShape, config: RegistrationConfig) -> FirstPose:
-    """Fit each body to the matches, settle it on the surface, and keep the cheapest; raises as ``fit_matches``."""
+def find_first_pose(
+    evidence: Evidence, person: MatchedPerson, shape: FirstShape, config: RegistrationConfig
+) -> FirstPose:
+    """Fit each body to the matches, settle it on the surface, and keep the cheapest."""
     points = body_points()
     found = [
-        _settle(fit_matches(build_body(points, tried.shape), matches), tried, evidence, shape.may_change, config)
+        _settle(
+            fit_matches(build_body(points, tried.shape), person.matches, person.pose),
+            tried,
+            evidence,
+            shape.may_change,
+            config,
+        )
         for tried in shape.tried
     ]
     return min(found, key=lambda first: first.cost)
@@ -82,9 +90,9 @@ def _settle(
     return FirstPose(pose, replace(belief, shape=shape), cost)
 
 
-def find_rough_pose(body: Body, evidence: Evidence, matches: Matches, config: RegistrationConfig) -> Pose:
-    """Return the pose by the matches after a few steps onto the surface; raises as ``fit_matches``."""
-    pose = fit_matches(body, matches)
+def find_rough_pose(body: Body, evidence: Evidence, person: MatchedPerson, config: RegistrationConfig) -> Pose:
+    """Return the pose by the matches after a few steps onto the surface."""
+    pose = fit_matches(body, person.matches, person.pose)
     for reach_m in _ROUGH_REACHES_M:
         rows = surface_constraints(pose_points(body, pose), evidence.surface, evidence.cameras, reach_m, config)
         pose = damped_step(body, pose, rows, None, config.rows_per_observation)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -34,6 +34,7 @@ SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.1
 MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20  # of a person of whom nothing is known, adults and children together
 STATURES_M: Final = (0.90, 2.15)  # one person in a thousand is shorter or taller, with the error of one frame
 _SCALINGS: Final = 3  # 4, 3 and 2 % off in the median
+_AGAIN: Final = 4  # steps from a pose that fits already
 _NO_KERNEL_M: Final = 1e3  # the weights of the rows are robust already
 _ALIGNING: Final = 8  # steps of the reweighted alignment of the trunk
 
@@ -68,45 +69,63 @@ def _matches_of(view: View, camera: Camera, label: int) -> Matches:
     return Matches(said.place[own], transform_points(camera.require_pose(), seen_m), said.error[own])
 
 
-def fit_matches(body: Body, matches: Matches) -> Pose:
+class MatchedPerson(NamedTuple):
+    """matches, and what they say together: stature_m, the standing height, within 3 % in half of all single frames, and
+    the pose of an ordinary adult of this height."""
+
+    matches: Matches
+    stature_m: float
+    pose: Pose
+
+
+def match_person(matches: Matches) -> MatchedPerson:
+    """Fit an ordinary body to the matches and scale it so that they are as far apart as on it, in turn.
+
+    What is known of people in general counts too: few and uncertain matches tell little of a stature. Raises ValueError
+    for fewer than ``LEAST_MATCHES``.
+    """
+    points, stature_m, pose = body_points(), MEAN_STATURE_M, None
+    for _ in range(_SCALINGS):
+        body = build_body(points, shape_of_height(points.asset, stature_m))
+        pose = fit_matches(body, matches, pose)
+        stature_m = _stature_m(body, pose, matches, stature_m)
+    assert pose is not None
+    return MatchedPerson(matches, stature_m, pose)
+
+
+def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
+    """The most probable stature, by the matches on a body that is now so tall, and by that of people in general."""
+    point, target_m, sigma_m = _chosen(body, matches)
+    own_m = pose_points(body, pose).points_m[point]
+    weight = (sigma_m * (1.0 + (np.linalg.norm(own_m - target_m, axis=1) / SCALES_M[-1]) ** 2)) ** -2
+    per_m = (own_m - np.average(own_m, axis=0, weights=weight)) / now_m
+    to_m = target_m - np.average(target_m, axis=0, weights=weight)
+    seen = (weight[:, None] * per_m**2).sum() / MATCHES_PER_OBSERVATION
+    scaled_m = (weight[:, None] * per_m * to_m).sum() / MATCHES_PER_OBSERVATION
+    known = STATURE_SIGMA_M**-2
+    return float(np.clip((scaled_m + known * MEAN_STATURE_M) / (seen + known), *STATURES_M))
+
+
+def fit_matches(body: Body, matches: Matches, start: Pose | None = None) -> Pose:
     """Return the pose that brings the skin closest to its matched places; gross errors lose their weight.
 
-    Raises ValueError for fewer than ``LEAST_MATCHES``.
+    start: a pose that was fitted to the same matches on a body of another shape. Raises as ``match_person``.
     """
     if len(matches) < LEAST_MATCHES:
         raise ValueError(f"a pose needs {LEAST_MATCHES} matches, these are {len(matches)}")
-    chosen = thin(len(matches), MATCHES)
-    point, target_m = _skin_at(body.points, matches.place[chosen]), matches.target_m[chosen]
-    sigma_m = np.maximum(matches.error[chosen] * np.ptp(body.rest_m[:, 1]), LEAST_SIGMA_M)
-    pose = _aligned(body, point, target_m, sigma_m)
-    for scale_m in SCALES_M:
+    point, target_m, sigma_m = _chosen(body, matches)
+    pose = _aligned(body, point, target_m, sigma_m) if start is None else start
+    for scale_m in SCALES_M if start is None else SCALES_M[-_AGAIN:]:
         rows = _rows(pose_points(body, pose).points_m, point, target_m, sigma_m, scale_m)
         pose = damped_step(body, pose, rows, None, MATCHES_PER_OBSERVATION)
     return pose
 
 
-def stature_of(matches: Matches) -> float:
-    """Return the standing height (m) of the person who is matched, within 3 % in half of all single frames.
-
-    A body is fitted and scaled so that the matches are as far apart as on it, together with what is known of people in
-    general: few and uncertain matches tell little. Raises as ``fit_matches``.
-    """
-    points, stature_m = body_points(), MEAN_STATURE_M
+def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Skin point (n,), place in the world (n, 3) and standard deviation (n,) m of ``MATCHES`` matches."""
     chosen = thin(len(matches), MATCHES)
-    point, target_m = _skin_at(points, matches.place[chosen]), matches.target_m[chosen]
-    for _ in range(_SCALINGS):
-        body = build_body(points, shape_of_height(points.asset, stature_m))
-        own_m = pose_points(body, fit_matches(body, matches)).points_m[point]
-        sigma_m = np.maximum(matches.error[chosen] * stature_m, LEAST_SIGMA_M)
-        away_m = np.linalg.norm(own_m - target_m, axis=1)
-        weight = (sigma_m * (1.0 + (away_m / SCALES_M[-1]) ** 2)) ** -2
-        own_m = own_m - np.average(own_m, axis=0, weights=weight)
-        to_m = target_m - np.average(target_m, axis=0, weights=weight)
-        seen = (weight[:, None] * (own_m / stature_m) ** 2).sum() / MATCHES_PER_OBSERVATION
-        scaled_m = (weight[:, None] * own_m / stature_m * to_m).sum() / MATCHES_PER_OBSERVATION
-        known = STATURE_SIGMA_M**-2
-        stature_m = float(np.clip((scaled_m + known * MEAN_STATURE_M) / (seen + known), *STATURES_M))
-    return stature_m
+    sigma_m = np.maximum(matches.error[chosen] * np.ptp(body.rest_m[:, 1]), LEAST_SIGMA_M)
+    return _skin_at(body.points, matches.place[chosen]), matches.target_m[chosen], sigma_m
 
 
 def _rows(

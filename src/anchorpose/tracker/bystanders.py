@@ -21,7 +21,7 @@ from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import seen_past
 from anchorpose.body.initial import find_rough_pose
 from anchorpose.body.limb_search import search_limbs
-from anchorpose.body.matched_places import LEAST_MATCHES, matches_of, stature_of
+from anchorpose.body.matched_places import LEAST_MATCHES, match_person, matches_of
 from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pace, Pose, PoseBelief, vague_belief
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.shape_prior import child_belief, shape_of_height
@@ -228,8 +228,9 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
     evidence, matches = person_evidence(views, cameras, label), matches_of(views, cameras, label)
     if len(evidence.surface) < LEAST_NODES or len(matches) < LEAST_MATCHES:
         return None
-    body = ordinary_body(body_points(), round(stature_of(matches) / STATURE_STEP_M))
-    pose = find_rough_pose(body, evidence, matches, ROUGHLY)
+    person = match_person(matches)
+    body = ordinary_body(body_points(), round(person.stature_m / STATURE_STEP_M))
+    pose = find_rough_pose(body, evidence, person, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
     return RoughPerson(body, found) if found.found else None
 

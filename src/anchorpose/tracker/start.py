@@ -16,7 +16,7 @@ import numpy as np
 from anchorpose.body.explanation import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
 from anchorpose.body.limb_search import rarity, search_limbs
-from anchorpose.body.matched_places import LEAST_MATCHES, Matches, matches_of, stature_of
+from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_person, matches_of
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, vague_belief
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
@@ -70,7 +70,7 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     matches = matches_of(observation.evidence.views, room.cameras, PixelLabel.PATIENT)
     if len(observation.surface) < config.registration.least_nodes or len(matches) < LEAST_MATCHES:
         return NoStart.TOO_LITTLE_SEEN
-    first = _first_body(observation, matches, run, known)
+    first = _first_body(observation, match_person(matches), run, known)
     if known is None and not _is_likely(first, room.recording.subject):
         return NoStart.NOT_HUMAN
     body = build_body(points, first.shape)
@@ -84,7 +84,7 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     return _why_not(start, run) or start
 
 
-def _first_body(seen: Observation, matches: Matches, run: Run, known: FittedShape | None) -> FirstPose:
+def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: FittedShape | None) -> FirstPose:
     """The first pose with the learnt body, else with one that may still change.
 
     Where what is stated about the patient allows no likely body, the images decide without it.
@@ -92,12 +92,11 @@ def _first_body(seen: Observation, matches: Matches, run: Run, known: FittedShap
     subject, config = run.room.recording.subject, run.config
     if known is not None:
         belief = likeliest(known_beliefs(subject, config), known)
-        return _first_pose(seen, matches, FirstShape((replace(belief, shape=known),), may_change=False), run)
-    stature_m = stature_of(matches)
-    first = _first_pose(seen, matches, shapes_to_try(stature_m, subject, config), run)
+        return _first_pose(seen, person, FirstShape((replace(belief, shape=known),), may_change=False), run)
+    first = _first_pose(seen, person, shapes_to_try(person.stature_m, subject, config), run)
     if _is_likely(first, subject) or subject == subject.unmeasured:
         return first
-    return _first_pose(seen, matches, shapes_to_try(stature_m, subject.unmeasured, config), run)
+    return _first_pose(seen, person, shapes_to_try(person.stature_m, subject.unmeasured, config), run)
 
 
 def _is_likely(first: FirstPose, subject: Subject) -> bool:
@@ -106,9 +105,9 @@ def _is_likely(first: FirstPose, subject: Subject) -> bool:
     return (subject.height_m is not None or is_human(first.shape)) and bool(deviations.max() < MOST_DEVIATIONS)
 
 
-def _first_pose(seen: Observation, matches: Matches, shape: FirstShape, run: Run) -> FirstPose:
+def _first_pose(seen: Observation, person: MatchedPerson, shape: FirstShape, run: Run) -> FirstPose:
     with run.stage("first pose"):
-        return find_first_pose(seen.evidence, matches, shape, run.config.registration)
+        return find_first_pose(seen.evidence, person, shape, run.config.registration)
 
 
 def _why_not(start: Start, run: Run) -> NoStart | None:
