@@ -23,9 +23,7 @@ from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
 STAYS_M: Final = 0.40  # from a person's usual place: a step, or the way from a seat to standing
 SAME_M: Final = 0.15  # between the pelvises of two people who stand as close as they can, twice as much
-HUMAN: Final = 0.65  # of a person's nodes explained by a body: in real rooms people have 0.68 and more, things up to 0.70
-    0.65  # of a person's nodes explained by a body: in real rooms people have 0.68 and more, furniture up to 0.64
-)
+HUMAN: Final = 0.65  # of a person's nodes explained by a body: real people have 0.68 and more, things up to 0.70
 MOST_PAST: Final = 0.3  # of a trunk that cameras see past: a lunge has 0.25 of its rough body, a chair 0.37 and more
 HELP_M: Final = 1.2  # from pelvis to pelvis: an outstretched arm's length and a step
 FACES: Final = 0.7  # cosine: within 45 degrees
