@@ -18,11 +18,12 @@ from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_c
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.fit import prior_equations
 from anchorpose.body.limb_proposals import anchor_poses, exchanged, limb_poses, uncovered_paths
-from anchorpose.body.own_surface import poses_of_own_surface
+from anchorpose.body.matched_places import LEAST_MATCHES, fit_matches, matches_of
 from anchorpose.body.pose import UNSEEN_S, Pose, PoseBelief
 from anchorpose.body.registration import Registration, descend, posterior, register
 from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import SeenGeodesics
+from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
 
@@ -74,8 +75,8 @@ def search_limbs(
     """The registration with limbs moved to where they are seen, as long as that explains the frame better.
 
     predicted: what was expected; a limb found elsewhere shows that it was wrong, so that it counts for as little as
-    after ``UNSEEN_S`` without sight. seen: anchors and distances of the frame, for proposals of limbs along the paths
-    of anchors and of the whole body by its own surface; None: without these.
+    after ``UNSEEN_S`` without sight. seen: anchors of the frame, for proposals of limbs along their paths, and with them
+    of the whole body by the learnt descriptor; None: without these.
     """
     uncertain = predicted.later(predicted.pose, UNSEEN_S)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
@@ -111,9 +112,16 @@ def _proposals(
     if seen is not None:
         suggested.append(anchor_poses(body, pose, seen))
         if whole_body:
-            suggested.append(poses_of_own_surface(body, seen))
+            suggested.append(_by_matches(body, evidence))
     yield from (proposed for proposed in chain.from_iterable(suggested) if rarity(body, proposed) <= most)
     yield from exchanged(body, pose)
+
+
+def _by_matches(body: Body, evidence: Evidence) -> Iterator[Pose]:
+    """The pose of the whole body by the learnt descriptor alone; none where it matches too few pixels of the patient."""
+    matches = matches_of(evidence.views, evidence.cameras, PixelLabel.PATIENT)
+    if len(matches) >= LEAST_MATCHES:
+        yield fit_matches(body, matches)
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
