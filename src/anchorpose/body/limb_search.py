@@ -75,8 +75,8 @@ def search_limbs(
     """The registration with limbs moved to where they are seen, as long as that explains the frame better.
 
     predicted: what was expected; a limb found elsewhere shows that it was wrong, so that it counts for as little as
-    after ``UNSEEN_S`` without sight. seen: anchors of the frame, for proposals of limbs along their paths, and with them
-    of the whole body by the learnt descriptor; None: without these.
+    after ``UNSEEN_S`` without sight. seen: anchors of the frame, for proposals of limbs along their paths and of the
+    whole body by the learnt descriptor; None: without these.
     """
     uncertain = predicted.later(predicted.pose, UNSEEN_S)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
@@ -118,7 +118,7 @@ def _proposals(
 
 
 def _by_matches(body: Body, evidence: Evidence) -> Iterator[Pose]:
-    """The pose of the whole body by the learnt descriptor alone; none where it matches too few pixels of the patient."""
+    """The pose of the whole body by the learnt descriptor alone; none where it matches too few of the pixels."""
     matches = matches_of(evidence.views, evidence.cameras, PixelLabel.PATIENT)
     if len(matches) >= LEAST_MATCHES:
         yield fit_matches(body, matches)
