@@ -16,8 +16,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from anchorpose.body.kinematics import shape_body
-from anchorpose.body.own_surface import map_body
 from anchorpose.body.segments import load_body_asset
+from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import FittedShape, build_body, even_clothes, skin_points
 from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors

@@ -6,6 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from anchorpose.body.own_surface import (
+    MIRRORED,
+    PAIRS,
+    match_skin,
+    neutral,
+    own_surface,
+    poses_of_own_surface,
+    settle_on,
+    skin_distance,
+    turns,
+)
 from body_builder import (
     FRONT,
     LEFT,
@@ -24,17 +35,6 @@ from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import anchor_points
 from anchorpose.body.initial import FirstShape, find_first_pose
 from anchorpose.body.limb_proposals import CHAINS, CONTRADICTED_M, anchor_paths, anchor_poses
-from anchorpose.body.own_surface import (
-    MIRRORED,
-    PAIRS,
-    match_skin,
-    neutral,
-    own_surface,
-    poses_of_own_surface,
-    settle_on,
-    skin_distance,
-    turns,
-)
 from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import pose_points

@@ -9,7 +9,7 @@ import pytest
 from body_builder import FRONT, adult_body, asset, before_wall, photograph, points, shaken, skin_in, standing
 
 from anchorpose.body.constraints import anchor_points
-from anchorpose.body.own_surface import map_body
+from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import pose_points
 from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
 from anchorpose.geodesics.distance import geodesic_distance

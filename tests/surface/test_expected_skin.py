@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from trousers_builder import AWAY_M, CAMERA, CROTCH_M, expected_legs, legs_depth
 
-from anchorpose.body.own_surface import map_body
+from anchorpose.body.skin_map import map_body
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface import contacts

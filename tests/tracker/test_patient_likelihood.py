@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from body_builder import adult_body, points, standing
 
-from anchorpose.body.own_surface import map_body
+from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.people import IsolationConfig
 from anchorpose.isolation.view import PixelLabel

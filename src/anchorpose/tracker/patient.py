@@ -20,9 +20,9 @@ from anchorpose.body.inverse_kinematics import (
     relax_limbs,
 )
 from anchorpose.body.limb_search import Rival, follow_rivals
-from anchorpose.body.own_surface import map_body
 from anchorpose.body.pose import PATIENT_PACE, Pace, Pose, PoseBelief
 from anchorpose.body.registration import Registration, posterior, register
+from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.motion.prediction import predict_joints

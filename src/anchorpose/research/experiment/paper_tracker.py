@@ -14,15 +14,16 @@ from anchorpose.body.constraints import anchor_points, join, place_constraints
 from anchorpose.body.fit import damped_step, pose_equations, range_information
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.limb_proposals import CHAINS, CONTRADICTED_M, contradicted_by
-from anchorpose.body.own_surface import map_body, match_skin
 from anchorpose.body.pose import Pose, PoseBelief
 from anchorpose.body.registration import Registration, posterior
+from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.geodesics.anchors import SeenGeodesics
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.recording.recording import FrameSet
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.given import GivenFrames
+from anchorpose.research.experiment.own_surface import match_skin
 from anchorpose.surface.surface import BodyMap
 from anchorpose.track_tree.global_hypothesis import (
     PAIR_SIGMA_M,

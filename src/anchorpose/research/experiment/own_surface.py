@@ -1,14 +1,13 @@
-"""Compute geodesic distances along the body's own skin, and poses that lay the skin where it is seen.
+"""Match nodes of a frame to the body's own skin by geodesic distances, which neither a prediction nor the last frame
+has a part in.
 
-The paper matches nodes of one frame to those of the next (Section IV-D); here they are matched to the body itself, so
-that neither a prediction nor the last frame has a part in it. Distances to the anchors are nearly the same in every
-pose, but they are the same in front and behind; the turns between the directions of the anchors (``turns``) are not:
-seen from outside, the left hand is to the right of the head in front, and to its left behind.
+The paper matches nodes of one frame to those of the next (Section IV-D). Distances to the anchors are nearly the same
+in every pose, but they are the same in front and behind; the turns between the directions of the anchors (``turns``)
+are not: seen from outside, the left hand is to the right of the head in front, and to its left behind.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -18,90 +17,12 @@ import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
-from scipy.spatial.transform import Rotation
 
-from anchorpose.body.constraints import anchor_points, place_constraints, thin
-from anchorpose.body.fit import damped_step
-from anchorpose.body.pose import Pose
-from anchorpose.body.skin_points import Body, pose_points
+from anchorpose.body.constraints import anchor_points, thin
+from anchorpose.body.skin_points import Body
 from anchorpose.geodesics.anchors import SeenGeodesics
 from anchorpose.geodesics.paths import unfolded
 from anchorpose.joints import ANCHOR_NAMES
-from anchorpose.surface.surface import BodyMap
-
-LEAST_EDGE_M: Final = 1e-6  # of a missing limb; a graph has no edge of length 0
-LANDMARKS: Final = 24  # one every 30 cm: enough to resolve the distances of an adult's skin points
-
-
-def map_body(body: Body) -> BodyMap:
-    """The map of the body's sampled skin at rest.
-
-    Landmarks are spread over the skin, each as far as possible from those before; distances to them run along the edges
-    of the mesh and are some 5 % too long.
-    """
-    points, vertices = body.points, body.mesh.vertices
-    faces = points.asset.faces
-    edges = np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
-    length = np.maximum(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1), LEAST_EDGE_M)
-    mesh = csr_array((length, edges.T), shape=(len(vertices), len(vertices)))
-    skin = vertices[points.vertex]
-    pairs, via = _second_neighbours(_neighbours(mesh, edges, points.vertex), skin)
-    path_m = np.where(via == pairs[:, 0], 0.0, np.linalg.norm(skin[via] - skin[pairs[:, 0]], axis=1))
-    path_m += np.linalg.norm(skin[via] - skin[pairs[:, 1]], axis=1)
-    straight = np.linalg.norm(skin[pairs[:, 0]] - skin[pairs[:, 1]], axis=1) / np.maximum(path_m, LEAST_EDGE_M)
-    return BodyMap(
-        landmarks_m=_landmark_distances(mesh, points.vertex, int(np.argmax(skin[:, 1]))),
-        pairs=pairs.astype(np.int32),
-        via=via.astype(np.int32),
-        straight=straight.astype(np.float32),
-    )
-
-
-def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.ndarray:
-    """(p, l) float32 metres."""
-    fields = np.empty((LANDMARKS, len(vertex)), np.float32)
-    nearest, source = np.full(len(vertex), np.inf, np.float32), first
-    for row in range(LANDMARKS):
-        fields[row] = dijkstra(mesh, directed=False, indices=vertex[source])[vertex]
-        nearest = np.minimum(nearest, fields[row])
-        source = int(np.argmax(nearest))
-    return np.ascontiguousarray(fields.T)
-
-
-def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.ndarray:
-    """(e, 2): sampled points whose cells, the vertices nearer to them than to any other, touch on the mesh."""
-    _, _, nearest = dijkstra(mesh, directed=False, indices=vertex, min_only=True, return_predecessors=True)
-    place = np.full(mesh.shape[0] + 1, -1)
-    place[vertex] = np.arange(len(vertex))
-    cell = place[np.maximum(nearest, -1)]  # vertices of no cell, eyes and teeth, have a negative source
-    cell[vertex] = np.arange(len(vertex))
-    touching = np.sort(cell[edges], axis=1)
-    return np.unique(touching[(touching[:, 0] >= 0) & (touching[:, 0] != touching[:, 1])], axis=0)
-
-
-def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (e, 2) of direct neighbours and of neighbours' neighbours, and the point (e,) that each pair passes.
-
-    Of several paths the shortest; direct neighbours pass the first of the two.
-    """
-    both = np.concatenate([direct, direct[:, ::-1]])
-    both = both[np.argsort(both[:, 0], kind="stable")]
-    start = np.searchsorted(both[:, 0], np.arange(len(skin) + 1))
-    steps = [np.column_stack([direct, direct[:, 0]])]
-    for point in range(len(skin)):
-        around = both[start[point] : start[point + 1], 1]
-        one, two = (around[index] for index in np.triu_indices(len(around), 1))
-        steps.append(np.stack([np.minimum(one, two), np.maximum(one, two), np.full(len(one), point)], axis=1))
-    found = np.concatenate(steps)
-    path_m = np.linalg.norm(skin[found[:, 0]] - skin[found[:, 2]], axis=1)
-    path_m += np.linalg.norm(skin[found[:, 2]] - skin[found[:, 1]], axis=1)
-    path_m[: len(direct)] = 0.0  # direct neighbours go before all others
-    order = np.lexsort((path_m, found[:, 1], found[:, 0]))
-    found = found[order]
-    first = np.ones(len(found), bool)
-    first[1:] = (found[1:, :2] != found[:-1, :2]).any(axis=1)
-    return found[first, :2], found[first, 2]
-
 
 NODES: Final = 400  # of the frame, 5 cm apart; 250 do almost as well
 TRIED: Final = 1200  # skin points, 4 cm apart
@@ -283,40 +204,3 @@ def _spread(off2: np.ndarray, least: np.ndarray, places_m: np.ndarray) -> np.nda
     sums = near @ np.column_stack([places_m, (places_m**2).sum(axis=1), np.ones(len(places_m))]).astype(np.float32)
     mean = sums[:, :4] / sums[:, 4:]
     return np.asarray(np.sqrt(np.maximum(mean[:, 3] - (mean[:, :3] ** 2).sum(axis=1), 0.0)))
-
-
-MATCH_SIGMA_M: Final = 0.05  # of a match, as of an anchor (``initial.anchor_constraints``)
-MATCH_SCALES_M: Final = (0.5, 0.5, 0.5, 0.5, 0.15, 0.15, 0.15, 0.15)  # of each step: limbs come from far at first
-MATCHES_PER_OBSERVATION: Final = 8.0  # neighbours are wrong together, as in ``RegistrationConfig``
-
-
-def poses_of_own_surface(body: Body, seen: SeenGeodesics) -> Iterator[Pose]:
-    """Poses of the whole body by which the matched skin lies where it is seen, from a neutral posture.
-
-    One with the anchors' names as found, and one with left and right exchanged, since they are exchanged where the body
-    was thought to face the other way. None where fewer than three anchors reach enough nodes.
-    """
-    for mirrored in (False, True):
-        matches = match_skin(body, seen, mirrored)
-        if len(matches.node) >= LEAST_NODES:
-            places = seen.whole.points_m[matches.node].astype(np.float64)
-            yield settle_on(body, neutral(body, matches.point, places), matches.point, places)
-
-
-def neutral(body: Body, point: np.ndarray, places_m: np.ndarray) -> Pose:
-    """The rest pose, turned and moved as a whole so that skin points (m,) lie as near as possible to places (m, 3)."""
-    asset = body.points.asset
-    rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
-    own = pose_points(body, Pose(rotations, np.zeros(3))).points_m[point]
-    turn, _ = Rotation.align_vectors(places_m - places_m.mean(axis=0), own - own.mean(axis=0))
-    rotations[asset.bone("Hips")] = turn.as_matrix()
-    moved = pose_points(body, Pose(rotations, np.zeros(3))).points_m[point]
-    return Pose(rotations, (places_m - moved).mean(axis=0))
-
-
-def settle_on(body: Body, pose: Pose, point: np.ndarray, places_m: np.ndarray) -> Pose:
-    """A few damped steps that bring skin points (m,) to places (m, 3)."""
-    for scale_m in MATCH_SCALES_M:
-        rows = place_constraints(point, places_m, MATCH_SIGMA_M, scale_m)
-        pose = damped_step(body, pose, rows, None, MATCHES_PER_OBSERVATION)
-    return pose

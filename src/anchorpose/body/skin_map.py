@@ -1,0 +1,85 @@
+"""Map the body's own skin: how far its points are from landmarks and from each other, along the skin."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from anchorpose.body.skin_points import Body
+from anchorpose.surface.surface import BodyMap
+
+LEAST_EDGE_M: Final = 1e-6  # of a missing limb; a graph has no edge of length 0
+LANDMARKS: Final = 24  # one every 30 cm: enough to resolve the distances of an adult's skin points
+
+
+def map_body(body: Body) -> BodyMap:
+    """The map of the body's sampled skin at rest.
+
+    Landmarks are spread over the skin, each as far as possible from those before; distances to them run along the edges
+    of the mesh and are some 5 % too long.
+    """
+    points, vertices = body.points, body.mesh.vertices
+    faces = points.asset.faces
+    edges = np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
+    length = np.maximum(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1), LEAST_EDGE_M)
+    mesh = csr_array((length, edges.T), shape=(len(vertices), len(vertices)))
+    skin = vertices[points.vertex]
+    pairs, via = _second_neighbours(_neighbours(mesh, edges, points.vertex), skin)
+    path_m = np.where(via == pairs[:, 0], 0.0, np.linalg.norm(skin[via] - skin[pairs[:, 0]], axis=1))
+    path_m += np.linalg.norm(skin[via] - skin[pairs[:, 1]], axis=1)
+    straight = np.linalg.norm(skin[pairs[:, 0]] - skin[pairs[:, 1]], axis=1) / np.maximum(path_m, LEAST_EDGE_M)
+    return BodyMap(
+        landmarks_m=_landmark_distances(mesh, points.vertex, int(np.argmax(skin[:, 1]))),
+        pairs=pairs.astype(np.int32),
+        via=via.astype(np.int32),
+        straight=straight.astype(np.float32),
+    )
+
+
+def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.ndarray:
+    """(p, l) float32 metres."""
+    fields = np.empty((LANDMARKS, len(vertex)), np.float32)
+    nearest, source = np.full(len(vertex), np.inf, np.float32), first
+    for row in range(LANDMARKS):
+        fields[row] = dijkstra(mesh, directed=False, indices=vertex[source])[vertex]
+        nearest = np.minimum(nearest, fields[row])
+        source = int(np.argmax(nearest))
+    return np.ascontiguousarray(fields.T)
+
+
+def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.ndarray:
+    """(e, 2): sampled points whose cells, the vertices nearer to them than to any other, touch on the mesh."""
+    _, _, nearest = dijkstra(mesh, directed=False, indices=vertex, min_only=True, return_predecessors=True)
+    place = np.full(mesh.shape[0] + 1, -1)
+    place[vertex] = np.arange(len(vertex))
+    cell = place[np.maximum(nearest, -1)]  # vertices of no cell, eyes and teeth, have a negative source
+    cell[vertex] = np.arange(len(vertex))
+    touching = np.sort(cell[edges], axis=1)
+    return np.unique(touching[(touching[:, 0] >= 0) & (touching[:, 0] != touching[:, 1])], axis=0)
+
+
+def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs (e, 2) of direct neighbours and of neighbours' neighbours, and the point (e,) that each pair passes.
+
+    Of several paths the shortest; direct neighbours pass the first of the two.
+    """
+    both = np.concatenate([direct, direct[:, ::-1]])
+    both = both[np.argsort(both[:, 0], kind="stable")]
+    start = np.searchsorted(both[:, 0], np.arange(len(skin) + 1))
+    steps = [np.column_stack([direct, direct[:, 0]])]
+    for point in range(len(skin)):
+        around = both[start[point] : start[point + 1], 1]
+        one, two = (around[index] for index in np.triu_indices(len(around), 1))
+        steps.append(np.stack([np.minimum(one, two), np.maximum(one, two), np.full(len(one), point)], axis=1))
+    found = np.concatenate(steps)
+    path_m = np.linalg.norm(skin[found[:, 0]] - skin[found[:, 2]], axis=1)
+    path_m += np.linalg.norm(skin[found[:, 2]] - skin[found[:, 1]], axis=1)
+    path_m[: len(direct)] = 0.0  # direct neighbours go before all others
+    order = np.lexsort((path_m, found[:, 1], found[:, 0]))
+    found = found[order]
+    first = np.ones(len(found), bool)
+    first[1:] = (found[1:, :2] != found[:-1, :2]).any(axis=1)
+    return found[first, :2], found[first, 2]
