@@ -26,7 +26,7 @@ from anchorpose.body.explanation import Explanation, node_area_m2
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, SkinPoints, pose_points
-from anchorpose.geodesics.anchors import Anchors, SeenGeodesics
+from anchorpose.geodesics.anchors import Anchors, SeenAnchors
 from anchorpose.geodesics.center import center_field, limb_path
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_INDEX
 
@@ -243,7 +243,7 @@ CONTRADICTED_M: Final = 0.15  # from an anchor to the tip of its limb: worth a p
 INSIDE_TIP_M: Final = 0.03  # by which an anchor lies nearer to the centre than its limb's tip: half of a cap's depth
 
 
-def anchor_paths(body: Body, pose: Pose, seen: SeenGeodesics) -> Iterator[tuple[LimbPath, tuple[Chain, ...]]]:
+def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[LimbPath, tuple[Chain, ...]]]:
     """The paths of the hands and feet that the pose contradicts, and of free ends; with the limbs that each may be.
 
     A hand may be the end of either arm, a foot that of either leg: sides are exchanged where the body was thought to
@@ -273,7 +273,7 @@ def contradicted_by(body: Body, pose: Pose, anchors: Anchors, beyond_m: float) -
     return np.asarray(away_m > beyond_m)
 
 
-def anchor_poses(body: Body, pose: Pose, seen: SeenGeodesics) -> Iterator[Pose]:
+def anchor_poses(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[Pose]:
     """The pose with one limb laid along the path of an anchor."""
     for path, chains in anchor_paths(body, pose, seen):
         yield from limb_poses(body, pose, path, chains)

@@ -22,7 +22,7 @@ from anchorpose.body.matched_places import LEAST_MATCHES, fit_matches, matches_o
 from anchorpose.body.pose import UNSEEN_S, Pose, PoseBelief
 from anchorpose.body.registration import Registration, descend, posterior, register
 from anchorpose.body.skin_points import Body, pose_points
-from anchorpose.geodesics.anchors import SeenGeodesics
+from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
@@ -70,7 +70,7 @@ def search_limbs(
     predicted: PoseBelief,
     evidence: Evidence,
     config: RegistrationConfig,
-    seen: SeenGeodesics | None = None,
+    seen: SeenAnchors | None = None,
 ) -> Search:
     """The registration with limbs moved to where they are seen, as long as that explains the frame better.
 
@@ -102,7 +102,7 @@ def farthest_joint_m(body: Body, one: Pose, other: Pose) -> float:
 
 
 def _proposals(
-    body: Body, pose: Pose, evidence: Evidence, seen: SeenGeodesics | None, whole_body: bool
+    body: Body, pose: Pose, evidence: Evidence, seen: SeenAnchors | None, whole_body: bool
 ) -> Iterator[Pose]:
     """Poses that the picture suggests, but for those that are much rarer than the present one: a leg that nobody sees
     could be laid along an arm. whole_body: those of the whole body too, which the pose has little part in."""

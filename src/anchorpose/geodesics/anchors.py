@@ -291,13 +291,8 @@ def _nearest(surface: Surface, nodes: np.ndarray, point_m: np.ndarray) -> int:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenGeodesics:
-    """The patient's surface in one frame with its anchors and distances.
-
-    whole: with the hidden skin, which is inferred and comes last. descriptor (n, 5) metres: the distance of each seen
-    node to each anchor, inf where not reached, NaN where the anchor is missed or the distance is not trusted.
-    """
+class SeenAnchors:
+    """The patient's surface in one frame with its anchors; whole: with the hidden skin, which is inferred, at the end."""
 
     whole: Surface
     anchors: Anchors
-    descriptor: np.ndarray

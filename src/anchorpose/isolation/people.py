@@ -31,14 +31,13 @@ EDGE_M: Final = 0.1  # between a pixel and the ray nearest to it: across an outl
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
     """One person: ground_xz_m (2,) float64, the pelvis over the ground; bottom_m, top_m: heights of what is seen;
-    area_m2, pixels: the surface that is seen, and by how many pixels.
+    area_m2: of the surface that is seen.
     """
 
     ground_xz_m: np.ndarray
     bottom_m: float
     top_m: float
     area_m2: float
-    pixels: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +109,7 @@ def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, 
     if area_m2 < LEAST_AREA_M2:
         return None
     bottom, top = np.percentile(heights, [1, 99])
-    return Person(found.pelvis_m[[0, 2]], float(bottom), float(top), area_m2, len(heights))
+    return Person(found.pelvis_m[[0, 2]], float(bottom), float(top), area_m2)
 
 
 def ground_distance(points_m: np.ndarray, axes_xz: np.ndarray) -> np.ndarray:

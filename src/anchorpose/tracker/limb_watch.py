@@ -309,7 +309,7 @@ class LimbWatch:
         if self.search_wait >= 0 or len(seen.surface) < config.least_nodes:
             return Watched(lost)
         assumed = replace(lost, belief=predicted, found=True)
-        search = search_limbs(body, assumed, predicted, seen.evidence, config, seen.geodesics)
+        search = search_limbs(body, assumed, predicted, seen.evidence, config, seen.seen_anchors)
         if not search.rounds:
             self.search_wait = SEARCH_PAUSE
             return Watched(lost)
@@ -320,7 +320,7 @@ class LimbWatch:
     ) -> Watched:
         """Limbs found again from uncovered skin; a search that finds nothing waits longer before the next."""
         config = self.run.config.registration
-        search = search_limbs(body, watched.registration, predicted, seen.evidence, config, seen.geodesics)
+        search = search_limbs(body, watched.registration, predicted, seen.evidence, config, seen.seen_anchors)
         if search.rounds:
             self.search_wait, self.search_pause = 0, SEARCH_PAUSE
         else:

@@ -9,7 +9,7 @@ import numpy as np
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.pose import PoseBelief
 from anchorpose.body.skin_points import FittedShape
-from anchorpose.geodesics.anchors import Anchors, SeenGeodesics, anchor_descriptor
+from anchorpose.geodesics.anchors import Anchors, SeenAnchors, anchor_descriptor
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
 from anchorpose.isolation.bystander_memory import BystanderMemory
 from anchorpose.isolation.scene import Pieces
@@ -129,9 +129,9 @@ class Observation:
         return self.distances.of_seen_nodes()
 
     @property
-    def geodesics(self) -> SeenGeodesics:
-        """Surface, anchors and distances together, for proposals of poses."""
-        return SeenGeodesics(self.whole, self.anchors, self.descriptor)
+    def seen_anchors(self) -> SeenAnchors:
+        """Surface and anchors together, for proposals of limbs."""
+        return SeenAnchors(self.whole, self.anchors)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,9 +20,10 @@ from scipy.sparse.csgraph import dijkstra
 
 from anchorpose.body.constraints import anchor_points, thin
 from anchorpose.body.skin_points import Body
-from anchorpose.geodesics.anchors import SeenGeodesics
+from anchorpose.geodesics.anchors import Anchors
 from anchorpose.geodesics.paths import unfolded
 from anchorpose.joints import ANCHOR_NAMES
+from anchorpose.surface.surface import Surface
 
 NODES: Final = 400  # of the frame, 5 cm apart; 250 do almost as well
 TRIED: Final = 1200  # skin points, 4 cm apart
@@ -52,6 +53,19 @@ class OwnSurface:
 
     distance_m: np.ndarray
     turns: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenGeodesics:
+    """The patient's surface in one frame with its anchors and distances.
+
+    whole: with the hidden skin, which is inferred and comes last. descriptor (n, 5) metres: the distance of each seen
+    node to each anchor, inf where not reached, NaN where the anchor is missed or the distance is not trusted.
+    """
+
+    whole: Surface
+    anchors: Anchors
+    descriptor: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

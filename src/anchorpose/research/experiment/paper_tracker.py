@@ -18,12 +18,11 @@ from anchorpose.body.pose import Pose, PoseBelief
 from anchorpose.body.registration import Registration, posterior
 from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_points, build_body, pose_points
-from anchorpose.geodesics.anchors import SeenGeodesics
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.recording.recording import FrameSet
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.given import GivenFrames
-from anchorpose.research.experiment.own_surface import match_skin
+from anchorpose.research.experiment.own_surface import SeenGeodesics, match_skin
 from anchorpose.surface.surface import BodyMap
 from anchorpose.track_tree.global_hypothesis import (
     PAIR_SIGMA_M,
@@ -96,7 +95,10 @@ class PaperTracker(PatientTracker):
 
     def _with_limbs(self, pose: Pose) -> Pose:
         """The pose with lost limbs brought back, where the method does that."""
-        return bring_limbs_back(self.body, pose, self.window[1].geodesics) if self.way.own_surface else pose
+        if not self.way.own_surface:
+            return pose
+        seen = self.window[1]
+        return bring_limbs_back(self.body, pose, SeenGeodesics(seen.whole, seen.anchors, seen.descriptor))
 
 
 @lru_cache(maxsize=1)
