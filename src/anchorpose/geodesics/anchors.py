@@ -292,7 +292,7 @@ def _nearest(surface: Surface, nodes: np.ndarray, point_m: np.ndarray) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenAnchors:
-    """The patient's surface in one frame with its anchors; whole: with the hidden skin, which is inferred, at the end."""
+    """The patient's surface in one frame with its anchors; whole: with the hidden skin, which is inferred and last."""
 
     whole: Surface
     anchors: Anchors
