@@ -28,12 +28,6 @@ SCENES = [built_scene(camera=camera) for camera in CAMERAS]
 CONFIG, ISOLATION = TrackConfig(), IsolationConfig()
 
 
-def child_body(height_m: float) -> Body:
-    """A naked child of ordinary shape."""
-    shape = child_belief(asset()).standing(asset(), height_m, 0.01).shape
-    return build_body(body_points(), replace(shape, offset_m=even_clothes(0.0)))
-
-
 def photographed(*poses, bodies: Sequence[Body] | None = None) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Depth images of naked people in a room with a wall and a floor, and who is in each pixel, numbered from 1.
 
