@@ -6,23 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_builder import (
-    FRONT,
-    LEFT,
-    adult,
-    adult_body,
-    asset,
-    joint_errors_m,
-    points,
-    seen_body,
-    standing,
-    turned_about_y,
-)
+from body_builder import FRONT, LEFT, adult_body, joint_errors_m, points, seen_body, standing, turned_about_y
 
 from anchorpose.body import own_surface as matching
-from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import anchor_points
-from anchorpose.body.initial import FirstShape, find_first_pose
 from anchorpose.body.limb_proposals import CHAINS, CONTRADICTED_M, anchor_paths, anchor_poses
 from anchorpose.body.own_surface import (
     MIRRORED,
@@ -36,7 +23,6 @@ from anchorpose.body.own_surface import (
     turns,
 )
 from anchorpose.body.pose import Pose
-from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import pose_points
 from anchorpose.geodesics.anchors import Anchors, SeenGeodesics, anchor_descriptor, find_anchors, no_anchors
 from anchorpose.geodesics.extrema import Cap
@@ -218,16 +204,6 @@ def test_a_patient_thought_to_face_the_other_way_is_found_with_the_names_exchang
     errors = [joint_errors_m(BODY, pose, STEPPING).mean() for pose in poses_of_own_surface(BODY, seen)]
     assert min(errors) < 0.08
     assert errors[0] > 0.2
-
-
-def test_the_first_pose_of_who_faces_the_other_way_is_found():
-    truth = turned_about_y(180.0, (0.0, 0.0, 0.0)).of_pose(STEPPING)
-    evidence, seen = seen_body(truth, BODY, (FRONT, LEFT)), seen_of(truth)
-    known = FirstShape([replace(adult_belief(asset()), shape=adult())], may_change=False)
-    one = find_first_pose(evidence, seen.anchors, known, RegistrationConfig())
-    other = find_first_pose(evidence, seen.anchors, known, RegistrationConfig(), seen=seen)
-    assert joint_errors_m(BODY, one.pose, truth).mean() > 0.1
-    assert joint_errors_m(BODY, other.pose, truth).mean() < 0.02
 
 
 def test_the_proposal_moves_with_the_patient():

@@ -48,7 +48,7 @@ CHILD_M = 1.4  # people who are shorter have the shape of a child
 def body(x: float, z: float, height_m: float = 1.7, heading_deg: float = 0.0, **turns_deg) -> tuple[Mesh]:
     """A naked person on the floor, arms hanging; 0: faces X; turns_deg: of other bones, as ``standing`` has them."""
     skin_m = _skin(height_m, heading_deg, tuple((_HANGING | turns_deg).items()))
-    return (Mesh("person", skin_m + [x, -skin_m[:, 1].min(), z], asset().faces),)
+    return (Mesh("person", skin_m + np.array([x, -skin_m[:, 1].min(), z]), asset().faces),)
 
 
 def pillar(x: float, z: float) -> Cylinder:

@@ -28,7 +28,9 @@ def pieces_of(*parts, seed: int = 3):
 
 
 def first_views(pieces):
-    return separate_initial(pieces, see_people(pieces, CAMERAS * len(pieces)), PatientChoice(np.zeros(2), "", sure=True))
+    return separate_initial(
+        pieces, see_people(pieces, CAMERAS * len(pieces)), PatientChoice(np.zeros(2), "", sure=True)
+    )
 
 
 def skin_likelihood(*parts, sigma_m: float = 0.02) -> OwnershipLikelihood:
