@@ -29,7 +29,7 @@ from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import build_body, pose_points
 from anchorpose.geodesics.anchors import Anchors, no_anchors
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX
+from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX, JOINT_NAMES
 from anchorpose.tracker.bystanders import ROUGHLY
 
 BODY = adult_body()
@@ -66,8 +66,10 @@ def first_pose(truth: Pose, height_m: float | None = None) -> FirstPose:
 def test_a_known_body_is_found_whichever_way_it_faces(truth, heading_deg):
     truth = turned_about_y(heading_deg, (0.0, 0.0, 0.0)).of_pose(truth)
     found = first_pose(truth)
+    hidden = heading_deg == 90.0  # the left side, beyond the right one
+    shown = [number for number, name in enumerate(JOINT_NAMES) if not (hidden and name.endswith("Left"))]
     # 12 cm of last reach: registration brings the rest
-    assert joint_errors_m(BODY, found.pose, truth).mean() < (0.015 if heading_deg == 0.0 else 0.03)
+    assert joint_errors_m(BODY, found.pose, truth)[shown].mean() < 0.015
     assert found.shape is adult()
 
 
