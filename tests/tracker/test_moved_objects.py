@@ -52,12 +52,6 @@ def coming(person, sway_m: float = 0.0):
     return lambda k: body(-0.3, 0.15 * (MOVES - k)) if k < MOVES else person(-0.3 + sway_m * np.sin(1.7 * k))
 
 
-@cache
-def walked_in(person, sway_m: float, backward: bool = False) -> int:
-    moving = coming(person, sway_m)
-    return len(learnt((lambda k: moving(COUNT - 1 - k)) if backward else moving).layers)
-
-
 def stands(x: float) -> tuple:
     return body(x, 0.0)
 
@@ -132,10 +126,12 @@ def test_from_a_picture_of_the_empty_room_everything_stands_out():
 
 
 @pytest.mark.parametrize("backward", [False, True])
-@pytest.mark.parametrize("sway_m", [0.0, 0.006])
-@pytest.mark.parametrize("person", [stands, sits, on_the_floor, child_squats])
+@pytest.mark.parametrize(
+    ("person", "sway_m"), [(stands, 0.008), (sits, 0.004), (on_the_floor, 0.0), (child_squats, 0.0)]
+)
 def test_a_person_who_comes_and_keeps_still_is_no_object(person, sway_m, backward):
-    assert walked_in(person, sway_m, backward) == 0
+    moving = coming(person, sway_m)
+    assert learnt((lambda k: moving(COUNT - 1 - k)) if backward else moving).layers == ()
 
 
 def test_legs_that_keep_still_below_a_trunk_that_moves_are_no_stool():
