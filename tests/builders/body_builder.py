@@ -14,7 +14,7 @@ from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, joint_range
 from anchorpose.body.segments import load_body_asset
-from anchorpose.body.shape_prior import shape_of_height
+from anchorpose.body.shape_prior import child_belief, shape_of_height
 from anchorpose.body.skin_points import (
     CLOTHES,
     Body,
@@ -61,6 +61,13 @@ def adult(height_m: float = 1.72, clothing_m: float = 0.0) -> FittedShape:
 @cache
 def adult_body(height_m: float = 1.72, clothing_m: float = 0.0) -> Body:
     return build_body(points(), adult(height_m, clothing_m))
+
+
+@cache
+def child_body(height_m: float) -> Body:
+    """A naked child of ordinary shape."""
+    shape = child_belief(asset()).standing(asset(), height_m, 0.01).shape
+    return build_body(points(), replace(shape, offset_m=even_clothes(0.0)))
 
 
 def standing(root_m: Sequence[float] = (0.0, 0.95, 0.0), **turns_deg: tuple[float, float, float]) -> Pose:

@@ -1,4 +1,4 @@
-"""A built room in which people of cylinders move, seen by cameras whose clocks disagree; depth frames on demand."""
+"""A built room in which people move, seen by cameras whose clocks disagree; depth frames on demand."""
 
 from __future__ import annotations
 

@@ -1,18 +1,20 @@
-"""A room of boxes and cylinders, as depth cameras of known noise see it."""
+"""A room of boxes with people in it, as depth cameras of known noise see it."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
+from body_builder import adult_body, asset, child_body, skin_in, standing
 
 from anchorpose.camera import Camera
 from anchorpose.isolation.background import equipment_depth
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.lens import Intrinsics
-from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
+from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, Mesh
 
 NOISE_PER_M = 0.0012  # sigma = NOISE_PER_M z^2, about a Kinect v2's
 ROOM = (
@@ -40,14 +42,34 @@ def camera_at(position_m, look_at_m, width: int = 256, height: int = 212) -> Cam
 FRONT = camera_at((2.5, 1.2, 0.0), (0.0, 0.9, 0.0))
 
 
-def body(x: float, z: float, height_m: float = 1.7) -> tuple[Cylinder, ...]:
-    """A person as a trunk with a head."""
-    up = np.array([0.0, 1.0, 0.0])
-    trunk = height_m - 0.3
-    return (
-        Cylinder("trunk", np.array([x, trunk / 2, z]), up, 0.16, trunk),
-        Cylinder("head", np.array([x, trunk + 0.15, z]), up, 0.09, 0.3),
-    )
+CHILD_M = 1.4  # people who are shorter have the shape of a child
+
+
+def body(x: float, z: float, height_m: float = 1.7, heading_deg: float = 0.0, **turns_deg) -> tuple[Mesh]:
+    """A naked person on the floor, arms hanging; 0: faces X; turns_deg: of other bones, as ``standing`` has them."""
+    skin_m = _skin(height_m, heading_deg, tuple((_HANGING | turns_deg).items()))
+    return (Mesh("person", skin_m + np.array([x, -skin_m[:, 1].min(), z]), asset().faces),)
+
+
+def pillar(x: float, z: float) -> Cylinder:
+    """What is as large as a person and smooth."""
+    return Cylinder("pillar", np.array([x, 0.7, z]), np.array([0.0, 1.0, 0.0]), 0.16, 1.4)
+
+
+def seated(x: float, z: float, height_m: float = 1.7, **turns_deg) -> tuple[Mesh]:
+    """A naked person who sits on nothing, the feet on the floor."""
+    thighs, shanks = ({f"{side}{bone}": (0.0, 0.0, turn) for side in ("Left", "Right")} for bone, turn in _BENT)
+    return body(x, z, height_m, **thighs, **shanks, **turns_deg)
+
+
+_HANGING = {"LeftArm": (-35.0, 0.0, 0.0), "RightArm": (35.0, 0.0, 0.0)}
+_BENT = (("UpLeg", 85.0), ("Leg", -85.0))
+
+
+@cache
+def _skin(height_m: float, heading_deg: float, turns_deg: tuple) -> np.ndarray:
+    pose = standing((0.0, 0.0, 0.0), Hips=(0.0, heading_deg, 0.0), **dict(turns_deg))
+    return skin_in(pose, child_body(height_m) if height_m < CHILD_M else adult_body(height_m))
 
 
 def picture(camera: Camera, *parts, seed: int | None = None) -> np.ndarray:
@@ -59,9 +81,8 @@ def picture(camera: Camera, *parts, seed: int | None = None) -> np.ndarray:
 
 
 def shot(seed: int) -> np.ndarray:
-    """Two people in the room."""
-    people = [part for place in ((0.0, -0.5), (0.0, 0.5)) for part in body(*place)]
-    return picture(FRONT, *ROOM, *people, seed=seed)
+    """Two pillars in the room."""
+    return picture(FRONT, *ROOM, pillar(0.0, -0.5), pillar(0.0, 0.5), seed=seed)
 
 
 def filtered(depth_m: np.ndarray, width_px: int) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from clinic_builder import bare, shoot
-from room_builder import NOISE_PER_M, ROOM, body, camera_at, picture, unposed
+from room_builder import NOISE_PER_M, ROOM, body, camera_at, picture, pillar, unposed
 
 from anchorpose.calibration.calibration import PoseSource
 from anchorpose.calibration.equipment_agreement import share_seen_through
@@ -105,7 +105,7 @@ def test_gamma_0_may_lie_anywhere_above_the_floor():
 
 @pytest.mark.thorough
 def test_half_of_the_frame_behind_people_is_enough():
-    view = view_of(*FRAME.parts, *body(0.55, 0.45), *body(0.0, 0.1))
+    view = view_of(*FRAME.parts, pillar(0.55, 0.45), pillar(0.0, 0.1))
     found = find_equipment(view, prepare_equipment(FRAME), EquipmentPoseConfig())
     assert isinstance(found, EquipmentPose)
     shift_mm, turn_deg = errors(found.camera_to_world, camera().T_world_camera, np.array([0.1, 0.5, 0.0]))

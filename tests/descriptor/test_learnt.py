@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import re
 from pathlib import Path
 
@@ -11,15 +10,25 @@ import pytest
 
 from anchorpose.body.asset import stored_asset
 from anchorpose.camera import Camera
-from anchorpose.descriptor.learnt import Described, describe, inputs_of, read_weights, stored_weights
-from anchorpose.errors import InputError, MissingPackage
-from anchorpose.lens import Intrinsics, LensModel
+from anchorpose.descriptor.learnt import (
+    FOCAL_PX,
+    REMEMBERED,
+    STEP,
+    WIDEST,
+    Described,
+    describe,
+    described,
+    inputs_of,
+    nearest_rays,
+    read_weights,
+    stored_weights,
+)
+from anchorpose.errors import InputError
+from anchorpose.lens import Intrinsics, LensModel, rays_of_pixels
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import single
 from anchorpose.simulate.render import PATIENT, TrueImage
 from anchorpose.simulate.shoot import set_up
-
-pytest.importorskip("onnxruntime", reason="the learnt descriptor needs onnxruntime")
 
 
 def camera(focal_px: float = 365.0, **lens: object) -> Camera:
@@ -107,6 +116,44 @@ def test_a_lens_that_bends_shows_the_same_people() -> None:
     assert counts[1] == pytest.approx(counts[0], rel=0.03)
 
 
+LENSES = {
+    "pinhole": camera(),
+    "barrel": camera(300.0, distortion=(-0.2, 0.05, 0.001, -0.001, 0.0)),
+    "wide": camera(150.0, distortion=(0.0, 0.0, 0.0, 0.0), model=LensModel.KANNALA_BRANDT),
+}
+
+
+@pytest.mark.parametrize("seen_by", LENSES.values(), ids=LENSES.keys())
+def test_the_ray_of_each_pixel_is_the_nearest_one(seen_by: Camera) -> None:
+    row, column, inside = nearest_rays(seen_by)
+    of_pixel = rays_of_pixels(seen_by.intrinsics, seen_by.width, seen_by.height)
+    down, across = describe(np.zeros((424, 512), np.float32), seen_by).person.shape
+    first = np.maximum(np.nanmin(of_pixel.reshape(-1, 2), axis=0), -WIDEST)
+    grid = first + np.stack(np.meshgrid(np.arange(across), np.arange(down)), axis=-1) * STEP / FOCAL_PX
+    some = tuple(np.random.default_rng(2).integers(0, [[424], [512]], (2, 300)))
+    away = np.linalg.norm(grid[None] - of_pixel[some][:, None, None], axis=-1).reshape(300, -1)
+    known = inside[some]
+    chosen = row[some] * across + column[some]
+    np.testing.assert_allclose(away[np.arange(300), chosen][known], np.nanmin(away[known], axis=1), atol=1e-6)
+    beyond = np.nanmin(np.where(np.isfinite(away), away, np.inf), axis=1) > STEP / FOCAL_PX
+    assert (known == ~beyond).all()
+    assert known.mean() > 0.2
+
+
+def test_an_image_is_described_once_and_no_other_is_taken_for_it(
+    person: tuple[Described, np.ndarray, TrueImage, Camera],
+) -> None:
+    _, depth_m, _, seen_by = person
+    known = described(depth_m, seen_by)
+    assert described(depth_m, seen_by) is known
+    assert described(depth_m.copy(), seen_by) is not known
+    assert described(depth_m, camera(400.0)) is not known
+    for number in range(2 * REMEMBERED):  # of which none lives on: ids are used again
+        other = depth_m * np.float32(1.0 + 0.01 * number)
+        np.testing.assert_array_equal(described(other, seen_by).person, describe(other, seen_by).person)
+    np.testing.assert_array_equal(described(depth_m, seen_by).person, known.person)
+
+
 def test_an_empty_image_holds_nobody() -> None:
     said = describe(np.zeros((424, 512), np.float32), camera())
     assert not said.read.any()
@@ -161,16 +208,3 @@ def test_a_file_that_is_no_network_is_one_sentence_with_its_name(tmp_path: Path,
         path.write_bytes(content[spoil])
     with pytest.raises(InputError, match=r"other\.weights: .*; .*\.$"):
         read_weights(path)
-
-
-def test_without_onnxruntime_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    whole = builtins.__import__
-
-    def without(name: str, *rest: object, **named: object) -> object:
-        if name == "onnxruntime":
-            raise ModuleNotFoundError(name)
-        return whole(name, *rest, **named)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(MissingPackage, match=r"anchorpose\[descriptor\]"):
-        read_weights(tmp_path / "any.onnx")

@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from room_builder import FRONT, ROOM, body, built_scene, in_front, picture
+from room_builder import FRONT, ROOM, body, built_scene, in_front, picture, pillar
 
 from anchorpose.isolation.bystander_memory import MEMORY_S, empty_memory, update_memory
 from anchorpose.isolation.ownership import CELL_M, SAMPLING_M, OwnershipLikelihood, decide_ownership, sort_likelihood
-from anchorpose.isolation.people import IsolationConfig, PatientChoice, find_people
+from anchorpose.isolation.people import PatientChoice, see_people
 from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.equipment import Box
 
-CONFIG = IsolationConfig()
 SCENE = built_scene()
+CAMERAS = (FRONT,)
 A_FRAME_S = 1.0 / 15.0
 PATIENT, OTHER = PixelLabel.PATIENT, PixelLabel.OTHER_PERSON
 
@@ -28,8 +28,9 @@ def pieces_of(*parts, seed: int = 3):
 
 
 def first_views(pieces):
-    people = find_people(pieces, CONFIG)
-    return separate_initial(pieces, people, PatientChoice(np.zeros(2), "", sure=True))
+    return separate_initial(
+        pieces, see_people(pieces, CAMERAS * len(pieces)), PatientChoice(np.zeros(2), "", sure=True)
+    )
 
 
 def skin_likelihood(*parts, sigma_m: float = 0.02) -> OwnershipLikelihood:
@@ -47,7 +48,7 @@ def follow(*scenes, expected=None):
     memory = update_memory(empty_memory(), pieces, views, [FRONT], 0.0)
     for number, parts in enumerate(scenes[1:]):
         pieces = pieces_of(*parts, seed=10 + number)
-        views = separate(pieces, memory, expected, A_FRAME_S, CONFIG)
+        views = separate(pieces, memory, expected, A_FRAME_S, CAMERAS)
         memory = update_memory(memory, pieces, views, [FRONT], A_FRAME_S)
     return views[0], memory
 
@@ -96,8 +97,8 @@ def test_places_far_from_all_skin_have_no_owner():
 
 
 def test_growth_stops_at_the_valley_between_two_who_touch():
-    """Two cylinders side by side make a valley; seeded far from it on both, each ends there."""
-    (pieces,) = pieces_of(*body(0.0, -0.155), *body(0.0, 0.155))
+    """Two pillars side by side make a valley; seeded far from it on both, each ends there."""
+    (pieces,) = pieces_of(pillar(0.0, -0.155), pillar(0.0, 0.155))
     z = pieces.points_m[:, 2]
     seeds = np.where(z < -0.25, 4, np.where(z > 0.06, 5, 0)).astype(np.uint8)  # the right one's much nearer to it
     grown = grow_regions(pieces, seeds)
@@ -116,9 +117,9 @@ def test_growth_does_not_leap_over_a_depth_jump():
 
 @pytest.mark.parametrize("predicted", [True, False])
 def test_a_helper_who_touches_the_patient_stays_apart(predicted):
-    patient, helper = body(0, 0), body(0.05, 0.6)
+    patient, helper = body(0, 0), body(0.05, 0.7)
     arms = [
-        Box("arm", np.array([0.05, 1.1, 0.45 - k * 0.05]), np.array([0.08, 0.08, 0.3]), np.eye(3)) for k in range(4)
+        Box("arm", np.array([0.05, 1.1, 0.55 - k * 0.05]), np.array([0.08, 0.08, 0.3]), np.eye(3)) for k in range(4)
     ]
     expected = skin_likelihood(*patient) if predicted else None
     view, _ = follow((*patient, *helper), *[(*patient, *helper, arm) for arm in arms], expected=expected)
@@ -128,8 +129,8 @@ def test_a_helper_who_touches_the_patient_stays_apart(predicted):
 
 
 def test_a_helpers_hand_on_the_skin_stays_the_helpers_while_it_was_seen_to_come():
-    patient, helper = body(0, 0), body(0.1, 0.62)
-    arms = [bar(0.19, 1.0, (0.55 + end) / 2, 0.55 - end) for end in np.arange(0.42, 0.0, -0.07)]
+    patient, helper = body(0, 0), body(0.1, 0.72)
+    arms = [bar(0.19, 1.0, (0.65 + end) / 2, 0.65 - end) for end in np.arange(0.52, 0.1, -0.07)]
     view, _ = follow(
         (*patient, *helper), *[(*patient, *helper, arm) for arm in arms], expected=skin_likelihood(*patient)
     )
@@ -138,7 +139,7 @@ def test_a_helpers_hand_on_the_skin_stays_the_helpers_while_it_was_seen_to_come(
 
 def test_an_arm_that_outran_its_prediction_is_kept_while_nobody_is_near():
     arm = bar(0.1, 1.2, 0.35, 0.5)
-    (view,) = separate(pieces_of(*body(0, 0), arm), empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CONFIG)
+    (view,) = separate(pieces_of(*body(0, 0), arm), empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CAMERAS)
     assert view.patient[shown(arm, *body(0, 0))].mean() > 0.9
 
 
@@ -165,7 +166,7 @@ def test_new_people_get_different_labels_in_the_forward_and_the_backward_pass():
     _, memory = follow(here)
     newcomer = in_front(FRONT, *body(0.2, -0.9))
     pieces = pieces_of(*here, *body(0.2, -0.9))
-    forth, back = (separate(pieces, memory, None, way * A_FRAME_S, CONFIG)[0].labels[newcomer] for way in (1, -1))
+    forth, back = (separate(pieces, memory, None, way * A_FRAME_S, CAMERAS)[0].labels[newcomer] for way in (1, -1))
     assert not set(forth[forth >= OTHER].tolist()) & set(back[back >= OTHER].tolist())
     assert (back > OTHER + 1).mean() > 0.95
 
@@ -180,7 +181,7 @@ def test_hidden_skin_is_remembered_and_forgotten_in_time():
     _, gone = follow(seen, patient)
     assert not (gone.owner == OTHER).any()  # the room was seen where the helper had stood
     hidden = pieces_of(*seen, screen, seed=40)
-    views = separate(hidden, memory, None, MEMORY_S, CONFIG)
+    views = separate(hidden, memory, None, MEMORY_S, CAMERAS)
     forgotten = update_memory(memory, hidden, views, [FRONT], MEMORY_S)
     assert (forgotten.age_s == 0).all()
 
@@ -201,16 +202,11 @@ def test_a_missing_picture_stays_missing():
     views = first_views(pieces)
     assert views[1] is None
     memory = update_memory(empty_memory(), pieces, views, [FRONT, FRONT], 0.0)
-    assert separate(pieces, memory, None, A_FRAME_S, CONFIG)[1] is None
+    assert separate(pieces, memory, None, A_FRAME_S, CAMERAS * 2)[1] is None
 
 
 def test_a_moment_without_any_depth_image_has_no_view_even_where_the_patient_is_expected():
-    assert separate([None], empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CONFIG) == (None,)
-
-
-def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(ValueError, match="reach_m"):
-        IsolationConfig(reach_m=-1)
+    assert separate([None], empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CAMERAS) == (None,)
 
 
 def test_whoever_was_taken_for_part_of_the_patient_is_split_off():
@@ -222,7 +218,7 @@ def test_whoever_was_taken_for_part_of_the_patient_is_split_off():
         owner=np.full(len(points), PATIENT, np.uint8),
         age_s=np.zeros(len(points), np.float32),
     )
-    (view,) = separate(pieces, mistaken, None, A_FRAME_S, CONFIG)
+    (view,) = separate(pieces, mistaken, None, A_FRAME_S, CAMERAS)
     labels = [np.unique(view.labels[in_front(FRONT, *body(x, z))], return_counts=True) for x, z in ((0, 0), (0.2, 0.8))]
     most = [int(values[counts.argmax()]) for values, counts in labels]
     assert sorted(most) == [PATIENT, OTHER]
@@ -234,7 +230,7 @@ def test_a_second_column_is_the_patients_where_their_skin_is_predicted(foreseen)
     trunk, legs = body(0.3, 0.55), body(0, 0)[:1]
     joint = bar(0.15, 1.0, 0.27, 0.5)
     predicted = skin_likelihood(*trunk, *legs, joint) if foreseen else skin_likelihood(*trunk)
-    (view,) = separate(pieces_of(*trunk, *legs, joint), empty_memory(), predicted, A_FRAME_S, CONFIG)
+    (view,) = separate(pieces_of(*trunk, *legs, joint), empty_memory(), predicted, A_FRAME_S, CAMERAS)
     owned = view.labels[shown(legs[0], *trunk, joint)] == PATIENT
     assert owned.mean() > 0.95 if foreseen else owned.mean() < 0.05
 
@@ -243,12 +239,12 @@ def test_a_forearm_that_a_bar_cuts_off_is_its_owners():
     """No skin was expected there: it came from behind somebody. It nearly touches the patient and nobody else."""
     stump, forearm = bar(0.1, 1.2, 0.22, 0.2), bar(0.1, 1.2, 0.55, 0.3)
     (view,) = separate(
-        pieces_of(*body(0, 0), stump, forearm), empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CONFIG
+        pieces_of(*body(0, 0), stump, forearm), empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CAMERAS
     )
     assert view.patient[shown(forearm, *body(0, 0), stump)].mean() > 0.9
     far = bar(0.1, 1.2, 0.9, 0.3)
     (view,) = separate(
-        pieces_of(*body(0, 0), stump, far), empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CONFIG
+        pieces_of(*body(0, 0), stump, far), empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CAMERAS
     )
     assert not view.patient[shown(far, *body(0, 0), stump)].any()
 
@@ -258,10 +254,10 @@ def contact_m(pieces, of) -> float:
 
 
 def test_one_body_that_was_divided_goes_on_where_two_who_touch_meet_in_a_crease():
-    (one,) = pieces_of(*body(0.0, 0.0))
+    (one,) = pieces_of(pillar(0.0, 0.0))
     divided = contact_m(one, (one.points_m[:, 2] > 0.0).astype(int))
-    assert 1.2 < divided < 1.8  # from head to feet
-    (two,) = pieces_of(*body(0.0, -0.16), *body(0.0, 0.16))
+    assert 1.2 < divided < 1.8  # from top to bottom
+    (two,) = pieces_of(pillar(0.0, -0.16), pillar(0.0, 0.16))
     touching = contact_m(two, (two.points_m[:, 2] > 0.0).astype(int))
     assert touching < 0.3 * divided
     assert contact_m(one, np.zeros(len(one.row), int)) == 0.0
@@ -277,10 +273,10 @@ def test_half_of_the_patient_remembered_as_another_person_is_given_back():
     memory = update_memory(empty_memory(), pieces, (View(pieces[0].depth_m, labels),), [FRONT], 0.0)
     assert OTHER in memory.owner
     expected = skin_likelihood(*body(0.0, 0.0))
-    (view,) = separate(pieces, memory, expected, A_FRAME_S, CONFIG)
+    (view,) = separate(pieces, memory, expected, A_FRAME_S, CAMERAS)
     assert (view.labels != OTHER).all()
     assert view.patient.sum() > 0.95 * len(pieces[0].row)
-    (without,) = separate(pieces, memory, None, A_FRAME_S, CONFIG)  # nobody's skin is expected: memory alone
+    (without,) = separate(pieces, memory, None, A_FRAME_S, CAMERAS)  # nobody's skin is expected: memory alone
     assert (without.labels == OTHER).any()
 
 
@@ -288,7 +284,7 @@ def test_somebody_beside_the_patient_is_no_part_of_them():
     pieces = pieces_of(*body(0.0, 0.0), *body(0.0, 0.6))
     views = first_views(pieces)
     memory = update_memory(empty_memory(), pieces, views, [FRONT], 0.0)
-    (view,) = separate(pieces, memory, skin_likelihood(*body(0.0, 0.0)), A_FRAME_S, CONFIG)
+    (view,) = separate(pieces, memory, skin_likelihood(*body(0.0, 0.0)), A_FRAME_S, CAMERAS)
     assert (view.labels[shown_at(pieces[0], 0.6)] >= OTHER).mean() > 0.95
 
 
@@ -301,6 +297,6 @@ def shown_at(pieces, z: float) -> tuple[np.ndarray, np.ndarray]:
 def test_a_patient_who_is_expected_elsewhere_does_not_become_a_new_person():
     pieces = pieces_of(*body(0.0, 0.0))
     memory = update_memory(empty_memory(), pieces, first_views(pieces), [FRONT], 0.0)
-    (view,) = separate(pieces, memory, skin_likelihood(*body(0.0, 1.2)), A_FRAME_S, CONFIG)
+    (view,) = separate(pieces, memory, skin_likelihood(*body(0.0, 1.2)), A_FRAME_S, CAMERAS)
     assert (view.labels < OTHER).all()
     assert view.patient.sum() > 0.95 * len(pieces[0].row)

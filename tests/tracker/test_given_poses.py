@@ -17,7 +17,6 @@ from anchorpose.errors import InputError
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import Clock, FrameSet, Recording
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import agreeing_poses
 from anchorpose.tracker.preparation import Settled, scenes_of
 
@@ -40,7 +39,7 @@ def agreed(recording: Recording, frames: Sequence[FrameSet]) -> Calibration:
     calibration = find_world(recording, frames)
     known = (CameraClock(camera.name, Clock(), ClockSource.SURFACES) for camera in recording.cameras)
     settled = Settled(recording, Clocks(tuple(known), None, 0), calibration, tuple(range(len(frames))), tuple(frames))
-    return agreeing_poses(recording, calibration, settled.clocks, scenes_of(settled, TrackConfig()), frames)
+    return agreeing_poses(recording, calibration, settled.clocks, scenes_of(settled), frames)
 
 
 def posed(recording: Recording, index: int, turn_deg: Sequence[float] = (0, 0, 0), shift_m=(0, 0, 0)) -> Recording:

@@ -32,7 +32,7 @@ def towards(x, z) -> tuple[float, float]:
 
 
 def times(count, *people) -> list[Sighting]:
-    return [Sighting(7, tuple(people), (), NO_IMAGES)] * count
+    return [Sighting(7, tuple(people), NO_IMAGES)] * count
 
 
 def chosen_place(sightings, equipment=None, place=None, cameras=CAMERAS):
@@ -51,7 +51,7 @@ def test_the_patient_is_who_the_user_says_however_the_votes_fall():
 def test_a_named_person_who_walks_is_followed_from_frame_to_frame():
     """Another person walks through the same places a second later."""
     ways = [(one(0.25 * k, 0.0), one(0.25 * (k - 4), 0.05)) for k in range(9)]
-    sightings = [Sighting(40 + k, people, (), NO_IMAGES) for k, people in enumerate(ways)]
+    sightings = [Sighting(40 + k, people, NO_IMAGES) for k, people in enumerate(ways)]
     patient = named_patient(sightings, 4, np.array([1.05, 0.0]))
     assert [seen.place_xz_m[0] for seen in patient.seen] == pytest.approx([0.25 * k for k in range(9)])
     assert "in frame 44" in patient.reason
@@ -100,7 +100,7 @@ def test_of_two_who_face_each_other_before_one_camera_the_patient_is_who_does_no
 
 
 def test_who_stays_is_the_patient_and_not_who_walks_through_the_middle():
-    walks = [Sighting(7, (one(0.1, -2 + 0.5 * k), one(0.5, 0.6)), (), NO_IMAGES) for k in range(8)]
+    walks = [Sighting(7, (one(0.1, -2 + 0.5 * k), one(0.5, 0.6)), NO_IMAGES) for k in range(8)]
     place, patient = chosen_place(walks)
     assert place == pytest.approx([0.5, 0.6])
     assert "in place in 8 of 8 frames" in patient.reason
@@ -111,7 +111,7 @@ def test_who_is_hidden_is_not_gone(before_m, patient_z_m):
     """Seen in 3 of 12 frames; in the others the camera measures something before the place, or something behind it."""
     wall = np.full((FRONT.height, FRONT.width), np.linalg.norm(FRONT.position_m) - before_m, np.float32)
     stays, comes = one(0, 0.45), one(0, 0)
-    unseen = Sighting(7, (stays,), (), (wall,))
+    unseen = Sighting(7, (stays,), (wall,))
     sightings = [*times(3, comes, stays), *[unseen] * 9]
     assert chosen_place(sightings, cameras=(FRONT,))[0] == pytest.approx([0, patient_z_m])
 
@@ -119,7 +119,7 @@ def test_who_is_hidden_is_not_gone(before_m, patient_z_m):
 def test_who_is_seen_once_is_not_the_patient_however_hidden():
     nearer = np.full((FRONT.height, FRONT.width), 1.0, np.float32)
     stays, once = one(0, 0.45), one(0, 0)
-    sightings = [*times(1, once, stays), *[Sighting(7, (stays,), (), (nearer,))] * 11]
+    sightings = [*times(1, once, stays), *[Sighting(7, (stays,), (nearer,))] * 11]
     assert chosen_place(sightings, cameras=(FRONT,))[0] == pytest.approx([0, 0.45])
 
 
@@ -127,7 +127,7 @@ def test_a_patient_who_is_seen_now_as_one_and_now_as_two_is_one_person():
     """Two halves of a patient share the frames; the helper is there in all of them."""
     helper = one(0.6, 0.0, facing=towards(0.6, 0.0))
     halves = [(one(0.0, 0.04),), (one(0.0, -0.04),), (one(0.0, 0.04), one(0.0, -0.04))]
-    sightings = [Sighting(7, (*halves[k % 3], helper), (), NO_IMAGES) for k in range(12)]
+    sightings = [Sighting(7, (*halves[k % 3], helper), NO_IMAGES) for k in range(12)]
     place, patient = chosen_place(sightings)
     assert place == pytest.approx([0, 0], abs=0.05)
     assert sum(seen is not None for seen in patient.seen) == 12
@@ -141,7 +141,7 @@ def test_what_no_body_explains_is_not_human():
 def seen_past(shares, x=0.0, z=0.0, rival=(0.9, 0.0)) -> list[Sighting]:
     """Somebody at a place of whose trunk cameras see past such shares, a frame each, beside a rival who helps."""
     other = one(*rival, facing=towards(*rival))
-    return [Sighting(7, (one(x, z, past=share), other), (), NO_IMAGES) for share in shares]
+    return [Sighting(7, (one(x, z, past=share), other), NO_IMAGES) for share in shares]
 
 
 @pytest.mark.parametrize("shares", [(0.3,) * 16, (0.2, 0.45) * 7 + (0.2,)], ids=["a lunge", "a squat now and then"])
@@ -154,7 +154,7 @@ def test_what_cameras_nearly_always_see_past_is_not_human():
 
 
 def test_of_two_the_one_whom_cameras_do_not_see_past_is_likelier():
-    twins = [Sighting(7, (one(0, 0.3), one(0, -0.3, past=0.3)), (), NO_IMAGES) for _ in range(12)]
+    twins = [Sighting(7, (one(0, 0.3), one(0, -0.3, past=0.3)), NO_IMAGES) for _ in range(12)]
     assert chosen_place(twins)[0] == pytest.approx([0, 0.3])
 
 
@@ -170,7 +170,7 @@ def test_a_second_who_may_be_the_patient_as_well_is_named(apart_m, unclear):
 
 
 def test_the_person_keeps_the_name_through_a_frame_in_which_nobody_is_seen():
-    gap = [*times(3, one(0, 0), one(0, 1)), Sighting(7, (), (), NO_IMAGES), *times(3, one(0, 1), one(0, 0))]
+    gap = [*times(3, one(0, 0), one(0, 1)), Sighting(7, (), NO_IMAGES), *times(3, one(0, 1), one(0, 0))]
     _, patient = chosen_place(gap)
     assert [None if person is None else float(person.place_xz_m[1]) for person in patient.seen] == [0] * 3 + [None] + [
         0

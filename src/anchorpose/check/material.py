@@ -14,7 +14,7 @@ from anchorpose.body.skin_points import pose_points
 from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
-from anchorpose.isolation.people import PatientChoice, Person, see_people
+from anchorpose.isolation.people import PatientChoice, Person
 from anchorpose.isolation.scene import Scene, find_all_pieces
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel, View
@@ -32,7 +32,7 @@ from anchorpose.tracker.bystanders import rough_person
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.look import Look
 from anchorpose.tracker.preparation import Settled, look_for_patient, sample_recording, settle
-from anchorpose.tracker.sighting import BORDER_PX
+from anchorpose.tracker.sighting import BORDER_PX, see_people_apart
 
 
 class Level(IntEnum):
@@ -217,7 +217,7 @@ def _successive(recording: Recording) -> tuple[tuple[FrameSet, FrameSet], ...]:
 def _look_closely(frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[Scene]) -> SeenPatient:
     pieces = find_all_pieces(frame_set, scenes)
     cameras = [scene.camera for scene in scenes]
-    people = see_people(pieces, cameras)
+    people, _ = see_people_apart(pieces, cameras)
     person = min(people.people, key=lambda one: float(np.linalg.norm(one.ground_xz_m - choice.ground_xz_m)))
     views = separate_initial(pieces, people, choice)
     return SeenPatient(person, views, _hidden(views, cameras))

@@ -98,15 +98,14 @@ def _from_recording(
     """(depth_m, sigma_m) of what stays in place, without people; behind those who stay, floor and walls are known."""
     people = np.stack(each(lambda frame: people_mask(frame, camera), frames_m))
     depth, sigma = _what_stays(np.where(people, np.float32(0.0), np.stack(frames_m)), noise)
-    walls = depth_of_room(depth, camera, noise)
+    behind, hidden = depth_of_room(depth, camera, noise), people.any(axis=0) & (depth <= 0)
     if equipment is not None:
         drawn = equipment_depth(camera, equipment)
+        behind = np.where(drawn > 0, drawn, behind)
         standing = in_equipment(depth, camera, equipment, floor_height_m, noise)
         margin = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(sigma, noise * drawn**2)
-        standing &= ~((drawn > 0) & (depth > drawn - margin))
-        depth = depth.copy()
-        depth[standing] = np.where(drawn > 0, drawn, walls)[standing]
-    depth = np.where(people.any(axis=0) & (depth <= 0), walls, depth)
+        hidden |= standing & ~((drawn > 0) & (depth > drawn - margin))
+    depth = np.where(hidden, behind, depth)
     return depth, np.maximum(sigma, np.float32(noise) * depth**2)  # also where floor and walls were filled in
 
 

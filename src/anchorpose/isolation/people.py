@@ -50,6 +50,27 @@ class People:
     people: tuple[Person, ...]
     of: tuple[np.ndarray | None, ...]
 
+    def points_m(self, pieces: Sequence[Pieces | None], number: int) -> np.ndarray:
+        """(n, 3) the places of a person's pixels in all cameras."""
+        shown = [(pixels, own) for pixels, own in zip(pieces, self.of, strict=True) if pixels is not None]
+        return np.concatenate([pixels.points_m[own == number] for pixels, own in shown])
+
+    def joined(self, owner: np.ndarray) -> People:
+        """The people with each (k,) a part of its owner, which is the person itself of all others."""
+        kept = np.flatnonzero(owner == np.arange(len(owner)))
+        members = [[self.people[k] for k in np.flatnonzero(owner == number)] for number in kept]
+        number = np.append(np.searchsorted(kept, owner), -1)  # the last one: nobody
+        people = [
+            Person(
+                self.people[k].ground_xz_m,
+                min(one.bottom_m for one in parts),
+                max(one.top_m for one in parts),
+                sum(one.area_m2 for one in parts),
+            )
+            for k, parts in zip(kept, members, strict=True)
+        ]
+        return People(tuple(people), tuple(None if of is None else number[of].astype(np.int32) for of in self.of))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatientChoice:

@@ -232,6 +232,8 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
     body = ordinary_body(body_points(), round(person.stature_m / STATURE_STEP_M))
     pose = find_rough_pose(body, evidence, person, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
+    if found.found and not _is_person(body, found.belief.pose, evidence):  # limbs of which the descriptor was wrong
+        found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
     return RoughPerson(body, found) if found.found else None
 
 
@@ -249,8 +251,6 @@ def _find(label: int, views: Sequence[View | None], cameras: Sequence[Camera], e
     if person is None:
         return None
     body, found = person
-    if not _is_person(body, found.belief.pose, evidence):
-        found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
     if found.explained < LEAST_EXPLAINED or not _is_person(body, found.belief.pose, evidence):
         return None
     return Bystander(label, body, found.belief, np.zeros(POSE_SIZE), 1.0)

@@ -16,7 +16,7 @@ from anchorpose.body.skin_points import Body, body_points
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
-from anchorpose.isolation.people import IsolationConfig, PatientChoice, see_people
+from anchorpose.isolation.people import IsolationConfig, PatientChoice
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel, View
@@ -36,7 +36,7 @@ from anchorpose.tracker.bystanders import (
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import AnchorDistances, Expectation, Isolated, Observation, SeenSurface
 from anchorpose.tracker.room import FACING, UP, Run
-from anchorpose.tracker.sighting import IN_EACH_OTHER_M
+from anchorpose.tracker.sighting import IN_EACH_OTHER_M, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
 LOOSEST_SKIN_M = 0.05  # half of a limb's width: skin predicted less precisely is left out of the likelihood
@@ -53,7 +53,7 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isola
     """Who is who where nothing is known but where the patient stands."""
     with run.stage("isolation"):
         pieces = find_all_pieces(frame_set, run.room.scenes)
-        views = separate_initial(pieces, see_people(pieces, run.room.cameras), choice)
+        views = separate_initial(pieces, see_people_apart(pieces, run.room.cameras)[0], choice)
     bystanders = see_bystanders(Bystanders(), views, 0.0, run)
     if bystanders.followed:
         with run.stage("bystanders"):

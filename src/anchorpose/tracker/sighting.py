@@ -7,21 +7,23 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from anchorpose.body.explanation import seen_past_by_all
 from anchorpose.body.pose import TRUNK
 from anchorpose.body.skin_points import pose_points
 from anchorpose.camera import Camera
 from anchorpose.descriptor.people import LEAST_AREA_M2
-from anchorpose.isolation.people import Person, see_people
-from anchorpose.isolation.scene import Scene, find_all_pieces
+from anchorpose.isolation.people import People, Person, see_people
+from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.isolation.separation import label_people
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
-from anchorpose.tracker.bystanders import rough_person
+from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
+COVERED_M: Final = 0.10  # from the skin of a rough body: clothes, and what it is off
 IN_EACH_OTHER_M: Final = 0.25  # from pelvis to pelvis: a trunk's depth and a rough body's error
 BORDER_PX: Final = 4  # rows: filters leave the first ones without a reading
 LIMBS_M: Final = 0.8  # above the floor, where the legs of an adult end
@@ -64,13 +66,52 @@ class Sighting:
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
     """Return the people of one moment, each with a rough body."""
     pieces, cameras = find_all_pieces(frame_set, scenes), [scene.camera for scene in scenes]
-    people = see_people(pieces, cameras)
+    people, bodies = see_people_apart(pieces, cameras)
     views = label_people(pieces, people, np.arange(len(people.people)))
     seen = tuple(
-        SeenPerson(person, rough_body_of(views, cameras, PixelLabel.PATIENT + number))
-        for number, person in enumerate(people.people)
+        SeenPerson(person, None if body is None else _rough_body(body, views, cameras))
+        for person, body in zip(people.people, bodies, strict=True)
     )
     return Sighting(frame_set.frame, seen, tuple(frame_set.depths_m))
+
+
+def see_people_apart(
+    pieces: Sequence[Pieces | None], cameras: Sequence[Camera]
+) -> tuple[People, tuple[RoughPerson | None, ...]]:
+    """Return the people of one moment with their rough bodies; whom another person's body covers is a part of them.
+
+    Votes for a pelvis that is hidden may be half a metre off: then a trunk in one camera is a person beside the same
+    person in another.
+    """
+    people = see_people(pieces, cameras)
+    bodies = _bodies(pieces, people, cameras)
+    owner = _owners(pieces, people, bodies)
+    if (owner == np.arange(len(owner))).all():
+        return people, bodies
+    people = people.joined(owner)
+    return people, _bodies(pieces, people, cameras)
+
+
+def _bodies(
+    pieces: Sequence[Pieces | None], people: People, cameras: Sequence[Camera]
+) -> tuple[RoughPerson | None, ...]:
+    views = label_people(pieces, people, np.arange(len(people.people)))
+    return tuple(rough_person(views, cameras, PixelLabel.PATIENT + number) for number in range(len(people.people)))
+
+
+def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[RoughPerson | None]) -> np.ndarray:
+    """(k,) int: the person whose body covers most of each person, of those that show more; else the same person."""
+    owner, skins = np.arange(len(people.people)), dict[int, cKDTree]()
+    for number in np.argsort([-person.area_m2 for person in people.people], kind="stable").tolist():
+        own_m = people.points_m(pieces, number)
+        for other, skin in skins.items():
+            if np.mean(np.isfinite(skin.query(own_m, distance_upper_bound=COVERED_M)[0])) > 0.5:
+                owner[number] = other
+                break
+        body = bodies[number]
+        if owner[number] == number and body is not None:
+            skins[number] = cKDTree(pose_points(body.body, body.found.belief.pose).points_m)
+    return owner
 
 
 def shows_limbs_alone(frame_set: FrameSet, scenes: Sequence[Scene]) -> bool:
@@ -89,8 +130,10 @@ def shows_limbs_alone(frame_set: FrameSet, scenes: Sequence[Scene]) -> bool:
 def rough_body_of(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughBody | None:
     """Return the rough body of the person with a label; None where too little of the person is seen."""
     person = rough_person(views, cameras, label)
-    if person is None:
-        return None
+    return None if person is None else _rough_body(person, views, cameras)
+
+
+def _rough_body(person: RoughPerson, views: Sequence[View | None], cameras: Sequence[Camera]) -> RoughBody:
     body, found = person
     joints = body.joints(found.belief.pose)
     across = sum(unit(joints[JOINT_INDEX[right]] - joints[JOINT_INDEX[left]]) for left, right in _ACROSS)

@@ -1,4 +1,4 @@
-"""Nodes matched to the body's own surface, and the poses that follow from it, without any prediction."""
+"""Nodes matched to the body's own surface by geodesic distances, without any prediction."""
 
 from __future__ import annotations
 
@@ -6,41 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from anchorpose.body.own_surface import (
+from body_builder import FRONT, LEFT, adult_body, points, seen_body, standing, turned_about_y
+
+from anchorpose.body.constraints import anchor_points
+from anchorpose.body.pose import Pose
+from anchorpose.body.skin_points import pose_points
+from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors, no_anchors
+from anchorpose.research.experiment import own_surface as matching
+from anchorpose.research.experiment.own_surface import (
     MIRRORED,
     PAIRS,
+    SeenGeodesics,
     match_skin,
-    neutral,
     own_surface,
-    poses_of_own_surface,
-    settle_on,
     skin_distance,
     turns,
 )
-from body_builder import (
-    FRONT,
-    LEFT,
-    adult,
-    adult_body,
-    asset,
-    joint_errors_m,
-    points,
-    seen_body,
-    standing,
-    turned_about_y,
-)
-
-from anchorpose.body import own_surface as matching
-from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.constraints import anchor_points
-from anchorpose.body.initial import FirstShape, find_first_pose
-from anchorpose.body.limb_proposals import CHAINS, CONTRADICTED_M, anchor_paths, anchor_poses
-from anchorpose.body.pose import Pose
-from anchorpose.body.shape_prior import adult_belief
-from anchorpose.body.skin_points import pose_points
-from anchorpose.geodesics.anchors import Anchors, SeenGeodesics, anchor_descriptor, find_anchors, no_anchors
-from anchorpose.geodesics.extrema import Cap
-from anchorpose.joints import JOINT_INDEX
 
 BODY = adult_body()
 HEIGHT_M = float(np.ptp(BODY.mesh.vertices[:, 1]))
@@ -178,7 +159,6 @@ def test_a_node_with_two_distances_has_no_match():
     few[:, 2:] = np.nan
     two = replace(seen, descriptor=few)
     assert len(match_skin(BODY, two).node) == 0
-    assert list(poses_of_own_surface(BODY, two)) == []
     blank = replace(seen, anchors=no_anchors(), descriptor=np.full_like(few, np.nan))
     assert len(match_skin(BODY, blank).node) == 0
 
@@ -189,98 +169,3 @@ def test_anchors_exchanged_are_matched_as_if_mirrored():
     one, mirrored = match_skin(BODY, seen), match_skin(BODY, other, mirrored=True)
     np.testing.assert_array_equal(one.point, mirrored.point)
     np.testing.assert_array_equal(one.node, mirrored.node)
-
-
-def test_a_rigidly_moved_body_is_laid_on_itself():
-    moved = turned_about_y(130.0, (0.4, 0.1, -0.7)).of_pose(standing())
-    some = np.arange(0, 2400, 50)
-    places = pose_points(BODY, moved).points_m[some]
-    assert joint_errors_m(BODY, neutral(BODY, some, places), moved).max() < 1e-6
-
-
-@pytest.mark.parametrize("truth", POSTURES.values(), ids=POSTURES.keys())
-def test_true_places_of_the_skin_give_the_pose(truth):
-    some = np.arange(0, 2400, 6)
-    places = pose_points(BODY, truth).points_m[some]
-    assert joint_errors_m(BODY, settle_on(BODY, standing(), some, places), truth).max() < 0.05
-
-
-@pytest.mark.parametrize("truth", POSTURES.values(), ids=POSTURES.keys())
-def test_the_pose_is_proposed_whatever_was_believed(truth):
-    errors = [joint_errors_m(BODY, pose, truth) for pose in poses_of_own_surface(BODY, seen_of(truth))]
-    assert min(error.mean() for error in errors) < 0.06
-    assert min(error.max() for error in errors) < 0.15
-
-
-def test_a_patient_thought_to_face_the_other_way_is_found_with_the_names_exchanged():
-    seen = seen_of(STEPPING, facing=(-1.0, 0.0, 0.0))
-    assert seen.anchors.found.sum() >= 3
-    errors = [joint_errors_m(BODY, pose, STEPPING).mean() for pose in poses_of_own_surface(BODY, seen)]
-    assert min(errors) < 0.08
-    assert errors[0] > 0.2
-
-
-@pytest.mark.thorough
-def test_the_first_pose_of_who_faces_the_other_way_is_found():
-    truth = turned_about_y(180.0, (0.0, 0.0, 0.0)).of_pose(STEPPING)
-    evidence, seen = seen_body(truth, BODY, (FRONT, LEFT)), seen_of(truth)
-    known = FirstShape([replace(adult_belief(asset()), shape=adult())], may_change=False)
-    one = find_first_pose(evidence, seen.anchors, known, RegistrationConfig())
-    other = find_first_pose(evidence, seen.anchors, known, RegistrationConfig(), seen=seen)
-    assert joint_errors_m(BODY, one.pose, truth).mean() > 0.1
-    assert joint_errors_m(BODY, other.pose, truth).mean() < 0.02
-
-
-def test_the_proposal_moves_with_the_patient():
-    seen, moved = seen_of(REACHING), turned_about_y(90.0, (1.0, 0.0, 2.0))
-    surface = seen.whole
-    T = moved.T.astype(np.float32)
-    turned = replace(surface, points_m=surface.points_m @ T[:3, :3].T + T[:3, 3], normals=surface.normals @ T[:3, :3].T)
-    here = next(iter(poses_of_own_surface(BODY, seen)))
-    there = next(iter(poses_of_own_surface(BODY, replace(seen, whole=turned))))
-    assert joint_errors_m(BODY, there, moved.of_pose(here)).max() < 0.01
-
-
-def test_anchors_where_the_pose_has_its_tips_give_no_path():
-    seen = seen_of(REACHING)
-    assert seen.anchors.found.sum() >= 4
-    assert list(anchor_paths(BODY, REACHING, replace(seen, anchors=replace(seen.anchors, free=())))) == []
-
-
-def test_a_hand_elsewhere_gives_the_path_of_an_arm():
-    seen = seen_of(REACHING)
-    wrong = standing(
-        LeftArm=(-70.0, 0.0, 0.0),
-        LeftForeArm=(0.0, -60.0, 0.0),
-        RightArm=(-15.0, 0.0, 25.0),
-        RightForeArm=(0.0, -30.0, 20.0),
-    )
-    anchors = replace(seen.anchors, free=())
-    ((path, chains),) = anchor_paths(BODY, wrong, replace(seen, anchors=anchors))
-    assert [chain.root for chain in chains] == ["ShoulderLeft", "ShoulderRight"]
-    node = seen.anchors.node[1]
-    np.testing.assert_array_equal(path.places_m[0], seen.whole.points_m[node].astype(np.float64))
-    assert (np.diff(path.along_m) > 0.0).all()
-    assert 0.0 < path.along_m[0] < CONTRADICTED_M
-    errors = [
-        joint_errors_m(BODY, pose, REACHING) for pose in anchor_poses(BODY, wrong, replace(seen, anchors=anchors))
-    ]
-    arm = [JOINT_INDEX[name] for name in ("ElbowLeft", "WristLeft", "HandLeft")]
-    assert min(error[arm].max() for error in errors) < 0.10
-
-
-def test_a_free_end_may_be_that_of_any_limb_and_a_head_is_that_of_none():
-    seen = seen_of(REACHING)
-    tip = int(seen.anchors.node[1])
-    cap = Cap(tip, np.array([tip]), seen.whole.points_m[tip].astype(np.float64), 0.8, 0.01, False, False)
-    ((_, chains),) = anchor_paths(BODY, REACHING, replace(seen, anchors=replace(no_anchors(), free=(cap,))))
-    assert chains == CHAINS
-    head = no_anchors()
-    head.node[0], head.position_m[0] = tip, seen.whole.points_m[tip]
-    assert list(anchor_paths(BODY, REACHING, replace(seen, anchors=head))) == []
-
-
-def test_missed_anchors_give_no_path():
-    seen = seen_of(REACHING)
-    none: Anchors = no_anchors()
-    assert list(anchor_paths(BODY, REACHING, replace(seen, anchors=none))) == []
