@@ -217,7 +217,7 @@ def test_feet_are_out_of_view_where_the_floor_below_the_patient_is(distance_m, b
     labels = np.zeros((240, 320), np.uint8)
     labels[60:120, 140:180] = PixelLabel.PATIENT
     view = View(np.full((240, 320), distance_m, np.float32), labels)
-    seen = SeenPatient(Person(np.zeros(2), 1.0, 1.7, 0.2, 2400), (view,), np.zeros(1))
+    seen = SeenPatient(Person(np.zeros(2), 1.0, 1.7, 0.2), (view,), np.zeros(1))
     assert _borders(seen, 0, camera, floor_m=0.0) == (False, below, False, False)
 
 

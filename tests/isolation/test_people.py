@@ -17,6 +17,7 @@ from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import Box
 from anchorpose.recording.reader import open_recording, read_frame
+from anchorpose.tracker.sighting import see_people_apart
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 SIDE = camera_at((1.2, 1.3, -2.2), (0.0, 0.9, 0.0))
@@ -119,7 +120,7 @@ def shared_people(name: str, frame: int, with_picture: bool = True):
         scenes.append(set_scene(camera, room, opened.equipment))
     depths = read_frame(opened, frame).depths_m
     pieces = [None if d is None else find_pieces(d, s) for d, s in zip(depths, scenes, strict=True)]
-    return opened, pieces, see_people(pieces, world.cameras)
+    return opened, pieces, see_people_apart(pieces, world.cameras)[0]
 
 
 @pytest.mark.thorough

@@ -121,7 +121,7 @@ def sightings(here, there) -> list[Sighting]:
     """Where people are on both sides of the wall, frame by frame, without pixels."""
 
     def people(*places) -> tuple[SeenPerson, ...]:
-        return tuple(SeenPerson(Person(np.array(p), 0.0, 1.7, 0.4, 4000), None) for p in places if p)
+        return tuple(SeenPerson(Person(np.array(p), 0.0, 1.7, 0.4), None) for p in places if p)
 
     places = zip(here, there, strict=True)
     return [Sighting(k, people(*two), (seen(*two, seed=k),)) for k, two in enumerate(places)]

@@ -23,7 +23,7 @@ def one(x, z, facing=AHEAD, explained=0.95, area_m2=0.6, past=0.03) -> SeenPerso
     facing = np.array(facing) / np.linalg.norm(facing)
     place = np.array([x, z], float)
     body = RoughBody(place, facing, explained, past)
-    return SeenPerson(Person(place + 0.1 * facing, 0.0, 1.7, area_m2, 5000), body)
+    return SeenPerson(Person(place + 0.1 * facing, 0.0, 1.7, area_m2), body)
 
 
 def towards(x, z) -> tuple[float, float]:

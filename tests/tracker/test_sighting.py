@@ -77,7 +77,7 @@ def test_a_child_has_the_body_of_a_child_and_an_adult_beside_it_that_of_an_adult
             View(d, np.where(who == number, PixelLabel.PATIENT, 0).astype(np.uint8))
             for d, who in zip(depths, truth, strict=True)
         ]
-        person = rough_person(views, CAMERAS, PixelLabel.PATIENT, thorough=True)
+        person = rough_person(views, CAMERAS, PixelLabel.PATIENT)
         assert person is not None
         assert person.found.explained > 0.9
         heights.append(standing_height(asset(), person.body.shape)[0])

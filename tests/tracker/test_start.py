@@ -60,12 +60,12 @@ def test_who_lies_on_a_bed_does_not_hang():
 
 def patient(explained=1.0, area_m2=0.8, x=0.0) -> SeenPerson:
     place = np.array([x, 0.0])
-    return SeenPerson(Person(place, 0.0, 1.7, area_m2, 5000), RoughBody(place, np.array([1.0, 0.0]), explained, 0.03))
+    return SeenPerson(Person(place, 0.0, 1.7, area_m2), RoughBody(place, np.array([1.0, 0.0]), explained, 0.03))
 
 
 def other(x: float) -> SeenPerson:
     place = np.array([x, 0.0])
-    return SeenPerson(Person(place, 0.0, 1.7, 0.5, 5000), RoughBody(place, np.array([-1.0, 0.0]), 1.0, 0.03))
+    return SeenPerson(Person(place, 0.0, 1.7, 0.5), RoughBody(place, np.array([-1.0, 0.0]), 1.0, 0.03))
 
 
 def best(*sightings: Sighting, place=None) -> int:

@@ -154,10 +154,11 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Whether a body explains most of the person, and cameras do not see past its trunk, where bodies were fitted."""
+    """Whether a body explains most of the person, and cameras do not see past its trunk."""
     bodies = _bodies(seen)
-    explained = float(np.median([body.explained for body in bodies])) if bodies else 1.0
-    return explained >= HUMAN and _seen_past(seen) <= MOST_PAST
+    if not bodies:
+        return False
+    return bool(np.median([body.explained for body in bodies]) >= HUMAN and _seen_past(seen) <= MOST_PAST)
 
 
 def _seen_past(seen: Sequence[SeenPerson | None]) -> float:
