@@ -54,12 +54,6 @@ def test_a_row_begins_with_its_own_node_and_is_empty_without_a_reach_or_a_positi
     assert 7 not in rings.node
 
 
-def test_many_neighbours_outgrow_what_was_set_aside_for_them() -> None:
-    surface = flat_grid(30, 30, 0.01)
-    rings = rings_within(surface, 10.0)
-    assert (np.diff(rings.start) == 900).all()
-
-
 @pytest.mark.parametrize("reach", [0.0, -1.0])
 def test_a_reach_of_nothing_is_refused(reach: float) -> None:
     with pytest.raises(ValueError, match="reach"):

@@ -162,14 +162,6 @@ def test_the_surface_in_front_hides_what_is_behind_and_only_what_is_joined_is_se
     np.testing.assert_array_equal(ld_sift(both, SMALL)[: len(sheet)], ld_sift(sheet, SMALL))
 
 
-def test_chosen_rows_are_those_of_all_nodes_and_have_unit_length() -> None:
-    surface = rough(height_field(lump, side=21), 9)
-    found, chosen = ld_sift(surface, SMALL), np.array([400, 5, 220])
-    np.testing.assert_array_equal(ld_sift(surface, SMALL, chosen), found[chosen])
-    assert found.shape == (441, 128)
-    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, atol=1e-5)
-
-
 def test_what_has_no_depth_map_has_no_descriptor() -> None:
     assert np.isnan(ld_sift(flat_grid(1, 1, 0.02), SMALL)).all()
     assert np.isnan(ld_sift(flat_grid(1, 9, 0.02), SMALL)).all()

@@ -10,7 +10,6 @@ from features_builder import height_field, lump, moved, renumbered, rough, saddl
 from features_plain import plain_mesh_hog
 from surface_builder import flat_grid
 
-from anchorpose.research.features.circle import peak_fraction, spread_over_two, turn_fraction
 from anchorpose.research.features.mesh_gradient import mesh_gradient
 from anchorpose.research.features.mesh_hog import FirstAxis, MeshHogConfig, ScalarFunction, mesh_hog, scalar_function
 
@@ -32,12 +31,6 @@ def test_each_row_is_what_the_paper_says_written_out(axis: FirstAxis, function: 
     gradients = mesh_gradient(surface, scalar_function(surface, config))
     expected = np.stack([plain_mesh_hog(surface, config, gradients, node) for node in chosen])
     np.testing.assert_allclose(found, expected, atol=2e-5)
-
-
-def test_the_authors_numbers_give_96_columns_of_unit_length() -> None:
-    found = mesh_hog(rough(height_field(lump), 3), SMALL)
-    assert found.shape == (41 * 41, 96)
-    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, atol=1e-5)
 
 
 @pytest.mark.parametrize("axis", list(FirstAxis))
@@ -71,19 +64,6 @@ def test_a_mirrored_shape_is_distinguished_from_the_shape() -> None:
     assert np.linalg.norm(own - mirrored) > 0.5
 
 
-def test_chosen_rows_are_those_of_all_nodes() -> None:
-    surface = rough(height_field(lump, side=21), 7)
-    chosen = np.array([400, 5, 220])
-    np.testing.assert_array_equal(mesh_hog(surface, SMALL, chosen), mesh_hog(surface, SMALL)[chosen])
-
-
-def test_a_function_of_ones_own_takes_the_curvatures_place() -> None:
-    surface = rough(height_field(lump, side=21), 8)
-    own = scalar_function(surface, SMALL)
-    np.testing.assert_array_equal(mesh_hog(surface, SMALL, values=own), mesh_hog(surface, SMALL))
-    np.testing.assert_allclose(mesh_hog(surface, SMALL, values=7.0 * own + 3.0), mesh_hog(surface, SMALL), atol=1e-4)
-
-
 def test_where_nothing_changes_there_is_no_descriptor() -> None:
     flat = flat_grid(9, 9, 0.02)
     assert np.isnan(mesh_hog(flat, SMALL, values=np.full(81, 2.0))).all()
@@ -107,21 +87,3 @@ def test_a_node_without_position_or_normal_has_no_descriptor_and_spoils_no_other
 def test_settings_without_a_meaning_are_refused(wrong: dict) -> None:
     with pytest.raises(ValueError, match="validation error"):
         MeshHogConfig(**wrong)
-
-
-def test_turns_are_those_of_the_library() -> None:
-    rng = np.random.default_rng(10)
-    for x, y in [*rng.normal(size=(200, 2)), (1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, -1e-300), (1e-320, 1e-320)]:
-        away = (turn_fraction(float(x), float(y), 0.3) - (np.arctan2(y, x) / (2 * np.pi) - 0.3)) % 1.0
-        assert min(away, 1.0 - away) < 3e-9
-    assert turn_fraction(0.0, 0.0, 0.0) == 0.0
-    assert turn_fraction(1.0, -1e-30, 0.0) == 0.0
-
-
-def test_a_peak_is_found_between_bins_and_across_the_seam() -> None:
-    for turn in (0.0, 0.013, 0.499, 0.99):
-        bins = np.zeros(36)
-        for offset in np.linspace(-0.05, 0.05, 21):
-            spread_over_two(bins, (turn + offset) % 1.0, np.exp(-0.5 * (offset / 0.02) ** 2))
-        away = (peak_fraction(bins) - turn) % 1.0
-        assert min(away, 1.0 - away) < 0.003

@@ -137,14 +137,6 @@ def test_only_the_scale_invariant_signature_does_not_see_size(size, sheet):
     assert np.median(np.abs(np.log(hks(larger, fixed) / hks(sheet, fixed)))) > 0.1
 
 
-@pytest.mark.parametrize("signature", SIGNATURES)
-def test_chosen_nodes_are_rows_of_all(signature, sheet):
-    chosen = np.array([5, 3, 400])
-    rows = signature(sheet, chosen=chosen)
-    assert rows.dtype == np.float32
-    np.testing.assert_allclose(rows, signature(sheet)[chosen], rtol=1e-5)
-
-
 def test_a_crumb_beside_the_body_changes_nothing_on_the_body():
     surface = flat_grid(20, 31, 0.02)
     body = surface.pixel[:, 1] < 27
