@@ -96,12 +96,6 @@ def test_the_skin_points_stand_for_the_skin_of_an_adult():
     assert 1.5 < AREA_M2 * len(REGION) < 2.2  # square metres (Du Bois and Du Bois 1916)
 
 
-def test_the_knee_lies_between_thigh_and_shank():
-    height = {name: POSED.points_m[region(f"{name}_left"), 1] for name in ("thigh", "knee", "shank", "foot")}
-    assert height["foot"].mean() < height["shank"].mean() < height["knee"].mean() < height["thigh"].mean()
-    assert np.ptp(height["knee"]) < 0.25
-
-
 def test_distances_are_those_of_plain_search():
     rng = np.random.default_rng(3)
     place = POSED.points_m[rng.choice(len(REGION), 60)] + rng.normal(0.0, 0.1, (60, 3))
@@ -128,21 +122,11 @@ def test_people_are_distinguished_and_the_patient_does_not_touch_the_patient():
         np.testing.assert_array_equal(np.sort(on_skin), region(name))
 
 
-def test_skin_that_is_only_remembered_is_said_to_be():
-    assert near_in(memory_at(POSED.points_m[KNEE], age_s=0.5)).remembered.all()
-    assert not near_in(memory_at(POSED.points_m[KNEE])).remembered.any()
-
-
 def test_only_skin_that_faces_the_camera_is_shown():
     shown = near_in(empty_memory()).shown
     front = POSED.normals[:, 0] > 0.7
     assert shown[front].mean() > 0.7
     assert not shown[POSED.normals[:, 0] < 0.0].any()
-
-
-def test_an_empty_room_has_nobody_near():
-    near = near_in(empty_memory())
-    assert len(near.person) == len(near.point) == 0
 
 
 def test_a_hold_is_one_contact_from_its_first_frame_to_its_last():
@@ -235,12 +219,6 @@ def test_the_table_gives_back_what_was_written_and_the_same_bytes(tmp_path):
     assert read_contacts(tmp_path / "a") == written
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
     assert pq.read_table(tmp_path / "a")["state"].to_pylist() == ["seen", "inferred"]
-
-
-def test_a_recording_without_contacts_has_an_empty_table(tmp_path):
-    with write_contacts(tmp_path / "none"):
-        pass
-    assert read_contacts(tmp_path / "none") == ()
 
 
 def test_a_part_that_nobody_knows_is_refused(tmp_path):
