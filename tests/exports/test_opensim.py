@@ -104,12 +104,6 @@ def test_missing_markers_are_read_as_missing_by_both_of_opensims_readers(osim, t
     assert not np.isnan(data.getFrame(3).getMarker(0).get(0))
 
 
-def test_times_are_written_as_they_were_recorded(squat):
-    lines = (squat[0] / "trc" / "joints.trc").read_text().splitlines()
-    assert lines[2].split("\t") == ["15", "15", "75", "21", "m", "15", "1", "75"]
-    assert [float(line.split("\t")[1]) for line in lines[6:]] == times(75).tolist()
-
-
 @pytest.mark.parametrize("seed", [3, 4])
 def test_the_knee_of_inverse_kinematics_agrees_with_ours(osim, tmp_path, seed):
     joints = true_joints(seed=seed)
@@ -189,14 +183,6 @@ def test_scaling_takes_the_longest_time_in_which_all_markers_are_there(osim, tmp
     assert span in (folder / "scale_setup.xml").read_text()
     (tmp_path / "work").mkdir()
     assert lengths_off_m(osim, folder, tmp_path / "work", true_joints()).max() < 0.001
-
-
-def test_an_arm_that_is_lost_for_a_while_is_reported_and_does_not_part_the_set_up(tmp_path):
-    lost = {row: ("HandLeft",) for row in range(60) if row % 2}
-    results = write_true_results(tmp_path / "results", true_joints(), lost=lost)
-    ((folder, product),) = export_results(results, [Format.TRC], ExportConfig())
-    assert (folder / "ik_setup.xml").is_file()
-    assert any("In 30 of these a marker of head or arms is missing" in note for note in product.notes)
 
 
 def place_markers(osim: Any, model: Any, state: Any, path: Path, row: int) -> np.ndarray:
