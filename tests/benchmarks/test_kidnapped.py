@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks" / "probes"))
 
 from kidnap import SEEN_AGAIN, Past, fork, kidnap
-from kidnapped import Judge, TimePass, draw_spoil, judged_joints, spread
+from kidnapped import Judge, TimePass, judged_joints
 from spoilt_poses import Kind, Spoil, middle_of_trunk, spoilt
 
 from anchorpose.body.evidence import trunk_and_arms
@@ -70,11 +70,6 @@ def test_an_arm_put_into_the_trunk_has_its_hand_deep_inside(posture, side, heigh
     assert np.linalg.norm(hand - middle_of_trunk(BODY, pose, height)) < 0.02
     assert depth_in_trunk_m(BODY, after, hand) > 0.06
     assert displacement_m(BODY, pose, after)[JOINT_INDEX[f"Hand{side}"]] > 0.15
-
-
-def test_the_depth_in_the_trunk_is_negative_outside():
-    pose = POSTURES["arms apart"]
-    assert depth_in_trunk_m(BODY, pose, at(pose, "HandLeft")) < -0.1
 
 
 @pytest.mark.parametrize("posture", POSTURES)
@@ -160,13 +155,6 @@ def test_joints_of_other_limbs_do_not_count():
     assert np.isfinite(_judge([0.5] * 10, joints=(JOINT_INDEX["HandRight"],)).recovered_s)
 
 
-def test_a_judge_is_done_as_soon_as_the_outcome_is_certain():
-    failed = _judge([0.3] * 6)
-    assert failed.done
-    assert np.isinf(failed.recovered_s)
-    assert not _judge([0.3] * 4 + [0.0] * 6).done
-
-
 VISIBLE = dict.fromkeys(LIMBS_JUDGED, True)
 
 
@@ -184,17 +172,6 @@ def test_of_a_body_turned_round_the_limbs_in_view_count():
     assert len(judged_joints(turned, VISIBLE | {"arm_left": False, "leg_left": False})) == JOINT_COUNT - 6
     assert judged_joints(turned, VISIBLE | {"trunk_and_head": False}) is None
     assert judged_joints(turned, dict.fromkeys(LIMBS_JUDGED, False) | {"trunk_and_head": True}) is None
-
-
-def test_a_spoil_is_drawn_the_same_again_and_takes_both_sides():
-    assert draw_spoil(Kind.LEG_ON_LEG, 7, 30) == draw_spoil(Kind.LEG_ON_LEG, 7, 30)
-    assert {draw_spoil(Kind.LEG_ON_LEG, 7, frame).side for frame in range(20)} == {"Left", "Right"}
-
-
-def test_choices_are_spread_evenly_and_never_repeated():
-    assert spread(range(10), 5) == [1, 3, 5, 7, 9]
-    assert spread(range(3), 5) == [0, 1, 2]
-    assert spread(range(7), 0) == []
 
 
 FRAMES = 11
