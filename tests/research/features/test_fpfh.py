@@ -12,8 +12,8 @@ from anchorpose.research.features.fpfh import FpfhConfig, fpfh
 CONFIG = FpfhConfig(radius_m=0.1)
 
 
-def describe(points, normals, triangles, chosen=None):
-    return fpfh(points, normals, CONFIG, chosen)
+def describe(points, normals, triangles):
+    return fpfh(points, normals, CONFIG)
 
 
 def plain_pair(p, n, q, m):
@@ -43,7 +43,7 @@ def plain_fpfh(points, normals, radius_m, own):
 def test_equal_to_pcl():
     reference = pcl_reference()
     config = FpfhConfig(radius_m=float(reference["radius_m"]))
-    found = fpfh(reference["points_m"], reference["normals"], config, reference["chosen"])
+    found = fpfh(reference["points_m"], reference["normals"], config)[reference["chosen"]]
     np.testing.assert_allclose(found, reference["fpfh"], atol=2e-3)
 
 

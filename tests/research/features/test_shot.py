@@ -14,8 +14,8 @@ from anchorpose.research.features.shot import ShotConfig, shot
 CONFIG = ShotConfig(radius_m=0.12)
 
 
-def describe(points, normals, triangles, chosen=None):
-    return shot(points, normals, CONFIG, chosen)
+def describe(points, normals, triangles):
+    return shot(points, normals, CONFIG)
 
 
 def plain_frame(points, own, radius_m):
@@ -32,15 +32,15 @@ def plain_frame(points, own, radius_m):
 
 def test_frames_equal_pcls():
     reference = pcl_reference()
-    near = find_neighbours(reference["points_m"], float(reference["radius_m"]), reference["chosen"])
-    found = local_frames(reference["points_m"], near).reshape(-1, 9)
+    near = find_neighbours(reference["points_m"], float(reference["radius_m"]))
+    found = local_frames(reference["points_m"], near)[reference["chosen"]].reshape(-1, 9)
     np.testing.assert_allclose(found, reference["frame"], atol=2e-5)
 
 
 def test_equal_to_pcl():
     reference = pcl_reference()
     config = ShotConfig(radius_m=float(reference["radius_m"]))
-    found = shot(reference["points_m"], reference["normals"], config, reference["chosen"])
+    found = shot(reference["points_m"], reference["normals"], config)[reference["chosen"]]
     np.testing.assert_allclose(found, reference["shot"], atol=2e-5)
 
 
