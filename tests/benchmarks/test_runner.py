@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from intervals import paired_difference, wilson
 from probing import run_probe, script_of
-from recordings import FrontAlone, OneFrame, Ready, Simulated
+from recordings import OneFrame, Ready, Simulated
 from room_suites import STARTS
 from scores import LABELS
 from suite import Probe
@@ -26,37 +26,8 @@ from versions import REPOSITORY, Version, working_tree
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.research.benchmark.labels import LABELLERS, read_label_set
-from anchorpose.simulate.clinic import draw_clinic
-from anchorpose.simulate.config import single
 
-MOVEMENTS = REPOSITORY.parent / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
 PAGES = ("README.md", "CONTRIBUTING.md", *sorted(f"docs/{path.name}" for path in REPOSITORY.glob("docs/*.md")))
-CONFIG = single(3, seconds=0.4, fps=10.0)
-COUNTS = {
-    "easy": 16,
-    "hard": 48,
-    "rooms": 40,
-    "starts": 60,
-    "contacts": 28,
-    "sensors": 76,
-    "kidnapped": 15,
-    "tasks": 20,
-    "isolation": 6,
-    "calibration": 26,
-    "clocks": 8,
-    "given-poses": 12,
-    "equipment": 6,
-    "laboratory": 30,
-    "live": 3,
-}
-
-
-@pytest.mark.parametrize("use", ["tuning", "held-out"])
-@pytest.mark.parametrize("suite", COUNTS)
-def test_a_suite_has_its_cases_with_names_of_their_own_in_the_same_order_again(suite, use):
-    names = [case.recording.name for case in cases_of([suite], use, False)[suite]]
-    assert len(set(names)) == len(names) == COUNTS[suite]
-    assert [case.recording.name for case in cases_of([suite], use, False)[suite]] == names
 
 
 @pytest.mark.parametrize("suite", SUITES)
@@ -93,26 +64,9 @@ def test_hard_scenes_for_tuning_show_nothing_of_what_is_held_out():
     assert {config.equipment for config in held_out} - {config.equipment for config in tuning} == {"sling"}
 
 
-@pytest.mark.parametrize("name", ["standing-frame-sit-to-stand-41011", "sling-sit-to-stand-42009"])
-def test_a_stool_is_as_high_as_the_thighs_whatever_the_heels_do(name):
-    if not MOVEMENTS.is_file():
-        pytest.skip(f"{MOVEMENTS} is not there")
-    clinic = draw_clinic((hard_scenes("tuning") | hard_scenes("held-out"))[name])
-    (seat,) = [part for part in clinic.equipment.parts if part.name == "seat"]
-    assert 0.3 < seat.center_m[1] < 0.55
-
-
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("cache")
-
-
-def test_a_recording_is_made_once_and_again_where_its_settings_change(cache):
-    first = Simulated("s", CONFIG).ready(cache)
-    (first.recording / "mark").touch()
-    again, other = Simulated("s", CONFIG).ready(cache), Simulated("s", replace(CONFIG, clothing_m=0.004)).ready(cache)
-    assert (again.recording / "mark").exists()
-    assert (again.digest == first.digest, other.digest == first.digest) == (True, False)
 
 
 def test_a_recording_of_one_frame_opens_with_the_chosen_image_and_its_truth(cache):
@@ -129,13 +83,6 @@ def test_a_recording_of_one_frame_opens_with_the_chosen_image_and_its_truth(cach
         assert one["names"].tolist() == every["names"].tolist()
 
 
-def test_the_front_camera_alone_has_its_images_and_the_equipment(cache):
-    whole = Simulated("two", replace(CONFIG, cameras=2, equipment="standing-frame"))
-    opened, both = (open_recording(one.ready(cache).recording) for one in (FrontAlone(whole), whole))
-    assert [camera.name for camera in opened.cameras] == [both.cameras[0].name]
-    assert len(opened.equipment.parts) == len(both.equipment.parts)
-
-
 @pytest.fixture
 def code(tmp_path) -> Version:
     """A small version of the code."""
@@ -144,16 +91,6 @@ def code(tmp_path) -> Version:
         (package / name).parent.mkdir(parents=True)
         (package / name).write_text("x = 1\n")
     return Version("small", tmp_path / "version", "0")
-
-
-def test_a_versions_digest_depends_on_the_tracker_and_not_on_research(code):
-    from versions import _digest
-
-    before = _digest(code.source)
-    (code.source / "anchorpose" / "research" / "plan.py").write_text("x = 2\n")
-    assert _digest(code.source) == before
-    (code.source / "anchorpose" / "tracker" / "run.py").write_text("x = 2\n")
-    assert _digest(code.source) != before
 
 
 def test_a_probe_of_the_version_is_run_and_its_answer_kept(code, tmp_path):

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from recording_builder import write_recording
-from room_builder import ROOM, camera_at, picture
+from room_builder import ROOM, camera_at, picture, write_room_recording
 
 from anchorpose.calibration.proposal import EquipmentProposal, NoEquipment, propose_equipment
 from anchorpose.calibration.proposal_readings import Region
@@ -134,27 +134,10 @@ def test_an_empty_room_has_no_equipment_and_neither_has_the_wall_behind():
     assert propose_equipment((FRONT,), rooms, 0.0, wide) is NoEquipment.NOTHING_STANDS
 
 
-def room_recording(folder):
-    """A recording of one camera whose background shows a post and a bar."""
-    write_recording(folder, frames=2)
-    camera = replace(FRONT, name="front")
-    lens = camera.intrinsics
-    document = json.loads((folder / "recording.json").read_text())
-    document["cameras"][0] |= {
-        "width": 512,
-        "height": 424,
-        "camera_to_world": camera.require_pose().tolist(),
-        "intrinsics": {"fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy, "distortion": [0, 0, 0, 0, 0]},
-    }
-    (folder / "recording.json").write_text(json.dumps(document))
-    grey = np.round(picture(camera, *ROOM, POST, BAR, seed=0) * 1000).astype(np.uint16)
-    for name in ("background", "depth/000000", "depth/000001"):
-        cv2.imwrite(str(folder / "front" / f"{name}.png"), grey)
-    return folder
-
-
 def test_the_verb_writes_a_file_and_pictures_and_says_what_is_a_guess(tmp_path, capsys):
-    recording = room_recording(tmp_path / "r")
+    camera = replace(FRONT, name="front")
+    room = picture(camera, *ROOM, POST, BAR, seed=0)
+    recording = write_room_recording(tmp_path / "r", camera, room, [room, room])
     command = ["equipment", "fit", str(recording), "-o", str(tmp_path / "out" / "equipment.json")]
     assert main(command) == 0
     said = capsys.readouterr().out

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from room_builder import FRONT, KNEE_BAR, ROOM, body, picture
+from room_builder import FRONT, KNEE_BAR, ROOM, body, picture, write_room_recording
 
 from anchorpose.cli import main
 from anchorpose.joints import JOINT_NAMES
@@ -154,36 +154,6 @@ def test_names_cannot_become_markup_and_pictures_lie_in_folders_of_their_cameras
 
 def write_room(folder: Path, people: bool) -> Path:
     """A small recording of the tests' room with its knee bar and, perhaps, a column that stands for a person."""
-    (folder / "front" / "depth").mkdir(parents=True)
-    lens = FRONT.intrinsics
-    document = {
-        "format": "rgbd-recording",
-        "version": 1,
-        "equipment": "equipment.json",
-        "cameras": [
-            {
-                "name": "front",
-                "width": FRONT.width,
-                "height": FRONT.height,
-                "depth_scale": 0.001,
-                "fps": 10,
-                "intrinsics": {
-                    "fx": lens.fx,
-                    "fy": lens.fy,
-                    "cx": lens.cx,
-                    "cy": lens.cy,
-                    "distortion": [0, 0, 0, 0, 0],
-                },
-                "camera_to_world": FRONT.require_pose().tolist(),
-            }
-        ],
-    }
-    (folder / "recording.json").write_text(json.dumps(document))
-    bar = {"name": "bar", "shape": "box", "center": KNEE_BAR.center_m.tolist(), "size": KNEE_BAR.size_m.tolist()}
-    (folder / "equipment.json").write_text(json.dumps({"format": "equipment-model", "version": 1, "parts": [bar]}))
     someone = body(0.0, 0.0) if people else ()
-    pictures = {"background": picture(FRONT, *ROOM, KNEE_BAR, seed=0)}
-    pictures |= {f"depth/{n:06d}": picture(FRONT, *ROOM, KNEE_BAR, *someone, seed=n + 1) for n in range(3)}
-    for name, depth in pictures.items():
-        cv2.imwrite(str(folder / "front" / f"{name}.png"), np.round(depth * 1000).astype(np.uint16))
-    return folder
+    images = [picture(FRONT, *ROOM, KNEE_BAR, *someone, seed=n + 1) for n in range(3)]
+    return write_room_recording(folder, FRONT, picture(FRONT, *ROOM, KNEE_BAR, seed=0), images, KNEE_BAR)

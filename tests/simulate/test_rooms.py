@@ -16,7 +16,6 @@ from anchorpose.simulate.config import SimulationConfig, room
 from anchorpose.simulate.render import NOTHING, PATIENT
 from anchorpose.simulate.rooms.plan import MIDDLE_SHARE, SEATED_SHARE, RoomConfig
 from anchorpose.simulate.rooms.scene import room_camera
-from anchorpose.simulate.rooms.walls import Panel, wall_triangles
 from anchorpose.simulate.shoot import set_up
 from anchorpose.simulate.write import simulate_recording
 
@@ -26,13 +25,6 @@ BARE = RoomConfig(distance_m=3.2, camera_height_m=1.4, tilt_rad=0.15)
 
 def plans() -> list[tuple[SimulationConfig, RoomConfig]]:
     return [(config, config.room) for config in (room(seed, seconds=6.0) for seed in SEEDS)]
-
-
-def in_room(room_plan: RoomConfig, **changes) -> SimulationConfig:
-    """A room that is not drawn, seen by a Kinect v2."""
-    base = room(51_008, seconds=3.0, fps=4.0)
-    passers = room_plan.passers_by
-    return replace(base, sensor="kinect-v2", room=room_plan, away_s=(), stool=False, passers_by=passers, **changes)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -97,48 +89,6 @@ def test_other_people_have_labels_after_the_patient_and_a_late_patient_walks_in(
     labels = set(np.unique(studio.shoot(15).images[0].label)) - {NOTHING, PATIENT}
     assert labels
     assert labels <= {PATIENT + 1 + n for n in range(len(config.room.others))}
-
-
-@pytest.mark.parametrize("moved", ["stool", "wheelchair"])
-def test_pushed_furniture_waits_goes_with_who_pushes_it_and_stays(moved):
-    clinic = draw_clinic(in_room(replace(BARE, others=("passes-behind",), moved=moved), seconds=8.0))
-    (mover,), (pusher,) = clinic.scene.movers, clinic.therapists
-    times_s = np.arange(0.0, 8.0, 0.1)
-    middle_m = np.array([mover.figure(t).skin_m.mean(axis=0) for t in times_s])
-    step_m = np.linalg.norm(np.diff(middle_m, axis=0), axis=1)
-    assert step_m[0] == step_m[-1] == 0.0
-    assert 0.4 < step_m.sum() < 4.0
-    assert (step_m > 0.02).sum() >= 5, "for some seconds"
-    pushing = step_m > 0.02
-    hips_m = np.array([bones[0, :3, 3] for bones in pusher.actor.bones(times_s)])
-    gap_m = np.linalg.norm((middle_m - hips_m)[:-1][pushing][:, [0, 2]], axis=1)
-    assert np.ptp(gap_m) < 0.3
-    assert mover.figure(1.0).label == NOTHING
-
-
-def test_what_stands_before_the_legs_leaves_the_patients_middle_in_view():
-    found = 0
-    for seed in range(6):
-        config = replace(in_room(replace(BARE, before=("table", "chair", "boxes"))), seed=seed)
-        studio = set_up(draw_clinic(config))
-        camera, middle = studio.clinic.cameras[0], np.array([[0.0, MIDDLE_SHARE * config.height_m, 0.0]])
-        place = transform_points(invert_rigid(camera.require_pose()), middle)
-        column, row = np.rint(camera.project(place)[0]).astype(int)
-        assert studio.stills[0].depth_m[row, column] > place[0, 2]
-        below = studio.stills[0].depth_m[row + 20 :, column - 40 : column + 40]
-        found += bool((below < place[0, 2] - 0.4).any())
-    assert found >= 4
-
-
-def test_a_wall_has_its_area_less_its_holes():
-    def area(triangles):
-        sides = triangles[:, 1:] - triangles[:, :1]
-        return 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-
-    whole = wall_triangles((0.0, 0.0), (3.0, 4.0), [])
-    holed = wall_triangles((0.0, 0.0), (3.0, 4.0), [Panel(1.0, 2.0, 0.0, 2.0), Panel(3.0, 3.5, 1.0, 2.0)])
-    assert area(whole).sum() == pytest.approx(5.0 * 2.7)
-    assert area(holed).sum() == pytest.approx(5.0 * 2.7 - 2.0 - 0.5)
 
 
 @pytest.mark.parametrize(

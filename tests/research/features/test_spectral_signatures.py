@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from spectral_builder import ball, flag, moved, scaled, shuffled
-from surface_builder import flat_grid
+from spectral_builder import ball, flag, scaled, shuffled
+from surface_builder import flat_grid, moved
 
 from anchorpose.research.features.laplacian import mesh_laplacian
 from anchorpose.research.features.spectral_signatures import (

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull, Delaunay, Voronoi
-from spectral_builder import ball, flag, moved, rough_sheet, scaled, shuffled
-from surface_builder import flat_grid
+from spectral_builder import ball, flag, rough_sheet, scaled, shuffled
+from surface_builder import flat_grid, moved
 
 from anchorpose.research.features.laplacian import mesh_laplacian, surface_laplacian
 from anchorpose.research.features.spectral_signatures import spectrum, spectrum_of
