@@ -165,7 +165,6 @@ def test_the_limbs_concerned_must_be_in_plain_view():
 FRAMES = 11
 CONFIG = TrackConfig(follow=FollowConfig(history=SEEN_AGAIN + 2))
 HAND, HEAD = JOINT_INDEX["HandLeft"], JOINT_INDEX["Head"]
-LEFT_HAND_ANCHOR = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,11 +194,6 @@ def here(tmp_path_factory) -> MidRecording:
     raise AssertionError("the recording is too short")
 
 
-def left_hand_expected(tracker: PatientTracker) -> np.ndarray:
-    """(w, 3) where the left hand was expected in the observed frames of the window."""
-    return np.array([seen.expected.anchors_m[LEFT_HAND_ANCHOR] for seen in tracker.window.seen])
-
-
 def test_a_fork_goes_on_exactly_as_the_tracker_and_leaves_it_alone(here):
     forked, again = fork(here.tracker), fork(here.tracker)
     ahead = [here.time_pass.read(place) for place in range(here.read, FRAMES)]
@@ -219,15 +213,3 @@ def test_a_kidnapped_tracker_is_wrong_and_as_sure_as_before(here):
     assert depth_in_trunk_m(tracker.body, tracker.belief.pose, tracker.body.joints(tracker.belief.pose)[HAND]) < 0.0
     np.testing.assert_array_equal(kidnapped.belief.covariance, tracker.belief.covariance)
     np.testing.assert_array_equal(kidnapped.belief.information, tracker.belief.information)
-
-
-def test_its_past_and_what_it_has_looked_at_are_wrong_alike(here):
-    tracker = here.tracker
-    kidnapped = kidnap(tracker, here.past, Spoil(Kind.ARM_IN_TRUNK, "Left"))
-    moved_m = np.linalg.norm(np.array(kidnapped.history) - np.array(tracker.history), axis=2)
-    assert moved_m[:, HAND].min() > 0.15
-    assert moved_m[:, HEAD].max() < 1e-9
-    assert list(kidnapped.window.frames) == list(tracker.window.frames)
-    away_m = np.linalg.norm(left_hand_expected(kidnapped) - left_hand_expected(tracker), axis=1)
-    assert away_m.min() > 0.15
-    assert kidnapped.window[0] is not tracker.window[0]

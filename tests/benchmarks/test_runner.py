@@ -14,14 +14,12 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from intervals import paired_difference, wilson
-from probing import run_probe, script_of
-from recordings import OneFrame, Ready, Simulated
+from probing import script_of
+from recordings import OneFrame, Simulated
 from room_suites import STARTS
 from scores import LABELS
-from suite import Probe
 from suites import SUITES, cases_of, hard_scenes
-from table import differences, table
-from versions import REPOSITORY, Version, working_tree
+from versions import REPOSITORY, working_tree
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import open_recording, read_frame
@@ -52,11 +50,6 @@ def test_no_simulated_recording_serves_both_uses(suite):
     assert not tuning & held_out
 
 
-def test_an_unknown_suite_is_refused():
-    with pytest.raises(SystemExit, match="no suite hardest; there are easy, hard"):
-        cases_of(["hardest"], "tuning", True)
-
-
 def test_hard_scenes_for_tuning_show_nothing_of_what_is_held_out():
     tuning, held_out = (list(hard_scenes(use).values()) for use in ("tuning", "held-out"))
     assert not {s for config in tuning for s in config.subjects} & {s for config in held_out for s in config.subjects}
@@ -81,67 +74,6 @@ def test_a_recording_of_one_frame_opens_with_the_chosen_image_and_its_truth(cach
     with np.load(ready.truth) as one, np.load(source.truth) as every:
         np.testing.assert_array_equal(one["joints"], every["joints"][[2]])
         assert one["names"].tolist() == every["names"].tolist()
-
-
-@pytest.fixture
-def code(tmp_path) -> Version:
-    """A small version of the code."""
-    package = tmp_path / "version" / "src" / "anchorpose"
-    for name in ("tracker/run.py", "research/plan.py", "simulate/write.py"):
-        (package / name).parent.mkdir(parents=True)
-        (package / name).write_text("x = 1\n")
-    return Version("small", tmp_path / "version", "0")
-
-
-def test_a_probe_of_the_version_is_run_and_its_answer_kept(code, tmp_path):
-    probe, ready = Probe("equipment", ("--trials", "2")), Ready("r", tmp_path, None, "d")
-    own = code.root / "benchmarks" / "probes" / "equipment.py"
-    assert script_of(probe, code) == REPOSITORY / "benchmarks" / "probes" / "equipment.py"
-    own.parent.mkdir(parents=True)
-    own.write_text(
-        "import json, os, pathlib, sys\n"
-        "made = pathlib.Path(sys.argv[1]) / 'made'\n"
-        "made.write_text(made.read_text() + 'x' if made.exists() else 'x')\n"
-        "rows = [['part', {'right': len(sys.argv), 'error_mm': float('nan')}]]\n"
-        "pathlib.Path(sys.argv[sys.argv.index('--out') + 1]).write_text(json.dumps(rows))\n"
-    )
-    for again in (False, False, True):
-        ((part, scores),) = run_probe(probe, ready, code, tmp_path / "cache", again)
-        assert (part, scores["right"], np.isnan(scores["error_mm"])) == ("part", 7, True)
-    assert (tmp_path / "made").read_text() == "xx"
-
-
-def test_a_probe_that_fails_is_named_and_keeps_no_answer(code, tmp_path):
-    own = code.root / "benchmarks" / "probes" / "equipment.py"
-    own.parent.mkdir(parents=True)
-    own.write_text("raise ValueError('no bars')")
-    with pytest.raises(RuntimeError, match=r"(?s)equipment.py .*ValueError: no bars"):
-        run_probe(Probe("equipment"), Ready("r", tmp_path, None, "d"), code, tmp_path / "cache", False)
-    assert list((tmp_path / "cache").rglob("*.json")) == []
-
-
-NAN = float("nan")
-TRACKED = {"easy": [{"mean_mm": 8.0, "lost": 0.01, "right": 1.0}, {"mean_mm": 12.0, "lost": NAN, "right": 0.0}]}
-
-
-def test_the_table_has_means_with_the_worst_and_what_is_not_known_stays_unknown():
-    (line,) = [line for line in table(TRACKED).splitlines() if line.startswith("| easy")]
-    assert line.startswith("| easy | 2 | 10.0 (12.0) | – | – |")
-    assert "| 1.0 |" in line
-    assert line.endswith("| right 1 of 2 (9 to 91 %) |")
-
-
-def test_scores_of_a_probe_get_columns_of_their_own_and_trials_count():
-    rows = {"kind": [{"trials": 20.0, "right": 0.95, "recovery_s": 0.1}, {"trials": 0.0, "right": NAN}]}
-    head, _, line = table(rows).splitlines()
-    assert head == "| scene | recordings | right % | recovery s | also |"
-    assert line == "| kind | 2 | 95.0 | 0.10 | right 19 of 20 (76 to 99 %) |"
-
-
-def test_differences_are_paired_by_recording():
-    before = {"easy": [{"mean_mm": 10.0}, {"mean_mm": 12.0}]}
-    line = differences(TRACKED, before, "753f79a").splitlines()[-1]
-    assert line.startswith("| easy | -1.0 (-13.7 to +11.7) | – |")
 
 
 def test_wilsons_interval_is_the_published_one():

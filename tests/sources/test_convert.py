@@ -300,28 +300,16 @@ def test_poses_of_several_inputs_are_left_out(monkeypatch, tmp_path):
     assert [own.camera.name for group in both.cameras for own in group] == ["a-c", "b-c"]
 
 
+RATIONAL = (0.1, 0.1, 1e-3, -2e-3, 0.01, 0.2, 0.2, 0.03, 0.01, 0.02, -0.03, 0.04)
 LENSES = [
-    Intrinsics(fx=30, fy=31, cx=14, cy=12.5, distortion=(0.1, -0.05, 0.01, -0.02, 0.003)),
-    Intrinsics(
-        fx=30, fy=31, cx=14, cy=12.5, model=LensModel.RATIONAL, distortion=(0.5, 0.1, 1e-3, -2e-3, 0.01, 0.6, 0.2, 0.03)
-    ),
-    Intrinsics(
-        fx=30,
-        fy=31,
-        cx=14,
-        cy=12.5,
-        model=LensModel.RATIONAL,
-        distortion=(0.1, 0.1, 1e-3, -2e-3, 0.01, 0.2, 0.2, 0.03, 0.01, 0.02, -0.03, 0.04),
-    ),
-    Intrinsics(
-        fx=30,
-        fy=31,
-        cx=14,
-        cy=12.5,
-        model=LensModel.RATIONAL,
-        distortion=(0.1, 0.1, 1e-3, -2e-3, 0.01, 0.2, 0.2, 0.03, 0.01, 0.02, -0.03, 0.04, 0.05, -0.07),
-    ),
-    Intrinsics(fx=30, fy=31, cx=14, cy=12.5, model=LensModel.KANNALA_BRANDT, distortion=(0.1, 0.02, -0.01, 0.002)),
+    Intrinsics(fx=30, fy=31, cx=14, cy=12.5, model=model, distortion=distortion)
+    for model, distortion in (
+        (LensModel.BROWN_CONRADY, (0.1, -0.05, 0.01, -0.02, 0.003)),
+        (LensModel.RATIONAL, (0.5, 0.1, 1e-3, -2e-3, 0.01, 0.6, 0.2, 0.03)),
+        (LensModel.RATIONAL, RATIONAL),
+        (LensModel.RATIONAL, (*RATIONAL, 0.05, -0.07)),
+        (LensModel.KANNALA_BRANDT, (0.1, 0.02, -0.01, 0.002)),
+    )
 ]
 
 

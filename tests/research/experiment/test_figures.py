@@ -35,21 +35,6 @@ def test_all_figures_are_drawn_from_a_whole_outcome(tables: list[Table]) -> None
         assert "anchor" in picture.svg, "texts stay texts"
 
 
-def test_the_same_tables_give_the_same_bytes_whatever_was_drawn_before(tables: list[Table]) -> None:
-    few = [table for table in tables if table.key in ("result1", "times")]
-    once = draw_all(few)
-    draw_all([table for table in tables if table.key == "sd1"])
-    assert draw_all(few) == once
-    assert "<dc:date>" not in once[0].svg
-
-
-def test_one_method_and_one_size_of_hole_are_enough(recwarn: pytest.WarningsRecorder) -> None:
-    results = make_results(recordings=1, methods=METHODS[:1], holes_m=(0.0,))
-    tables = [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
-    assert "result1" in [picture.key for picture in draw_all(tables)]
-    assert [str(warning.message) for warning in recwarn] == []
-
-
 def test_without_matplotlib_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch, tables: list[Table]) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(MissingPackage, match=r"anchorpose\[experiments\]"):

@@ -20,8 +20,6 @@ from anchorpose.research.experiment.page.drawing import DrawnFigure
 from anchorpose.research.experiment.page.figures import draw_all
 from anchorpose.research.experiment.page.page import write_results
 from anchorpose.research.experiment.page.page_parts import read_pictures
-from anchorpose.research.experiment.page.page_text import run_html
-from anchorpose.research.experiment.page.selection import left_out
 from anchorpose.research.experiment.page.tables import Table
 from anchorpose.research.experiment.results import ExperimentResults, TriedSetting
 
@@ -105,34 +103,6 @@ def test_the_config_on_the_page_is_what_the_command_reads(
     text = html.unescape(re.findall(r"<pre>(.*?)</pre>", page, re.DOTALL)[1])
     (tmp_path / "experiment.toml").write_text(text)
     assert load_config(tmp_path / "experiment.toml", type(results.config)) == results.config
-
-
-def test_segments_that_no_method_could_start_in_are_counted() -> None:
-    whole = make_results(recordings=2)
-    lost = tuple(
-        replace(run, frame=run.frame[9:], occluded=run.occluded[9:], error_mm=run.error_mm[9:])
-        if run.recording == "paper-501"
-        else run
-        for run in whole.tracked
-    )
-    assert left_out(whole) == (0, 6)
-    assert left_out(replace(whole, tracked=lost)) == (1, 6)
-    assert "1 of the 6 segments" in run_html(replace(whole, tracked=lost))
-    assert "were left out" not in run_html(whole)
-
-
-def test_the_same_outcome_gives_the_same_bytes(
-    folder: Path, figures: list[DrawnFigure], results: ExperimentResults, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(publish, "draw_all", lambda tables: figures)  # the same each time: test_figures.py
-
-    def contents() -> dict[Path, bytes]:
-        return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-    before = contents()
-    (folder / "tables" / "stale.csv").write_text("of an earlier run")
-    write_results(results, folder)
-    assert contents() == before
 
 
 def test_an_empty_outcome_is_a_page_that_says_so(tmp_path: Path) -> None:

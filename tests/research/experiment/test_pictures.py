@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from occlusion_builder import elliptic_hole
-from surface_builder import FACING_X, flat_grid, kinect, star
+from surface_builder import FACING_X, kinect, star
 
 from anchorpose.research.experiment.correspondence import TruePlaces
 from anchorpose.research.experiment.method import Family, Method
@@ -99,36 +99,6 @@ def test_a_pair_is_right_within_five_centimetres_of_the_true_place(monkeypatch: 
     np.testing.assert_allclose(pairs.error_m[100:200], 0.051, atol=1e-6)
 
 
-def test_shares_are_of_the_nodes_whose_true_place_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = np.arange(COUNT) < 400
-    place = BODY.points_m.astype(np.float64)
-    place[:100] += 1.0
-    direct = np.where(np.arange(COUNT) < 150, np.arange(COUNT), -1)
-    moment = moment_of(place, seen)
-    pairs = pairs_from(monkeypatch, direct, moment)
-    assert matches.describe_pairs(pairs, moment) == "12 % right, 25 % wrong, 62 % no match"
-    assert matches.describe_pairs(pairs, moment_of(place, ~np.isfinite(place[:, 0]))) == "no true place is known"
-
-
-def test_the_tree_chooses_among_several_hypotheses_and_one_is_taken_as_it_is() -> None:
-    match, subset = np.arange(COUNT, dtype=np.int32), np.zeros(COUNT, np.int32)
-    single = said(match, subset, np.empty((1, 0), np.int64))
-    assert matches.chosen_match(single)[0] is single.direct
-    on_body = np.arange(0, COUNT, 2)
-    several = said(match, subset, np.array([[0, 1], [0, 2]]), on_body)
-    chosen, by_tree = matches.chosen_match(several)
-    assert by_tree
-    np.testing.assert_array_equal(chosen[on_body], on_body)
-    assert (np.delete(chosen, on_body) == -1).all()
-
-
-def test_a_method_without_pairs_is_drawn_unless_it_means_to_have_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    nothing = np.full(COUNT, -1)
-    assert pairs_from(monkeypatch, nothing, moment_of(), associate=None) is None
-    assert pairs_from(monkeypatch, nothing, moment_of(), family=Family.NONE) is None
-    assert matches.describe_pairs(pairs_from(monkeypatch, nothing, moment_of()), moment_of()).endswith("100 % no match")
-
-
 # regions
 
 
@@ -154,13 +124,6 @@ def test_only_anchors_that_are_found_and_seen_shed_light() -> None:
     nothing = np.zeros(len(sheet.whole), bool)
     assert regions.lights_of(holed(sheet.hidden, sheet.whole), nothing) == {}
     assert regions.region_pictures(VIEW, holed(nothing | (np.arange(len(nothing)) < 0), sheet.whole)) == []
-
-
-def test_a_sheet_cut_in_two_is_reported_as_cut_off() -> None:
-    sheet = flat_grid(20, 12, 0.02)
-    hidden = sheet.pixel[:, 0] == 10
-    light = regions.lights_of(holed(hidden, sheet), hidden)["Head"]
-    assert regions.describe_distortion(light, 0.15) == "15 cm: 0 % longer, 47 % cut off"
 
 
 @pytest.mark.slow
