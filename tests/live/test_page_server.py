@@ -218,3 +218,16 @@ def test_time_upright_counts_between_upright_frames_and_not_over_a_gap(output):
     assert (lost["upright"], lost["load_left"], lost["touched"]) == (None, None, None)
     assert lost["upright_s"] == pytest.approx(0.3)
     client.close()
+
+
+def test_the_load_moves_to_the_foot_that_the_body_leans_over(output):
+    client = Client(output)
+    shares = []
+    for number, lean_m in enumerate((0.0, -0.05, 0.05)):  # the patient's right is +Z
+        frame = standing_frame(number, number / 10.0, lean_m=lean_m)
+        output.send(frame)
+        shares.append(client.next("frame")["load_left"])
+    assert shares[0] == pytest.approx(0.5, abs=0.02)
+    assert shares[1] > 0.6
+    assert shares[2] < 0.4
+    client.close()

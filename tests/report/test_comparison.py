@@ -14,8 +14,10 @@ from report_builder import MEASURES, squats, write_session
 
 from anchorpose.cli import main
 from anchorpose.errors import InputError
+from anchorpose.report.comparable import grows_with_time
 from anchorpose.report.comparison import change_between, read_detectable, write_comparison
-from anchorpose.results.measuring import MeasureConfig
+from anchorpose.results.measuring import MeasureConfig, write_measured
+from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import Measure, write_measures
 from anchorpose.results.stand_training.extension import ExtensionConfig
 
@@ -268,3 +270,30 @@ def test_another_table_of_reliability_is_refused(tmp_path, text, problem):
     (tmp_path / "reliability.csv").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=problem):
         read_detectable(tmp_path / "reliability.csv")
+
+
+def test_every_measure_that_is_computed_grows_with_time_or_does_not(tmp_path):
+    folder = session(tmp_path, 1)
+    rows = write_measured(folder, ProcessingConfig(), MeasureConfig()).measures
+    grown = {row.measure for row in rows if grows_with_time(row)}
+    assert grown >= {
+        "upright_time",
+        "upright_bouts",
+        "longest_upright_bout",
+        "knee_straight_time",
+        "sit_to_stand_count",
+        "stand_to_sit_duration_longest",
+        "sway_path",
+        "assistance_time",
+        "contacts",
+        "hands_free_upright_time",
+    }
+    assert not grown & {
+        "upright_share",
+        "sit_to_stand_duration_mean",
+        "knee_flexion_upright_greatest",
+        "sway_velocity",
+        "load_share",
+        "assistance_share_upright",
+        "hands_on_at_once_mean",
+    }

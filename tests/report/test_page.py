@@ -22,6 +22,7 @@ from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.pages.overlay import FramePicture, save_pictures
 from anchorpose.report.chart import make_bins
 from anchorpose.report.curves import step_path
+from anchorpose.report.measure_section import GROUPS, grouped_measures, words_of
 from anchorpose.report.page import write_report
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
@@ -333,3 +334,11 @@ def test_the_page_says_how_good_a_cameras_depth_was(page):
     assert "neighbours have their error in common over 7 pixels; 1.2 % of the readings on surfaces" in text
     assert "steps of 5 mm, edges 2 pixels wide" in text
     assert "steep" not in text
+
+
+def test_every_measure_that_is_computed_has_words_of_its_own(tmp_path):
+    folder = write_session(tmp_path / "r", squats(12))
+    measures = write_measured(folder, ProcessingConfig(), MeasureConfig()).measures
+    assert len(measures) > 40
+    assert [m.measure for m in measures if words_of(m.measure).meaning == words_of("unheard of").meaning] == []
+    assert grouped_measures(measures).keys() == GROUPS.keys()

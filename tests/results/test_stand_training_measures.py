@@ -298,3 +298,21 @@ def test_the_verb_refuses_what_does_not_fit_and_writes_nothing(results, capsys, 
 def test_a_folder_that_is_no_result_is_refused(tmp_path, capsys):
     assert main(["measure", str(tmp_path)]) == 2
     assert "joints.parquet" in capsys.readouterr().err
+
+
+def test_a_contact_that_was_only_inferred_makes_its_time_unsure():
+    joints = table(squatting_joints(np.zeros(200)))
+    seen, inferred = (
+        measured(joints, (contact("pelvis", "a", 20, 119, seen=s),))[1]["assistance_time", None, None, None]
+        for s in (1.0, 0.0)
+    )
+    assert seen.value == inferred.value == pytest.approx(5.0)
+    assert seen.sigma is not None
+    assert inferred.sigma is not None
+    assert seen.sigma < 0.1 < inferred.sigma
+
+
+def test_that_nobody_was_seen_to_touch_is_not_sure_to_any_figure():
+    found = measured(table(squatting_joints(np.zeros(40))), ())[1]
+    for name in ("assistance_time", "hands_free_upright_time", "hands_free_upright_share"):
+        assert found[name, None, None, None].sigma is None

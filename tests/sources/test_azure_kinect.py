@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import sys
+import tracemalloc
 from fractions import Fraction
 from pathlib import Path
 
@@ -187,3 +188,16 @@ def _wall_residual_m(depth: np.ndarray, lens: Intrinsics) -> float:
     centred = points - points.mean(axis=0)
     normal = np.linalg.svd(centred, full_matrices=False)[2][2]
     return float(np.sqrt(np.mean((centred @ normal) ** 2)))
+
+
+def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
+    depth = images(1, "WFOV_2X2BINNED") * 40
+    content = mkv(depth, [33_333 * i for i in range(40)], "WFOV_2X2BINNED", attached=calibration())
+    frames = opened(tmp_path, content).frames([0])
+    next(frames)
+    tracemalloc.start()
+    for _ in frames:
+        pass
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 6 * depth[0].nbytes

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
+import tracemalloc
+
 from bags_builder import (
     FORMATS,
     SIZE,
@@ -173,3 +175,20 @@ def test_the_files_of_a_folder_are_read_by_their_numbers(tmp_path: Path) -> None
         write_bag(tmp_path / str(k), "db3", sent).rename(folder / f"bag_{k}.db3")
     frames, _ = read_all(folder)
     assert [frame.time_s for frame in frames] == [2.0, 9.0, 10.0]
+
+
+@pytest.mark.parametrize("form", ["ros1", "db3", "mcap"])
+def test_memory_does_not_grow_with_the_length(tmp_path: Path, form: str) -> None:
+    peaks = []
+    for count in (40, 160):
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        values = np.full((240, 320), 1500, np.uint16)
+        sent = (Sent("/depth/image", IMAGE, k, image_of(values, "16UC1", 5 + k)) for k in range(count))
+        path = write_bag(folder, form, sent)
+        tracemalloc.start()
+        source = open_source(path)
+        assert sum(1 for _ in source.frames([0])) == count
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < peaks[0] + 500_000  # of 18 MB of images that came in addition

@@ -169,3 +169,12 @@ def _adult_map():
     if not _MAPS:
         _MAPS.append(map_body(adult_body()))
     return _MAPS[0]
+
+
+def test_only_skin_beside_skin_far_on_the_body_is_contested():
+    expected = expected_legs()
+    contested = find_ambiguous_skin(expected)
+    up = expected.points_m[:, 1] - 1.0
+    inner = np.abs(expected.points_m[:, 2]) < 0.02
+    assert contested[inner & (up < 0.0)].all()
+    assert not contested[np.abs(expected.points_m[:, 2]) > 0.08].any()
