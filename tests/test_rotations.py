@@ -14,7 +14,6 @@ from anchorpose.rotations import (
     rotation_matrices,
     rotation_vectors,
     turns,
-    turns_about,
     unit,
 )
 
@@ -47,20 +46,6 @@ def test_rotation_vectors_and_matrices_are_those_of_scipy(direction, angle):
     np.testing.assert_allclose(rotation_vectors(matrix[None])[0], w, atol=1e-8)  # near pi few digits carry the vector
     real, *axis = quaternions(matrix[None])[0]
     np.testing.assert_allclose([*axis, real], Rotation.from_rotvec(w).as_quat(canonical=True), atol=1e-8)
-
-
-def test_rotations_of_many_bones_are_those_of_each():
-    w = np.random.default_rng(1).normal(size=(7, 3))
-    w[3] = 0.0
-    np.testing.assert_allclose(rotation_vectors(rotation_matrices(w)), w, atol=1e-12)
-
-
-def test_turns_keep_the_leading_axes_of_their_vectors():
-    angles_rad = np.linspace(-1.0, 1.0, 6).reshape(2, 3)
-    found = turns_about(np.array([0.0, 1.0, 0.0]), angles_rad)
-    assert found.shape == (2, 3, 3, 3)
-    expected = Rotation.from_rotvec(angles_rad.reshape(-1, 1) * [0.0, 1.0, 0.0]).as_matrix().reshape(found.shape)
-    np.testing.assert_allclose(found, expected, atol=1e-14)
 
 
 def test_unit_vectors_have_length_one_and_no_direction_is_missing():

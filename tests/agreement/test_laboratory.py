@@ -10,7 +10,6 @@ import pytest
 from laboratory_builder import Laboratory, make_laboratory, missed
 
 from anchorpose.agreement.captured import read_captured
-from anchorpose.agreement.clock import Clock
 from anchorpose.agreement.evaluating import ALL, AS_MEASURED, OFFSET_REMOVED, agreement_rows, compare_with_reference
 from anchorpose.agreement.matching import Match, match_results
 from anchorpose.agreement.reference import exchanged, read_reference
@@ -143,13 +142,6 @@ def test_another_movement_is_refused(lab, tmp_path):
     other = make_laboratory(tmp_path / "other", seed=311, seconds=20.0)
     with pytest.raises(InputError, match="shares no movement"):
         match_results(lab.results, read_reference(other.reference))
-
-
-def test_a_clock_maps_times_both_ways():
-    clock = Clock(
-        offset_s=2.0, offset_sigma_s=0.0, drift=1e-3, drift_sigma=0.0, middle_s=10.0, correlation=1.0, overlap_s=(0, 20)
-    )
-    assert clock.reference_time_s(np.array([0.0, 10.0, 20.0])) == pytest.approx([1.99, 12.0, 22.01])
 
 
 @pytest.mark.thorough

@@ -198,8 +198,3 @@ def test_a_scheduler_that_does_not_answer_is_one_sentence(monkeypatch) -> None:
 def test_a_scheduler_that_is_no_address_is_refused() -> None:
     with pytest.raises(AnchorposeError, match="--scheduler"):
         Place(scheduler="fast")
-
-
-def test_without_jobs_nothing_is_started(monkeypatch) -> None:
-    monkeypatch.setattr(cluster, "connected", None)
-    assert list(run_jobs([], Place())) == []

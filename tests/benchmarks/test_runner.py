@@ -14,49 +14,18 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from intervals import paired_difference, wilson
-from probing import run_probe, script_of
-from recordings import FrontAlone, OneFrame, Ready, Simulated
+from probing import script_of
+from recordings import OneFrame, Simulated
 from room_suites import STARTS
 from scores import LABELS
-from suite import Probe
 from suites import SUITES, cases_of, hard_scenes
-from table import differences, table
-from versions import REPOSITORY, Version, working_tree
+from versions import REPOSITORY, working_tree
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.research.benchmark.labels import LABELLERS, read_label_set
-from anchorpose.simulate.clinic import draw_clinic
-from anchorpose.simulate.config import single
 
-MOVEMENTS = REPOSITORY.parent / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
 PAGES = ("README.md", "CONTRIBUTING.md", *sorted(f"docs/{path.name}" for path in REPOSITORY.glob("docs/*.md")))
-CONFIG = single(3, seconds=0.4, fps=10.0)
-COUNTS = {
-    "easy": 16,
-    "hard": 48,
-    "rooms": 40,
-    "starts": 60,
-    "contacts": 28,
-    "sensors": 76,
-    "kidnapped": 15,
-    "tasks": 20,
-    "isolation": 6,
-    "calibration": 26,
-    "clocks": 8,
-    "given-poses": 12,
-    "equipment": 6,
-    "laboratory": 30,
-    "live": 3,
-}
-
-
-@pytest.mark.parametrize("use", ["tuning", "held-out"])
-@pytest.mark.parametrize("suite", COUNTS)
-def test_a_suite_has_its_cases_with_names_of_their_own_in_the_same_order_again(suite, use):
-    names = [case.recording.name for case in cases_of([suite], use, False)[suite]]
-    assert len(set(names)) == len(names) == COUNTS[suite]
-    assert [case.recording.name for case in cases_of([suite], use, False)[suite]] == names
 
 
 @pytest.mark.thorough
@@ -82,11 +51,6 @@ def test_no_simulated_recording_serves_both_uses(suite):
     assert not tuning & held_out
 
 
-def test_an_unknown_suite_is_refused():
-    with pytest.raises(SystemExit, match="no suite hardest; there are easy, hard"):
-        cases_of(["hardest"], "tuning", True)
-
-
 def test_hard_scenes_for_tuning_show_nothing_of_what_is_held_out():
     tuning, held_out = (list(hard_scenes(use).values()) for use in ("tuning", "held-out"))
     assert not {s for config in tuning for s in config.subjects} & {s for config in held_out for s in config.subjects}
@@ -94,27 +58,9 @@ def test_hard_scenes_for_tuning_show_nothing_of_what_is_held_out():
     assert {config.equipment for config in held_out} - {config.equipment for config in tuning} == {"sling"}
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", ["standing-frame-sit-to-stand-41011", "sling-sit-to-stand-42009"])
-def test_a_stool_is_as_high_as_the_thighs_whatever_the_heels_do(name):
-    if not MOVEMENTS.is_file():
-        pytest.skip(f"{MOVEMENTS} is not there")
-    clinic = draw_clinic((hard_scenes("tuning") | hard_scenes("held-out"))[name])
-    (seat,) = [part for part in clinic.equipment.parts if part.name == "seat"]
-    assert 0.3 < seat.center_m[1] < 0.55
-
-
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("cache")
-
-
-def test_a_recording_is_made_once_and_again_where_its_settings_change(cache):
-    first = Simulated("s", CONFIG).ready(cache)
-    (first.recording / "mark").touch()
-    again, other = Simulated("s", CONFIG).ready(cache), Simulated("s", replace(CONFIG, clothing_m=0.004)).ready(cache)
-    assert (again.recording / "mark").exists()
-    assert (again.digest == first.digest, other.digest == first.digest) == (True, False)
 
 
 def test_a_recording_of_one_frame_opens_with_the_chosen_image_and_its_truth(cache):
@@ -129,84 +75,6 @@ def test_a_recording_of_one_frame_opens_with_the_chosen_image_and_its_truth(cach
     with np.load(ready.truth) as one, np.load(source.truth) as every:
         np.testing.assert_array_equal(one["joints"], every["joints"][[2]])
         assert one["names"].tolist() == every["names"].tolist()
-
-
-def test_the_front_camera_alone_has_its_images_and_the_equipment(cache):
-    whole = Simulated("two", replace(CONFIG, cameras=2, equipment="standing-frame"))
-    opened, both = (open_recording(one.ready(cache).recording) for one in (FrontAlone(whole), whole))
-    assert [camera.name for camera in opened.cameras] == [both.cameras[0].name]
-    assert len(opened.equipment.parts) == len(both.equipment.parts)
-
-
-@pytest.fixture
-def code(tmp_path) -> Version:
-    """A small version of the code."""
-    package = tmp_path / "version" / "src" / "anchorpose"
-    for name in ("tracker/run.py", "research/plan.py", "simulate/write.py"):
-        (package / name).parent.mkdir(parents=True)
-        (package / name).write_text("x = 1\n")
-    return Version("small", tmp_path / "version", "0")
-
-
-def test_a_versions_digest_depends_on_the_tracker_and_not_on_research(code):
-    from versions import _digest
-
-    before = _digest(code.source)
-    (code.source / "anchorpose" / "research" / "plan.py").write_text("x = 2\n")
-    assert _digest(code.source) == before
-    (code.source / "anchorpose" / "tracker" / "run.py").write_text("x = 2\n")
-    assert _digest(code.source) != before
-
-
-def test_a_probe_of_the_version_is_run_and_its_answer_kept(code, tmp_path):
-    probe, ready = Probe("equipment", ("--trials", "2")), Ready("r", tmp_path, None, "d")
-    own = code.root / "benchmarks" / "probes" / "equipment.py"
-    assert script_of(probe, code) == REPOSITORY / "benchmarks" / "probes" / "equipment.py"
-    own.parent.mkdir(parents=True)
-    own.write_text(
-        "import json, os, pathlib, sys\n"
-        "made = pathlib.Path(sys.argv[1]) / 'made'\n"
-        "made.write_text(made.read_text() + 'x' if made.exists() else 'x')\n"
-        "rows = [['part', {'right': len(sys.argv), 'error_mm': float('nan')}]]\n"
-        "pathlib.Path(sys.argv[sys.argv.index('--out') + 1]).write_text(json.dumps(rows))\n"
-    )
-    for again in (False, False, True):
-        ((part, scores),) = run_probe(probe, ready, code, tmp_path / "cache", again)
-        assert (part, scores["right"], np.isnan(scores["error_mm"])) == ("part", 7, True)
-    assert (tmp_path / "made").read_text() == "xx"
-
-
-def test_a_probe_that_fails_is_named_and_keeps_no_answer(code, tmp_path):
-    own = code.root / "benchmarks" / "probes" / "equipment.py"
-    own.parent.mkdir(parents=True)
-    own.write_text("raise ValueError('no bars')")
-    with pytest.raises(RuntimeError, match=r"(?s)equipment.py .*ValueError: no bars"):
-        run_probe(Probe("equipment"), Ready("r", tmp_path, None, "d"), code, tmp_path / "cache", False)
-    assert list((tmp_path / "cache").rglob("*.json")) == []
-
-
-NAN = float("nan")
-TRACKED = {"easy": [{"mean_mm": 8.0, "lost": 0.01, "right": 1.0}, {"mean_mm": 12.0, "lost": NAN, "right": 0.0}]}
-
-
-def test_the_table_has_means_with_the_worst_and_what_is_not_known_stays_unknown():
-    (line,) = [line for line in table(TRACKED).splitlines() if line.startswith("| easy")]
-    assert line.startswith("| easy | 2 | 10.0 (12.0) | – | – |")
-    assert "| 1.0 |" in line
-    assert line.endswith("| right 1 of 2 (9 to 91 %) |")
-
-
-def test_scores_of_a_probe_get_columns_of_their_own_and_trials_count():
-    rows = {"kind": [{"trials": 20.0, "right": 0.95, "recovery_s": 0.1}, {"trials": 0.0, "right": NAN}]}
-    head, _, line = table(rows).splitlines()
-    assert head == "| scene | recordings | right % | recovery s | also |"
-    assert line == "| kind | 2 | 95.0 | 0.10 | right 19 of 20 (76 to 99 %) |"
-
-
-def test_differences_are_paired_by_recording():
-    before = {"easy": [{"mean_mm": 10.0}, {"mean_mm": 12.0}]}
-    line = differences(TRACKED, before, "753f79a").splitlines()[-1]
-    assert line.startswith("| easy | -1.0 (-13.7 to +11.7) | – |")
 
 
 def test_wilsons_interval_is_the_published_one():

@@ -13,7 +13,7 @@ from session_builder import measured
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from measure_scores import compare, compare_swings
-from tasks import reaches, rises, stances, task_recordings
+from tasks import reaches, rises, stances
 
 from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, UPRIGHT_EPISODE, Episode, Measure
 from anchorpose.results.tables import JointTable
@@ -93,8 +93,3 @@ def test_a_measure_is_in_band_when_it_is_no_farther_than_its_range_and_a_count_w
 def test_a_measure_that_one_of_the_two_refuses_has_no_error():
     assert compare(row(None), row(1.0)) == compare(row(1.0, 0.1), row(None)) == {"one_refuses": 1.0}
     assert compare(row(None), row(None)) == {}
-
-
-def test_each_recording_has_a_name_and_a_seed_of_its_own():
-    found = list(task_recordings(71_000))
-    assert len({recording.name for recording in found}) == len({recording.config.seed for recording in found}) == 20

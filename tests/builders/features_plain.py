@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from anchorpose.research.features.depth_map import image_side
-from anchorpose.research.features.ld_sift import REACH, Angle, Beyond, LdSiftConfig, half_widths
-from anchorpose.research.features.mesh_hog import FirstAxis, MeshHogConfig
+from anchorpose.research.features.ld_sift import REACH, Beyond, LdSiftConfig
+from anchorpose.research.features.mesh_hog import MeshHogConfig
 from anchorpose.research.features.rings import rings_within
 from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
@@ -18,16 +18,22 @@ def shares(turn: float, bins: int) -> np.ndarray:
     return np.maximum(1.0 - gap, 0.0)
 
 
+def ring_of(surface: Surface, reach_m: float, node: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes within reach of one, and their distances."""
+    rings = rings_within(surface, reach_m)
+    row = slice(rings.start[node], rings.start[node + 1])
+    return rings.node[row], rings.distance_m[row]
+
+
 def plain_mesh_hog(surface: Surface, config: MeshHogConfig, gradients: np.ndarray, node: int) -> np.ndarray:
     """(width,) for one node, from the gradients (n, 3) of all."""
-    rings = rings_within(surface, config.radius_m, np.array([node]))
-    keep = (rings.node != node) & np.isfinite(gradients[rings.node, 0])
-    away = (surface.points_m[rings.node] - surface.points_m[node])[keep].astype(np.float64)
-    slope, normal = gradients[rings.node[keep]].astype(np.float64), surface.normals[node].astype(np.float64)
-    weight = np.exp(-0.5 * (rings.distance_m[keep] / (config.radius_m * config.spread)) ** 2)
+    near, distance_m = ring_of(surface, config.radius_m, node)
+    keep = (near != node) & np.isfinite(gradients[near, 0])
+    away = (surface.points_m[near] - surface.points_m[node])[keep].astype(np.float64)
+    slope, normal = gradients[near[keep]].astype(np.float64), surface.normals[node].astype(np.float64)
+    weight = np.exp(-0.5 * (distance_m[keep] / (config.radius_m * config.spread)) ** 2)
     flat = np.eye(3) - np.outer(normal, normal) / (normal @ normal)
-    direction = (slope if config.first_axis is FirstAxis.GRADIENT else away) @ flat
-    size = np.linalg.norm(slope @ flat if config.first_axis is FirstAxis.GRADIENT else slope, axis=1)
+    direction, size = away @ flat, np.linalg.norm(slope, axis=1)
     unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     begin = (unit * (weight * size)[:, None]).sum(axis=0)
     begin /= np.linalg.norm(begin)
@@ -79,8 +85,8 @@ def plain_sift(picture: np.ndarray, samples: int) -> np.ndarray:
 
 def plain_ld_sift(surface: Surface, config: LdSiftConfig, node: int) -> np.ndarray:
     """(128,) with each pixel of the depth map looked for in all triangles."""
-    half = float(half_widths(surface, config)[node])
-    near = rings_within(surface, half * REACH, np.array([node])).node
+    half = config.radius_m
+    near, _ = ring_of(surface, half * REACH, node)
     normal = surface.normals[node].astype(np.float64)
     first = np.cross(normal, [0.3, -0.5, 0.8])
     first /= np.linalg.norm(first)
@@ -93,19 +99,8 @@ def plain_ld_sift(surface: Surface, config: LdSiftConfig, node: int) -> np.ndarr
     centre, area = (a + b + c)[:, :2] / 3, plane[:, 2]
     gradient = -plane[:, :2] / plane[:, 2:]
     weight = np.where(area > 0, area, 0) * np.exp(-0.5 * (centre**2).sum(axis=1) / (0.5 * half) ** 2)
-    spread = centre if config.angle is Angle.OUTLINE else np.where(weight[:, None] > 0, gradient, 0)
-    axis = np.linalg.eigh((spread * weight[:, None]).T @ spread)[1][:, 1]
+    axis = np.linalg.eigh((centre * weight[:, None]).T @ centre)[1][:, 1]
     axis *= 1 if (weight[:, None] * gradient).sum(axis=0) @ axis > 0 else -1
-    if config.angle is Angle.PEAK:
-        begin = np.arctan2(axis[1], axis[0])
-        length = weight * np.linalg.norm(gradient, axis=1)
-        turn = (np.arctan2(gradient[:, 1], gradient[:, 0]) - begin) / (2 * np.pi) * 36
-        gap = np.abs((turn[:, None] - np.arange(36) - 0.5 + 18) % 36 - 18)
-        polar = (length[:, None] * np.maximum(1 - gap, 0)).sum(axis=0)
-        peak = int(np.argmax(polar))
-        low, top, high = polar[peak - 1], polar[peak], polar[(peak + 1) % 36]
-        angle = begin + (peak + 0.5 + (low - high) / (2 * (low - 2 * top + high))) * np.pi / 18
-        axis = np.array([np.cos(angle), np.sin(angle)])
     side = image_side(config.samples)
     picture = np.full((side, side), -config.floor_m if config.beyond is Beyond.FLOOR else np.nan)
     for i, j in np.ndindex(side, side):

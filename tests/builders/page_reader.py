@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
 
-VOID = {"meta", "input", "img", "br", "link", "path"}
+VOID = {"meta", "input", "img", "br", "hr", "link", "path"}
 
 
 @dataclass(repr=False)

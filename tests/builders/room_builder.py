@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from body_builder import adult_body, asset, child_body, skin_in, standing
+from recording_builder import write_picture
 
 from anchorpose.camera import Camera
 from anchorpose.isolation.background import equipment_depth
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.lens import Intrinsics
-from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, Mesh
+from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, Mesh, write_equipment
 
 NOISE_PER_M = 0.0012  # sigma = NOISE_PER_M z^2, about a Kinect v2's
 ROOM = (
@@ -104,3 +109,27 @@ def built_scene(*equipment, camera: Camera = FRONT) -> Scene:
     frames = [picture(camera, *ROOM, *equipment, seed=k) for k in range(5)]
     model = learn_background(frames[0], frames[1:], camera, 0.0)
     return set_scene(camera, model, EquipmentModel(equipment) if equipment else None)
+
+
+def write_room_recording(
+    folder: Path, camera: Camera, background_m: np.ndarray, images_m: Sequence[np.ndarray], *equipment: Box
+) -> Path:
+    """A recording of one camera: what the empty room and each frame look like, and boxes as equipment."""
+    lens = camera.intrinsics
+    entry: dict[str, Any] = {
+        "name": "front",
+        "width": camera.width,
+        "height": camera.height,
+        "depth_scale": 0.001,
+        "fps": 10,
+    }
+    entry["intrinsics"] = {"fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy, "distortion": [0.0] * 5}
+    entry["camera_to_world"] = camera.require_pose().tolist()
+    document: dict[str, Any] = {"format": "rgbd-recording", "version": 1, "cameras": [entry], "equipment": None}
+    for name, depth_m in (("background", background_m), *((f"depth/{n:06d}", m) for n, m in enumerate(images_m))):
+        write_picture(folder / "front" / f"{name}.png", np.round(depth_m * 1000).astype(np.uint16))
+    if equipment:
+        document["equipment"] = "equipment.json"
+        write_equipment(folder / "equipment.json", EquipmentModel(equipment))
+    (folder / "recording.json").write_text(json.dumps(document))
+    return folder

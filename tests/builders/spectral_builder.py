@@ -6,15 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import ConvexHull
-from scipy.spatial.transform import Rotation
 from surface_builder import grid_surface
 
 from anchorpose.surface.surface import Surface
-
-
-def moved(surface: Surface) -> Surface:
-    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
-    return replace(surface, points_m=(surface.points_m @ turn.T + [0.3, -0.2, 1.0]).astype(np.float32))
 
 
 def scaled(surface: Surface, size: float) -> Surface:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from anchorpose.camera import Camera
 from anchorpose.lens import Intrinsics
@@ -99,3 +100,9 @@ def star(arms: dict[str, tuple[float, float]], spacing_m: float = 0.02, width_m:
         across = np.abs(left * direction[1] - up * direction[0])
         present |= (along >= 0) & (along <= length) & (across <= width_m / 2)
     return grid_surface(np.stack([np.zeros_like(row), up, -left], axis=2), present)
+
+
+def moved(surface: Surface) -> Surface:
+    """The surface somewhere else."""
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    return replace(surface, points_m=(surface.points_m @ turn.T + [0.3, -0.2, 1.0]).astype(np.float32))

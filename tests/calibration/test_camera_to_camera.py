@@ -17,7 +17,7 @@ from anchorpose.calibration.camera_to_camera import (
     find_camera_to_camera,
     place_cameras,
 )
-from anchorpose.calibration.common_view import level_frame, level_view, outside_silhouette
+from anchorpose.calibration.common_view import level_view, outside_silhouette
 from anchorpose.calibration.first_frames import FloorPlane, NoFloor, find_floor
 from anchorpose.camera import invert_rigid
 from anchorpose.recording.recording import FrameSet
@@ -55,28 +55,10 @@ def test_two_cameras_are_placed_by_the_people_both_see(found):
     assert np.degrees(np.arccos(np.clip((np.trace(off[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))) < 0.5
 
 
-def test_the_answer_is_a_rigid_motion_with_its_residuals(found):
-    rotation = found.T_first_camera[1][:3, :3]
-    assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-9)
-    assert found.T_first_camera[0] == pytest.approx(np.eye(4))
-    fit = found.links[0].fit
-    assert fit.residual_m < 0.01
-    assert fit.impossible < 0.2
-    assert 0 < fit.sigma_m < 0.01
-    assert "surfaces agree to" in fit.sentence
-
-
 def test_the_cameras_keep_their_heights_over_the_floor(found):
     up = FLOORS[0].up
     placed = found.T_first_camera[1][:3, 3]
     assert up @ placed + FLOORS[0].height_m == pytest.approx(LEFT.T_world_camera[1, 3], abs=0.01)
-
-
-def test_a_level_frame_stands_on_the_floor():
-    T_level_camera = level_frame(FLOORS[0])
-    assert T_level_camera[:3, :3] @ FLOORS[0].up == pytest.approx([0.0, 1.0, 0.0])
-    assert T_level_camera[:3, 3] == pytest.approx([0.0, 1.3, 0.0], abs=0.005)
-    assert np.linalg.det(T_level_camera[:3, :3]) == pytest.approx(1.0)
 
 
 def test_an_empty_room_is_refused():
@@ -109,11 +91,6 @@ def test_a_camera_without_a_floor_is_refused_before_anything_is_read():
     assert isinstance(FLOORS[0], FloorPlane)
     answer = find_camera_to_camera(None, (FLOORS[0], NoFloor.NO_PLANE), CONFIG)
     assert answer is NoCameraToCamera.NO_FLOOR
-
-
-def test_a_config_without_sense_is_refused():
-    with pytest.raises(ValueError, match="moments"):
-        PlacingConfig(moments=0)
 
 
 def test_people_fall_upon_the_people_another_camera_sees_and_beside_them_where_the_pose_is_wrong():

@@ -9,16 +9,7 @@ import pytest
 from moving_room import FRONT, LEFT, MovingRoom, standing
 from room_builder import unposed
 
-from anchorpose.calibration import clock_lags, clocks
-from anchorpose.calibration.clock_lags import (
-    FrameCache,
-    MotionSignal,
-    PairLag,
-    SignalLag,
-    motion_signal,
-    pose_level,
-    signal_lags,
-)
+from anchorpose.calibration.clock_lags import MotionSignal, PairLag, motion_signal, pose_level, signal_lags
 from anchorpose.calibration.clock_surfaces import make_clip, surface_lag
 from anchorpose.calibration.clocks import ClockConfig, ClockSource, NoClock, clock_notes, estimate_clocks, fit_clocks
 from anchorpose.recording.recording import Clock
@@ -88,11 +79,6 @@ def test_a_signal_agrees_with_itself_where_it_was_shifted_to():
     assert best.is_certain
 
 
-def test_signals_that_never_meet_have_no_lag():
-    few = MotionSignal(np.array([0.0, 0.1]), np.zeros((2, 8)))
-    assert signal_lags(few, few, 0.0, 1.0) == ()
-
-
 @pytest.mark.parametrize("epoch_s", [0.0, 1.7e9])
 def test_clocks_are_found_whatever_their_epoch(room, epoch_s):
     other = MovingRoom(room.cameras, (Clock(), Clock(ahead_s=AHEAD_S + epoch_s)))
@@ -102,36 +88,6 @@ def test_clocks_are_found_whatever_their_epoch(room, epoch_s):
     assert found.clock.ahead_s - epoch_s == pytest.approx(AHEAD_S, abs=0.005)
     assert abs(found.clock.drift) < 2e-4
     assert found.sigma_s < 0.005
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("seconds", [5.0, 8.5])
-def test_time_stamps_of_one_clock_are_confirmed_without_signals(room, monkeypatch, seconds):
-    same = MovingRoom(room.cameras, (Clock(), Clock(ahead_s=0.004)), seconds=seconds)
-    asked = []
-    monkeypatch.setattr(clocks, "rough_lags", lambda frames, *_: asked.append(frames) or [None, None])
-    found = estimate_clocks(same, LEVELS, ClockConfig()).cameras[1]
-    assert asked == []
-    assert found.source is ClockSource.SURFACES
-    assert found.clock.ahead_s == pytest.approx(0.004, abs=0.005)
-    estimate_clocks(room, LEVELS, ClockConfig())  # half a second apart: the surfaces show no lag of one clock
-    assert len(asked) == 1
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("ahead_s", "signal_s", "expected_s"),
-    [(0.004, 0.8, 0.0), (AHEAD_S, AHEAD_S, AHEAD_S)],
-    ids=["time stamps are right", "the signal is right"],
-)
-def test_signals_however_certain_do_not_overrule_surfaces(room, monkeypatch, ahead_s, signal_s, expected_s):
-    taken = MovingRoom(room.cameras, (Clock(), Clock(ahead_s=ahead_s)))
-    certain = SignalLag(signal_s, peak=0.95, second=0.1)
-    assert certain.is_certain
-    monkeypatch.setattr(clock_lags, "_best_lags", lambda *_: [certain])
-    middle_s = float(np.mean(taken.times_s[0]))
-    found = clock_lags.rough_lags(FrameCache(taken), LEVELS, [middle_s - 0.5, middle_s + 0.5])
-    assert found[1].lag_s == expected_s
 
 
 def test_where_nobody_moves_no_clock_is_touched():
@@ -147,12 +103,6 @@ def test_with_a_few_frames_no_clock_is_estimated_and_nothing_is_read():
     short = MovingRoom((FRONT, LEFT), (Clock(), Clock()), seconds=0.3)
     assert estimate_clocks(short, LEVELS, ClockConfig()).cameras[1].doubt is NoClock.FEW_FRAMES
     assert short.reads == 0
-
-
-def test_clocks_that_are_not_to_be_estimated_are_not_mentioned(room):
-    found = estimate_clocks(room, LEVELS, ClockConfig(estimate=False))
-    assert found.cameras[1].clock == Clock()
-    assert clock_notes(found) == ()
 
 
 def lags_of(ahead_s, drift, noise_s, seed=0):
@@ -194,8 +144,3 @@ def test_a_camera_that_no_lag_reaches_has_no_clock():
     fit = fit_clocks([lag for lag in lags_of(np.zeros(3), np.zeros(3), 0.001) if lag.second == 1], 3)
     assert np.isfinite(fit.ahead_s[1])
     assert np.isnan(fit.ahead_s[2])
-
-
-def test_no_lags_are_no_fit():
-    with pytest.raises(ValueError, match="at least one lag"):
-        fit_clocks([], 2)

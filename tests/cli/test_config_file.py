@@ -51,10 +51,6 @@ def _load(tmp_path, text, kind=Outer, name="c.toml"):
     return load_config(tmp_path / name, kind)
 
 
-def test_an_empty_file_is_the_defaults(tmp_path):
-    assert _load(tmp_path, "") == Outer()
-
-
 def test_toml_and_json_give_the_same(tmp_path):
     text = 'place = [1, 2.5]\nnames = ["a", "b"]\nstrict = true\n[inner]\nradius_m = 1\nmode = "fast"\n'
     document = {"place": [1, 2.5], "names": ["a", "b"], "strict": True, "inner": {"radius_m": 1, "mode": "fast"}}

@@ -124,14 +124,3 @@ def test_names_in_a_file_are_refused_or_shown_as_text(verb, given, tmp_path, cap
     output = [] if verb == "check" else ["-o", str(tmp_path / "out")]
     assert main([verb, str(given["spoilt"]), *output]) in (1, 2)
     assert harmless("".join(capsys.readouterr()))
-
-
-def test_measures_with_any_name_are_a_table(tmp_path, capsys) -> None:
-    table = tmp_path / "t.csv"
-    values = "".join(
-        f"{s},{d},[/bold]\x1b[31m,{v}\n" for s, d, v in [("a", 1, 1), ("a", 2, 2), ("b", 1, 3), ("b", 2, 5)]
-    )
-    table.write_text("subject,session,measure,value\n" + values)
-    assert main(["reliability", str(table)]) == 0
-    assert harmless(printed := capsys.readouterr().out)
-    assert "[/bold]" in printed

@@ -6,9 +6,8 @@ import hashlib
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
-from exports_builder import times, true_joints, write_true_results
+from exports_builder import true_joints, write_true_results
 
 from anchorpose import __version__
 from anchorpose.cli import main
@@ -45,16 +44,6 @@ def test_the_record_says_what_was_done_from_which_bytes(results):
     assert set(record["files"]) == {"joints.trc", "model.osim", "ik_setup.xml", "scale_setup.xml"}
     for key in ("axes", "units", "time", "missing", "notes"):
         assert record[key]
-
-
-def test_the_record_states_that_times_were_resampled(tmp_path):
-    stamps = times(75) + np.random.default_rng(1).uniform(-0.01, 0.01, 75)
-    results = write_true_results(tmp_path / "results", true_joints(), stamps)
-    assert main(["export", str(results), "--to", "trc,csv"]) == 0
-    record = record_of(results / "exports" / "trc")
-    assert record["time"].startswith("resampled")
-    assert record["counts"]["recorded_frames"] < record["counts"]["frames"]
-    assert record_of(results / "exports" / "csv")["time"] == "as recorded"
 
 
 def test_an_export_is_replaced_only_when_asked_and_one_of_another_format_never(results, capsys):
@@ -97,15 +86,6 @@ def test_the_same_results_give_the_same_bytes(results, tmp_path):
     files = [path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()]
     assert len(files) > 15
     assert [f for f in files if (tmp_path / "a" / f).read_bytes() != (tmp_path / "b" / f).read_bytes()] == []
-
-
-def test_angles_that_are_not_there_are_left_out(results):
-    (results / "angles.parquet").unlink()
-    assert main(["export", str(results), "--to", "trc,mot,csv,bvh,bids"]) == 0
-    assert not (results / "exports" / "csv" / "angles_wide.csv").exists()
-    channels = next((results / "exports" / "bids").rglob("*_channels.tsv")).read_text()
-    assert "JNTANG" not in channels
-    assert "POS" in channels
 
 
 @pytest.mark.parametrize(

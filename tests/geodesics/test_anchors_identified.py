@@ -139,14 +139,6 @@ def test_a_hand_beyond_a_gap_is_found(name):
     assert np.linalg.norm(anchors.position_m - places(), axis=1).max() < 0.05
 
 
-def test_an_anchor_without_prediction_is_found_again():
-    predicted = places()
-    predicted[2] = np.nan
-    anchors = find_anchors(figure(), UP, FACING, 1.7, predicted_m=predicted)
-    assert anchors.found.all()
-    assert np.linalg.norm(anchors.position_m[2] - places()[2]) < 0.05
-
-
 def test_a_stump_at_a_cut_edge_is_no_foot():
     surface = figure()
     surface = keep_nodes(surface, surface.points_m[:, 1] > -0.8)
@@ -202,3 +194,11 @@ def test_the_descriptor_holds_the_distances_nan_where_missed_inf_where_cut_off()
 def test_lengths_that_are_not_positive_are_refused(name):
     with pytest.raises(ValueError, match=name):
         AnchorConfig(**{name: 0.0})
+
+
+def test_an_anchor_without_prediction_is_found_again():
+    predicted = places()
+    predicted[2] = np.nan
+    anchors = find_anchors(figure(), UP, FACING, 1.7, predicted_m=predicted)
+    assert anchors.found.all()
+    assert np.linalg.norm(anchors.position_m[2] - places()[2]) < 0.05

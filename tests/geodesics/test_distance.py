@@ -10,7 +10,7 @@ from surface_builder import flat_grid, grid_surface, kinect, sphere_depth, with_
 
 from anchorpose.geodesics.distance import geodesic_distance, geodesic_distance_to_set
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
-from anchorpose.surface.mesh import build_surface, keep_nodes
+from anchorpose.surface.mesh import build_surface
 
 SPACING = 0.013  # every second pixel of a Kinect v2 at 2.4 m
 
@@ -126,13 +126,6 @@ def test_another_piece_of_surface_is_infinitely_far_and_a_link_makes_it_near():
     assert longer[14] == pytest.approx(13 * SPACING + 0.5, abs=1e-5)
 
 
-def test_beyond_the_wanted_distance_nothing_is_said():
-    surface = bumpy()
-    whole, near = geodesic_distance(surface, [50])[0], geodesic_distance(surface, [50], 0.1)[0]
-    np.testing.assert_array_equal(np.isfinite(near), whole <= np.float32(0.1))
-    np.testing.assert_allclose(near[np.isfinite(near)], whole[np.isfinite(near)], atol=1e-6)
-
-
 def test_the_distance_to_a_set_is_that_to_its_nearest_member():
     surface = flat_grid(30, 30, SPACING)
     sources = np.array([0, 400, 899])
@@ -145,13 +138,3 @@ def test_dijkstra_follows_edges_exactly():
     row, col = surface.pixel.astype(np.float64).T
     steps = np.maximum(row, col) + (np.sqrt(2) - 1) * np.minimum(row, col)
     np.testing.assert_allclose(solve_distance(surface, [0], solver=Solver.DIJKSTRA)[0], steps * SPACING, rtol=1e-5)
-
-
-def test_dijkstra_leaves_other_pieces_infinite():
-    present = np.ones((6, 9), bool)
-    present[:, 4] = False
-    surface = flat_grid(6, 9, SPACING, present)
-    np.testing.assert_array_equal(
-        np.isinf(solve_distance(surface, [0], solver=Solver.DIJKSTRA)[0]), surface.pixel[:, 1] > 4
-    )
-    assert len(keep_nodes(surface, surface.pixel[:, 1] > 4)) == 24

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from surface_builder import flat_grid, grid_surface, with_links
 
 from anchorpose.geodesics.distance import geodesic_distance, geodesic_distance_to_set
 from anchorpose.surface.links import pieces
-from anchorpose.surface.mesh import build_surface, faces, keep_nodes
+from anchorpose.surface.mesh import build_surface, faces
 
 SPACING = 0.013
 
@@ -108,22 +107,6 @@ def test_behind_a_corner_the_front_starts_anew():
     assert np.abs(error).mean() < 0.0005
     assert np.abs(error).max() < 0.0025
     assert plain_march(surface, source, turns=False)[hidden].mean() - SPACING * behind[hidden].mean() > 0.002
-
-
-def test_a_surface_without_an_edge_and_one_node_alone_are_reached_nowhere_else():
-    surface = flat_grid(3, 3, SPACING, np.eye(3, dtype=bool)[::-1] & np.eye(3, dtype=bool))
-    assert geodesic_distance(surface, [0]).tolist() == [[0.0]]
-    apart = keep_nodes(flat_grid(3, 3, SPACING), np.array([1, 0, 1, 0, 0, 0, 1, 0, 1], bool))
-    assert np.isinf(geodesic_distance(apart, [1])[0, [0, 2, 3]]).all()
-
-
-def test_nodes_that_coincide_break_nothing():
-    surface = flat_grid(9, 9, SPACING)
-    points = surface.points_m.copy()
-    points[40] = points[41]
-    field = geodesic_distance(replace(surface, points_m=points), [0])[0]
-    assert np.isfinite(field).all()
-    assert abs(field[40] - field[41]) < 1e-5
 
 
 def test_fields_of_many_sources_are_those_of_each_alone_and_no_source_gives_no_field():

@@ -14,7 +14,6 @@ from surface_builder import flat_grid, with_links
 
 from anchorpose.geodesics.anchors import find_anchors
 from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.geodesics.paths import came_from
 from anchorpose.geodesics.trusted_anchors import TOLERANCE_M, detour, trusted_anchors
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.research.occlusion import light_from, occlude
@@ -143,30 +142,6 @@ def test_a_rigid_motion_and_a_mirror_change_nothing():
     after = detour(moved, geodesic_distance(moved, sources).T, rim)
     assert np.median(np.abs(after - before)) < 1e-6
     assert np.percentile(np.abs(after - before), 99) < 1e-3  # where two ways are equally long, rounding chooses
-
-
-def test_where_enough_is_said_to_be_enough_the_rest_is_as_it_was():
-    _, seen, sources, rim, _ = truth("a round hole")
-    field = geodesic_distance(seen, sources).T
-    whole, part = detour(seen, field, rim), detour(seen, field, rim, enough_m=0.02)
-    np.testing.assert_allclose(part[whole < 0.012], whole[whole < 0.012], atol=1e-3)
-    assert (part[whole > 0.03] > 0.012).all()
-
-
-def test_a_path_comes_through_the_triangle_that_a_missing_corner_leaves():
-    present = np.ones((5, 5), bool)
-    present[1, 1] = False
-    surface = flat_grid(5, 5, 0.013, present)
-    index = np.full((5, 5), -1)
-    index[present] = np.arange(len(surface))
-    source_m = np.array([0.0, 0.013, 0.0])  # up and left of the sheet, in line with the missing node and the middle
-    straight = np.linalg.norm(surface.points_m - source_m, axis=1).astype(np.float32)
-    mesh = surface.arrays
-    links = (mesh.link_start, mesh.link_node, mesh.link_length_m)
-    a, b, share = came_from(mesh.points_m, mesh.ring, *links, straight, index[2, 2])
-    assert {a, b} == {index[1, 2], index[2, 1]}
-    towards_left = share if b == index[2, 1] else 1.0 - share
-    assert towards_left == pytest.approx(0.4, abs=1e-3)  # 3 rows down for 2 columns right
 
 
 def test_what_does_not_fit_together_is_refused():

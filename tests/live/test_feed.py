@@ -67,14 +67,6 @@ def test_a_camera_that_is_always_late_does_not_keep_the_tracker_waiting():
     assert [one.number for one in feed.take(0.02).images] == [2, 0]
 
 
-def test_a_feed_that_ends_says_so_at_once():
-    feed = Feed(1)
-    feed.close()
-    began_s = time.monotonic()
-    assert feed.take(5.0) is None
-    assert time.monotonic() - began_s < 0.5
-
-
 def test_latencies_are_known_to_a_millisecond_in_constant_memory():
     meter, drawn = LatencyMeter(), np.random.default_rng(3).gamma(3.0, 0.02, 5000)
     for latency_s in drawn:

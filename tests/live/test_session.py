@@ -144,9 +144,3 @@ def test_stopped_before_anybody_was_found_says_so_and_leaves_nothing(tmp_path, r
     with pytest.raises(AnchorposeError, match="Stopped before"):
         run(Again(open_recording(recording), FPS), tmp_path / "out", stop, Collecting(1, stop))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_waiting_for_a_later_frame_is_a_look_ahead_of_two():
-    config = TrackConfig()
-    assert LiveOptions(config=config).live(config).follow == replace(config.follow, look_ahead=1)
-    assert LiveOptions(config=config, wait_frames=1).live(config).follow == replace(config.follow, look_ahead=2)

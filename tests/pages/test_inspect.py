@@ -10,15 +10,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from room_builder import FRONT, KNEE_BAR, ROOM, body, picture
+from room_builder import FRONT, KNEE_BAR, ROOM, body, picture, write_room_recording
 
 from anchorpose.cli import main
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.pages.canvas import EQUIPMENT, PATIENT, SKY, enlarge, scale_of, shade
-from anchorpose.pages.inspection_page import FACTS_FILE, INSPECTION, Section, Stage, inspect_recording, write_inspection
-from anchorpose.pages.stage_drawing import Layer, draw_layers, draw_values
+from anchorpose.pages.inspection_page import FACTS_FILE, Section, Stage, inspect_recording, write_inspection
 from anchorpose.pipeline import track_recording
-from anchorpose.results.folder import new_results_folder
 from anchorpose.results.tables import read_joints
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
@@ -148,25 +145,6 @@ def test_what_is_no_body_is_shown_up_to_its_anchors(tmp_path):
     assert orange.sum() > 1000
 
 
-def test_layers_tint_their_pixels_only():
-    depth = np.full((FRONT.height, FRONT.width), 2.0, np.float32)
-    mask = np.zeros(depth.shape, bool)
-    mask[10:20, 30:50] = True
-    drawn, plain = draw_layers(depth, FRONT, [Layer(mask, SKY)]), enlarge(shade(depth), scale_of(FRONT))
-    changed = (drawn != plain).any(axis=2)
-    np.testing.assert_array_equal(changed, enlarge(mask.astype(np.uint8), scale_of(FRONT)) > 0)
-    assert SKY == PATIENT != EQUIPMENT
-
-
-def test_iso_lines_stand_where_the_value_passes_a_multiple():
-    pixel = np.argwhere(np.ones((40, 60), bool)) * 2
-    canvas = np.full((FRONT.height * scale_of(FRONT), FRONT.width * scale_of(FRONT), 3), 9, np.uint8)
-    draw_values(canvas, FRONT, pixel, pixel[:, 1] / 100.0, 1.2, 0.1)
-    black = (canvas == 0).all(axis=2)[: 40 * 2 * scale_of(FRONT)].all(axis=0)
-    lines = np.flatnonzero(black) / scale_of(FRONT)
-    np.testing.assert_allclose(lines, [10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110], atol=2.1)
-
-
 def test_names_cannot_become_markup_and_pictures_lie_in_folders_of_their_cameras(tmp_path):
     section = Section(
         stage=Stage(key="depth", title="<b>", caption="", draw=lambda one: None),
@@ -180,49 +158,8 @@ def test_names_cannot_become_markup_and_pictures_lie_in_folders_of_their_cameras
     assert "a &amp; b" in page
 
 
-def test_a_results_folder_of_track_is_no_inspection(tmp_path):
-    (tmp_path / "r").mkdir()
-    for name in ("run.json", "joints.parquet"):
-        (tmp_path / "r" / name).write_text("x")
-    with (
-        pytest.raises(Exception, match="is not a results folder"),
-        new_results_folder(tmp_path / "r", tmp_path / "x", True, INSPECTION),
-    ):
-        pass
-
-
 def write_room(folder: Path, people: bool) -> Path:
     """A small recording of the tests' room with its knee bar and, perhaps, a column that stands for a person."""
-    (folder / "front" / "depth").mkdir(parents=True)
-    lens = FRONT.intrinsics
-    document = {
-        "format": "rgbd-recording",
-        "version": 1,
-        "equipment": "equipment.json",
-        "cameras": [
-            {
-                "name": "front",
-                "width": FRONT.width,
-                "height": FRONT.height,
-                "depth_scale": 0.001,
-                "fps": 10,
-                "intrinsics": {
-                    "fx": lens.fx,
-                    "fy": lens.fy,
-                    "cx": lens.cx,
-                    "cy": lens.cy,
-                    "distortion": [0, 0, 0, 0, 0],
-                },
-                "camera_to_world": FRONT.require_pose().tolist(),
-            }
-        ],
-    }
-    (folder / "recording.json").write_text(json.dumps(document))
-    bar = {"name": "bar", "shape": "box", "center": KNEE_BAR.center_m.tolist(), "size": KNEE_BAR.size_m.tolist()}
-    (folder / "equipment.json").write_text(json.dumps({"format": "equipment-model", "version": 1, "parts": [bar]}))
     someone = body(0.0, 0.0) if people else ()
-    pictures = {"background": picture(FRONT, *ROOM, KNEE_BAR, seed=0)}
-    pictures |= {f"depth/{n:06d}": picture(FRONT, *ROOM, KNEE_BAR, *someone, seed=n + 1) for n in range(3)}
-    for name, depth in pictures.items():
-        cv2.imwrite(str(folder / "front" / f"{name}.png"), np.round(depth * 1000).astype(np.uint16))
-    return folder
+    images = [picture(FRONT, *ROOM, KNEE_BAR, *someone, seed=n + 1) for n in range(3)]
+    return write_room_recording(folder, FRONT, picture(FRONT, *ROOM, KNEE_BAR, seed=0), images, KNEE_BAR)

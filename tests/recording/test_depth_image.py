@@ -9,16 +9,9 @@ import cv2
 import numpy as np
 import pytest
 from bad_images import BAD, RNG, large_recording, room
-from recording_builder import DATA, HEIGHT, WIDTH, depth_grey, write_picture
+from recording_builder import DATA, write_picture
 
-from anchorpose.recording.depth_image import (
-    FARTHEST_M,
-    RecordedFrames,
-    content_problem,
-    decode_grey_png,
-    image_chunks,
-    measured_m,
-)
+from anchorpose.recording.depth_image import FARTHEST_M, RecordedFrames, content_problem, decode_grey_png, measured_m
 from anchorpose.recording.reader import open_recording, read_frames
 
 GREY = np.random.default_rng(5).integers(0, 65536, (48, 64)).astype(np.uint16)
@@ -67,10 +60,6 @@ def test_a_bomb_fills_no_more_than_the_image():
     assert (grey is None and problem) or grey.shape == (48, 64)
 
 
-def test_an_ordinary_file_reaches_the_decoder_as_it_is():
-    assert image_chunks(PNG) == (PNG, "")
-
-
 def problem(grey: np.ndarray) -> str:
     return content_problem(grey, measured_m(grey, 0.001))
 
@@ -99,11 +88,6 @@ def test_a_person_alone_is_a_measurement():
     assert problem(grey) == ""
 
 
-def test_mirrored_images_are_judged_alike():
-    for grey, _ in BAD.values():
-        assert problem(grey[:, ::-1]) == problem(grey)
-
-
 def test_codes_and_what_no_camera_reaches_are_no_readings():
     grey = np.array([[0, 1, 19_999, 20_001, 65_535]], np.uint16)
     np.testing.assert_allclose(measured_m(grey, 0.001), [[0, 0.001, 19.999, 0, 0]])
@@ -125,12 +109,6 @@ def test_a_bad_image_is_dropped_with_its_reason_and_the_other_camera_goes_on(tmp
     assert words in sets[frame].problems[0]
     assert sets[frame].taken_s[1] is None
     assert RecordedFrames(recording, recording.cameras).read(1, frame) is None
-
-
-def test_small_drawings_without_noise_are_read(tmp_path):
-    grey = depth_grey(0)
-    assert grey.shape == (HEIGHT, WIDTH)
-    assert problem(grey) == ""
 
 
 @pytest.mark.skipif(not DATA.exists(), reason="the shared development data is not here")

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from anchorpose.errors import InputError
-from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, Mesh, read_equipment, read_ply
+from anchorpose.recording.equipment import Box, Cylinder, Mesh, read_equipment, read_ply
 
 TURN = Rotation.from_euler("xyz", [0.4, -0.8, 1.1]).as_matrix()
 BOX = Box("box", np.array([0.3, 0.5, -0.2]), np.array([0.2, 0.5, 0.8]), TURN)
@@ -54,12 +54,6 @@ def test_distance_outside_is_that_to_the_nearest_point_of_the_solid():
             assert BOX.distance_m(point[None])[0] == pytest.approx(np.sqrt(nearest.fun), abs=1e-5)
 
 
-def test_a_sphere_of_points_around_an_endless_cylinder_is_at_its_radius():
-    angle = np.linspace(0, 2 * np.pi, 20)
-    around = CYLINDER.center_m + 0.4 * (np.cos(angle)[:, None] * TURN[:, 1] + np.sin(angle)[:, None] * TURN[:, 2])
-    np.testing.assert_allclose(CYLINDER.distance_m(around), 0.4 - CYLINDER.radius_m, atol=1e-12)
-
-
 def _sampled_distance(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """The oracle: the nearest of many points on each triangle; never below the exact distance."""
     grid = [(i, j) for i in range(61) for j in range(61 - i)]
@@ -81,21 +75,6 @@ def test_a_box_and_its_own_triangles_are_equally_far_from_outside():
     distance = BOX.distance_m(points)
     mesh = Mesh("m", *BOX.triangles()).distance_m(points)
     np.testing.assert_allclose(mesh, np.abs(distance), atol=1e-9)
-
-
-def test_a_model_is_as_far_as_its_nearest_part_and_its_triangles_are_all_parts():
-    model = EquipmentModel((BOX, CYLINDER))
-    points = np.random.default_rng(7).uniform(-2, 2, (50, 3))
-    np.testing.assert_allclose(
-        model.distance_m(points), np.minimum(BOX.distance_m(points), CYLINDER.distance_m(points))
-    )
-    vertices, faces = model.triangles()
-    assert _volume(vertices, faces) == pytest.approx(_volume(*BOX.triangles()) + _volume(*CYLINDER.triangles()))
-
-
-def test_a_point_that_is_not_a_number_has_no_distance():
-    model = EquipmentModel((BOX, Mesh("t", TETRAHEDRON, TETRAHEDRON_FACES)))
-    assert np.isnan(model.distance_m(np.array([[np.nan, 0, 0]]))).all()
 
 
 def _ascii_ply() -> bytes:

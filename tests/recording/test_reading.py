@@ -42,12 +42,6 @@ def test_frames_are_metres_and_zero_where_there_is_no_reading(tmp_path):
         assert frame.depths_m[0].dtype == np.float32
 
 
-def test_a_range_of_frames_is_the_same_range_of_all_frames(tmp_path):
-    recording = open_recording(write_recording(tmp_path / "r", frames=5))
-    assert [frame.frame for frame in read_frames(recording, 2, 4)] == [2, 3]
-    assert [frame.frame for frame in read_frames(recording, 3, 99)] == [3, 4]
-
-
 @pytest.mark.parametrize(("start", "stop"), [(4, None), (2, 2), (3, 1), (-1, 2)])
 def test_an_empty_range_is_refused_before_the_first_frame_is_asked_for(tmp_path, start, stop):
     recording = open_recording(write_recording(tmp_path / "r", frames=4))
@@ -64,12 +58,6 @@ def test_a_frame_rate_stands_in_for_missing_timestamps_and_keeps_dropped_frames_
     recording = open_recording(folder)
     np.testing.assert_allclose(recording.streams[0].time_s, [0.0, 0.05, 0.15])
     assert [frame.frame for frame in read_frames(recording)] == [0, 1, 3]
-
-
-def test_timestamps_win_over_a_frame_rate(tmp_path):
-    folder = write_recording(tmp_path / "r", frames=2)
-    edit_json(folder / "recording.json", lambda d: d.update(fps=1))
-    np.testing.assert_allclose(open_recording(folder).streams[0].time_s, [0.0, 0.1])
 
 
 @pytest.mark.parametrize("absent", ["equipment", "subject", "camera_to_world"])

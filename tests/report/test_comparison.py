@@ -165,47 +165,6 @@ def test_where_it_is_not_known_how_long_a_session_was_nothing_is_claimed(tmp_pat
     assert "the time recorded is not known" in changes["time upright"]
 
 
-def test_every_measure_that_is_computed_grows_with_time_or_does_not(tmp_path):
-    folder = session(tmp_path, 1)
-    rows = write_measured(folder, ProcessingConfig(), MeasureConfig()).measures
-    grown = {row.measure for row in rows if grows_with_time(row)}
-    assert grown >= {
-        "upright_time",
-        "upright_bouts",
-        "longest_upright_bout",
-        "knee_straight_time",
-        "sit_to_stand_count",
-        "stand_to_sit_duration_longest",
-        "sway_path",
-        "assistance_time",
-        "contacts",
-        "hands_free_upright_time",
-    }
-    assert not grown & {
-        "upright_share",
-        "sit_to_stand_duration_mean",
-        "knee_flexion_upright_greatest",
-        "sway_velocity",
-        "load_share",
-        "assistance_share_upright",
-        "hands_on_at_once_mean",
-    }
-
-
-def test_links_of_the_comparison_lead_somewhere_on_it(tmp_path):
-    page = PageReader(write_comparison([session(tmp_path, 1), session(tmp_path, 2)], tmp_path / "c.html"))
-    targets = {f"#{element.attributes.get('id')}" for element in page.elements}
-    links = {link.attributes["href"] for link in page.find("a")}
-    assert {link for link in links if not link.startswith("data:")} <= targets
-
-
-def test_the_same_sessions_give_the_same_bytes(tmp_path):
-    folders = [session(tmp_path, 1), session(tmp_path, 2)]
-    first = write_comparison(folders, tmp_path / "c.html").read_bytes()
-    assert write_comparison(folders, tmp_path / "d.html").read_bytes() == first
-    assert write_comparison(folders, tmp_path / "d.html").read_bytes() == first  # its own page is replaced
-
-
 @pytest.mark.parametrize(
     ("run", "sentence"),
     [
@@ -228,14 +187,6 @@ def test_what_was_not_recorded_or_computed_alike_is_reported(tmp_path, run, sent
     told = [item.text for item in page.find("li")]
     assert any(sentence in item for item in told)
     assert not any(item.endswith("?.") for item in told)
-
-
-def test_labels_are_given_or_the_recordings_names_or_the_folders(tmp_path):
-    folders = [session(tmp_path, 1, recording="recording"), session(tmp_path, 2, recording="recording")]
-    heads = [head.text for head in PageReader(write_comparison(folders, tmp_path / "c.html")).find("th", scope="col")]
-    assert heads[1:3] == ["r1", "r2"]
-    page = PageReader(write_comparison(folders, tmp_path / "c.html", ["before", "<after>"]))
-    assert [head.text for head in page.find("th", scope="col")][1:3] == ["before", "<after>"]
 
 
 def test_measures_of_another_version_are_refused_with_the_remedy(tmp_path):
@@ -319,3 +270,30 @@ def test_another_table_of_reliability_is_refused(tmp_path, text, problem):
     (tmp_path / "reliability.csv").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=problem):
         read_detectable(tmp_path / "reliability.csv")
+
+
+def test_every_measure_that_is_computed_grows_with_time_or_does_not(tmp_path):
+    folder = session(tmp_path, 1)
+    rows = write_measured(folder, ProcessingConfig(), MeasureConfig()).measures
+    grown = {row.measure for row in rows if grows_with_time(row)}
+    assert grown >= {
+        "upright_time",
+        "upright_bouts",
+        "longest_upright_bout",
+        "knee_straight_time",
+        "sit_to_stand_count",
+        "stand_to_sit_duration_longest",
+        "sway_path",
+        "assistance_time",
+        "contacts",
+        "hands_free_upright_time",
+    }
+    assert not grown & {
+        "upright_share",
+        "sit_to_stand_duration_mean",
+        "knee_flexion_upright_greatest",
+        "sway_velocity",
+        "load_share",
+        "assistance_share_upright",
+        "hands_on_at_once_mean",
+    }

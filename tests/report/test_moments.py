@@ -56,12 +56,6 @@ def test_the_sentence_and_the_table_name_the_worst_moments(tmp_path: Path) -> No
     assert "#moments" in [link.attributes.get("href") for link in page.find("a")]
 
 
-def test_limbs_alone_have_a_sentence_of_their_own(tmp_path: Path) -> None:
-    text = section(page_of(tmp_path / "r", explained({}, {(10, "arm_left"): 0.45})))
-    assert "At some moments a limb lies where a camera sees something farther away." in text
-    assert "0 %" not in text
-
-
 @pytest.mark.parametrize("frames", [[], explained({}, {})], ids=["older results", "all explained"])
 def test_without_such_moments_the_page_says_nothing_of_them(tmp_path: Path, frames: list[ExplainedFrame]) -> None:
     page = page_of(tmp_path / "r", frames)

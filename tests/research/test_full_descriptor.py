@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 from bent_sheets import SPACING, bent, hill, sheet
-from scipy.spatial.transform import Rotation
+from surface_builder import moved
 
 from anchorpose.errors import DegenerateGeometry
 from anchorpose.geodesics.anchors import Anchors, anchor_descriptor
@@ -16,11 +15,6 @@ from anchorpose.research.full_descriptor import full_descriptor
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
-
-
-def moved(surface: Surface) -> Surface:
-    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
-    return replace(surface, points_m=(surface.points_m @ turn.T + [0.3, -0.2, 1.0]).astype(np.float32))
 
 
 def corners(surface: Surface) -> Anchors:

@@ -82,13 +82,6 @@ def test_every_solver_knows_the_distances_of_shapes_that_are_known(shape, solver
     assert error.max() < most
 
 
-def test_dijkstra_is_as_much_too_long_as_its_docstring_says():
-    surface, source, known = plane()
-    field = solve_distance(surface, [source], solver=Solver.DIJKSTRA)[0]
-    assert 1.04 < (field.sum() / known.sum()) < 1.06
-    assert (field >= known - 1e-6).all()
-
-
 @pytest.fixture(scope="module")
 def body() -> Surface:
     """The simulator's body as a Kinect v2 would see it, without bridges and joins: one piece of triangles."""
@@ -222,12 +215,6 @@ def test_what_is_no_source_or_no_surface_is_refused(solver):
     for limit in (-0.1, np.nan):
         with pytest.raises(ValueError, match="max_distance_m"):
             solve_distance(surface, [0], limit, solver=solver)
-
-
-@pytest.mark.parametrize("solver", list(Solver))
-def test_without_sources_there_is_no_field(solver):
-    surface = flat_grid(4, 4, SPACING)
-    assert solve_distance(surface, [], solver=solver).shape == (0, 16)
 
 
 @pytest.mark.parametrize("solver", [Solver.HEAT, Solver.EXACT])

@@ -57,12 +57,6 @@ def test_a_lost_joint_is_worse_than_hidden_ones_and_a_lost_patient_is_no_picture
     assert why["least sure of all frames"] == 9
 
 
-def test_a_frame_without_a_picture_is_not_the_least_sure(tmp_path):
-    joints = table(tmp_path, frame_9={"lost": ("HandLeft",)}, frame_12={"sigma_m": 0.03})
-    why = {frame.why: frame.row for frame in choose_frames(joints, [], np.arange(50) != 9)}
-    assert why["least sure of all frames"] == 12
-
-
 def test_a_patient_who_is_never_found_has_spread_frames_only(tmp_path):
     joints = table(tmp_path, **{f"frame_{k}": {"lost": JOINT_NAMES} for k in range(50)})
     assert {frame.why for frame in choose_frames(joints, [], ALL)} == {""}

@@ -96,12 +96,6 @@ def test_the_skin_points_stand_for_the_skin_of_an_adult():
     assert 1.5 < AREA_M2 * len(REGION) < 2.2  # square metres (Du Bois and Du Bois 1916)
 
 
-def test_the_knee_lies_between_thigh_and_shank():
-    height = {name: POSED.points_m[region(f"{name}_left"), 1] for name in ("thigh", "knee", "shank", "foot")}
-    assert height["foot"].mean() < height["shank"].mean() < height["knee"].mean() < height["thigh"].mean()
-    assert np.ptp(height["knee"]) < 0.25
-
-
 def test_distances_are_those_of_plain_search():
     rng = np.random.default_rng(3)
     place = POSED.points_m[rng.choice(len(REGION), 60)] + rng.normal(0.0, 0.1, (60, 3))
@@ -128,21 +122,11 @@ def test_people_are_distinguished_and_the_patient_does_not_touch_the_patient():
         np.testing.assert_array_equal(np.sort(on_skin), region(name))
 
 
-def test_skin_that_is_only_remembered_is_said_to_be():
-    assert near_in(memory_at(POSED.points_m[KNEE], age_s=0.5)).remembered.all()
-    assert not near_in(memory_at(POSED.points_m[KNEE])).remembered.any()
-
-
 def test_only_skin_that_faces_the_camera_is_shown():
     shown = near_in(empty_memory()).shown
     front = POSED.normals[:, 0] > 0.7
     assert shown[front].mean() > 0.7
     assert not shown[POSED.normals[:, 0] < 0.0].any()
-
-
-def test_an_empty_room_has_nobody_near():
-    near = near_in(empty_memory())
-    assert len(near.person) == len(near.point) == 0
 
 
 def test_a_hold_is_one_contact_from_its_first_frame_to_its_last():
@@ -155,22 +139,24 @@ def test_a_hold_is_one_contact_from_its_first_frame_to_its_last():
     assert found[0].state == "seen"
 
 
-def test_a_short_gap_is_bridged_and_a_long_one_ends_the_contact():
-    assert len(contacts_of([held(KNEE)] * 4 + [nothing()] * 3 + [held(KNEE)] * 4)) == 1
-    assert len(contacts_of([held(KNEE)] * 4 + [nothing()] * 5 + [held(KNEE)] * 4)) == 2
+FEW = KNEE[:2]
 
 
-def test_a_brush_past_and_a_single_skin_point_are_no_contacts():
-    assert contacts_of([nothing(), held(KNEE), nothing()]) == []
-    assert contacts_of([held(KNEE[:2])] * 8) == []
-
-
-def test_a_contact_that_began_is_kept_by_less_skin_than_began_it():
-    assert span(contacts_of([held(KNEE)] * 3 + [held(KNEE[:2])] * 7)[0])[2:] == (0, 9)
-
-
-def test_skin_out_of_reach_is_not_touched():
-    assert contacts_of([held(KNEE, distance_m=0.07)] * 8) == []
+@pytest.mark.parametrize(
+    ("frames", "spans"),
+    [
+        pytest.param([held(KNEE)] * 4 + [nothing()] * 3 + [held(KNEE)] * 4, [(0, 10)], id="a short gap is bridged"),
+        pytest.param([held(KNEE)] * 4 + [nothing()] * 5 + [held(KNEE)] * 4, [(0, 3), (9, 12)], id="a long one ends it"),
+        pytest.param([nothing(), held(KNEE), nothing()], [], id="a brush past"),
+        pytest.param([held(FEW)] * 8, [], id="too little skin to begin"),
+        pytest.param([held(KNEE)] * 3 + [held(FEW)] * 7, [(0, 9)], id="enough skin to go on"),
+        pytest.param([held(KNEE, distance_m=0.07)] * 8, [], id="out of reach"),
+        pytest.param([held(KNEE)] * 3 + [held(KNEE, distance_m=0.15)] * 7, [(0, 2)], id="the skin is seen again"),
+        pytest.param([held(KNEE)] * 3 + [nothing(shown=False)] * 7, [(0, 2)], id="its owner has gone"),
+    ],
+)
+def test_when_a_contact_begins_and_ends(frames, spans):
+    assert [span(contact)[2:] for contact in contacts_of(frames)] == spans
 
 
 def test_a_hold_that_goes_out_of_sight_goes_on_as_inferred():
@@ -179,12 +165,6 @@ def test_a_hold_that_goes_out_of_sight_goes_on_as_inferred():
     assert span(contact)[2:] == (0, 9)
     assert contact.seen_share == pytest.approx(0.3)
     assert contact.state == "inferred"
-
-
-def test_a_hold_has_ended_where_the_skin_is_seen_again_or_its_owner_has_gone():
-    for later in (held(KNEE, distance_m=0.15, shown=True), nothing(shown=False)):
-        (contact,) = contacts_of([held(KNEE)] * 3 + [later] * 7)
-        assert span(contact)[2:] == (0, 2)
 
 
 def test_remembered_hands_are_inferred():
@@ -237,12 +217,6 @@ def test_the_table_gives_back_what_was_written_and_the_same_bytes(tmp_path):
     assert pq.read_table(tmp_path / "a")["state"].to_pylist() == ["seen", "inferred"]
 
 
-def test_a_recording_without_contacts_has_an_empty_table(tmp_path):
-    with write_contacts(tmp_path / "none"):
-        pass
-    assert read_contacts(tmp_path / "none") == ()
-
-
 def test_a_part_that_nobody_knows_is_refused(tmp_path):
     with write_contacts(tmp_path / "t") as table:
         table.append(replace(CONTACT, part="wing"))
@@ -259,33 +233,21 @@ def truth_of(*bones: str, frames: slice = slice(2, 6), count: int = 10) -> TrueT
     return TrueTouch(touched, NAMES)
 
 
-def test_a_contact_as_the_truth_has_it_is_right_and_complete():
-    found = evaluate_contacts([replace(CONTACT, part="chest")], np.arange(10), truth_of("Spine"))
-    assert (found.overall.precision, found.overall.recall) == (1.0, 1.0)
-    assert [name for name, _ in found.per_part] == ["chest"]
-
-
-def test_a_held_knee_answers_for_thigh_and_shank():
-    both = evaluate_contacts([CONTACT], np.arange(10), truth_of("LeftUpLeg", "LeftLeg"))
-    assert (both.overall.precision, both.overall.recall) == (1.0, 1.0)
-    assert both.overall.touched == 8
-
-
-def test_frames_too_many_lower_precision_and_frames_too_few_recall():
-    late = evaluate_contacts([CONTACT], np.arange(10), truth_of("LeftLeg", frames=slice(4, 10)))
-    assert late.overall.precision == pytest.approx(2 / 4)
-    assert late.overall.recall == pytest.approx(2 / 6)
-
-
-def test_the_other_side_is_another_part():
-    found = evaluate_contacts([CONTACT], np.arange(10), truth_of("RightLeg"))
-    assert (found.overall.precision, found.overall.recall) == (0.0, 0.0)
-
-
-def test_where_nothing_is_touched_or_reported_there_is_no_share():
-    nothing_true = evaluate_contacts([CONTACT], np.arange(10), truth_of())
-    assert (nothing_true.overall.precision, nothing_true.overall.recall) == (0.0, None)
-    assert evaluate_contacts([], np.arange(10), truth_of("Spine")).overall.precision is None
+@pytest.mark.parametrize(
+    ("part", "truth", "precision", "recall"),
+    [
+        pytest.param("chest", truth_of("Spine"), 1.0, 1.0, id="as the truth has it"),
+        pytest.param("knee_left", truth_of("LeftUpLeg", "LeftLeg"), 1.0, 1.0, id="a knee is thigh and shank"),
+        pytest.param("knee_left", truth_of("LeftLeg", frames=slice(4, 10)), 2 / 4, 2 / 6, id="late"),
+        pytest.param("knee_left", truth_of("RightLeg"), 0.0, 0.0, id="the other side"),
+        pytest.param("knee_left", truth_of(), 0.0, None, id="nothing is touched"),
+        pytest.param(None, truth_of("Spine"), None, 0.0, id="nothing is reported"),
+    ],
+)
+def test_contacts_are_held_to_the_truth(part, truth, precision, recall):
+    reported = [replace(CONTACT, part=part)] if part else []
+    found = evaluate_contacts(reported, np.arange(10), truth)
+    assert (found.overall.precision, found.overall.recall) == (precision, recall)
 
 
 def test_a_truth_without_contacts_says_nothing_and_a_mismatch_is_refused(tmp_path):

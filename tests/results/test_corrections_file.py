@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -20,9 +19,7 @@ from anchorpose.results.corrections import (
     NamedPatient,
     UnusableInterval,
     Withdrawal,
-    corrections_beside,
     corrections_of_run,
-    now_utc,
     read_corrections,
     require_recording,
     write_corrections,
@@ -159,10 +156,6 @@ def test_what_could_not_be_read_back_is_not_written(tmp_path: Path) -> None:
         replace(INTERVAL, last_frame=0)
 
 
-def test_the_file_lies_beside_the_results_so_that_tracking_again_keeps_it(tmp_path: Path) -> None:
-    assert corrections_beside(tmp_path / "r.1") == (tmp_path / "r.1.corrections.json").resolve()
-
-
 def test_a_recording_is_known_by_its_pictures_and_times_whatever_else_changes() -> None:
     edited = (("recording.json", "f" * 64), *HASHES[1:], ("equipment.json", "e" * 64))
     assert reviewed_recording("renamed", edited[::-1], {}).sha256 == reviewed().sha256
@@ -203,12 +196,6 @@ def test_a_run_that_states_corrections_which_are_none_is_refused() -> None:
         corrections_of_run(Path("run.json"), {**run, "corrections": as_json(told)})
 
 
-def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:
-    entry = UnusableInterval(first_frame=0, last_frame=0, start_s=0.0, end_s=0.0, reason="x", who="AB", when=now_utc())
-    write_corrections(tmp_path / "c.json", Corrections(reviewed()).added(entry))
-    assert read_corrections(tmp_path / "c.json").unusable == (entry,)
-
-
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -241,10 +228,3 @@ def test_a_file_that_is_wrong_is_refused_with_the_place(
     edit_json(path, change)
     with pytest.raises(InputError, match=told):
         read_corrections(path)
-
-
-def test_a_file_without_anything_taken_back_needs_no_such_list(tmp_path: Path) -> None:
-    path = written(tmp_path / "c.json")
-    edit_json(path, lambda document: document.pop("withdrawn"))
-    assert json.loads(path.read_text())["version"] == 1
-    assert read_corrections(path).withdrawn == ()

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from results_builder import explained_frames, standing_joints, write_results
-from results_builder import make_frame as joint_frame
+from results_builder import explained_frames
 
 from anchorpose.body.explanation import Explanation
-from anchorpose.body.pose import LIMB_OF_BONES, MOVING_BONES, PARTS
+from anchorpose.body.pose import PARTS
 from anchorpose.results.explained import (
     EXPLAINED_FILE,
-    PART_NAMES,
     UNCOVERED_CM2,
     ExplainedFrame,
     ExplainedTable,
@@ -27,8 +24,6 @@ from anchorpose.results.explained import (
     worst_moments,
     write_explained,
 )
-from anchorpose.results.frame_table import FRAMES_PER_ROW_GROUP
-from anchorpose.results.run_record import RUN_FILE, RunRecord, write_run_record
 
 FPS = 10.0
 
@@ -88,25 +83,6 @@ def test_where_nothing_of_the_patient_is_seen_the_area_is_unknown_and_not_zero()
     assert explained_frame(0, 0.0, explanation(0.0, np.full(PARTS, np.nan))).uncovered_cm2 == 0.0
 
 
-def test_two_writings_have_the_same_bytes_across_row_groups(tmp_path):
-    rng = np.random.default_rng(1)
-    frames = [
-        ExplainedFrame(k, k / 30, rng.uniform(0, 90), rng.uniform(0, 1, PARTS)) for k in range(FRAMES_PER_ROW_GROUP + 3)
-    ]
-    one, other = (written(tmp_path / name, frames).read_bytes() for name in ("a.parquet", "b.parquet"))
-    assert one == other
-
-
-def test_the_parts_have_the_names_of_the_bodys_limbs():
-    for number, name in enumerate(PART_NAMES):
-        bones = [bone for bone, limb in zip(MOVING_BONES, LIMB_OF_BONES, strict=True) if limb == number]
-        if name == "trunk":
-            assert {"Hips", "Head"} <= set(bones)
-        else:
-            kind, side = name.split("_")
-            assert f"{side.capitalize()}{ {'arm': 'ForeArm', 'leg': 'Foot'}[kind] }" in bones
-
-
 def test_the_limit_is_where_tracking_looks_for_a_limb_elsewhere():
     found = unexplained(table_of([0.0, UNCOVERED_CM2, 160.0, np.nan], {(0, "leg_left"): 0.15, (1, "trunk"): 0.6}))
     np.testing.assert_allclose(found, [0.5, 2.0, 2.0, np.nan])
@@ -126,28 +102,9 @@ def test_the_worst_moments_are_apart_and_say_why_in_words():
     ]
 
 
-def test_there_are_at_most_five_moments_and_none_where_all_is_explained():
-    assert len(worst_moments(table_of([500.0] * 100))) == 5
-    assert worst_moments(table_of([20.0] * 100)) == ()
-    assert worst_moments(table_of([np.nan] * 3)) == ()
-
-
 def test_the_summary_counts_known_frames_only():
     summary = summarise(table_of([100.0, 0.0, 0.0, np.nan], {(1, "arm_left"): 0.9}))
     assert (summary.known_frames, summary.uncovered_share) == (3, pytest.approx(1 / 3))
     assert [each.frame for each in summary.worst] == [1]  # 3 limits; frame 0, with 1.25, is too close to it
     never = summarise(table_of([np.nan, np.nan]))
     assert (never.known_frames, never.uncovered_share, never.worst) == (0, None, ())
-
-
-def test_run_json_states_the_summary_and_null_where_there_is_none(tmp_path):
-    made = {"recording": "r", "config": {}, "inputs_sha256": {}, "cameras": ()}
-    write_run_record(tmp_path / RUN_FILE, RunRecord(**made, explained=summarise(table_of([100.0, 0.0]))))
-    assert json.loads((tmp_path / RUN_FILE).read_text(encoding="utf-8"))["explained"] == {
-        "uncovered_limit_cm2": pytest.approx(80.0),
-        "known_frames": 2,
-        "uncovered_share": 0.5,
-        "worst": [{"frame": 0, "time_s": 0.0, "reason": "100 cm² of the patient's surface is covered by no limb"}],
-    }
-    write_results(tmp_path, [joint_frame(0, 0.0, standing_joints())])
-    assert json.loads((tmp_path / RUN_FILE).read_text(encoding="utf-8"))["explained"] is None

@@ -95,13 +95,6 @@ def test_a_file_or_a_link_is_not_replaced(tmp_path, recording):
             pass
 
 
-def test_an_empty_folder_may_be_filled(tmp_path, recording):
-    (tmp_path / "out").mkdir()
-    with new_results_folder(tmp_path / "out", recording) as folder:
-        _fill(folder, "new")
-    assert _names(tmp_path / "out") == set(RESULTS.marks)
-
-
 def test_a_text_file_is_replaced_whole_or_kept(tmp_path):
     path = tmp_path / "report.html"
     write_text_whole(path, "old")

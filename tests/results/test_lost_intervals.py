@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from anchorpose.results.run_record import LostInterval, note_lost
 
 
@@ -14,17 +16,14 @@ def intervals(*whys: str) -> list[tuple[int, int, str]]:
     return [(one.first_frame, one.last_frame, one.why) for one in found]
 
 
-def test_frames_in_a_row_with_one_reason_are_one_interval():
-    assert intervals("gone", "gone", "gone") == [(0, 2, "gone")]
-
-
-def test_another_reason_begins_another_interval():
-    assert intervals("gone", "gone", "who is it") == [(0, 1, "gone"), (2, 2, "who is it")]
-
-
-def test_a_frame_with_the_patient_ends_an_interval():
-    assert intervals("gone", "", "gone") == [(0, 0, "gone"), (2, 2, "gone")]
-
-
-def test_without_a_loss_there_is_none():
-    assert intervals("", "") == []
+@pytest.mark.parametrize(
+    ("whys", "expected"),
+    [
+        (("gone", "gone", "gone"), [(0, 2, "gone")]),
+        (("gone", "gone", "who is it"), [(0, 1, "gone"), (2, 2, "who is it")]),
+        (("gone", "", "gone"), [(0, 0, "gone"), (2, 2, "gone")]),
+        (("", ""), []),
+    ],
+)
+def test_frames_in_a_row_with_one_reason_are_one_interval(whys, expected):
+    assert intervals(*whys) == expected

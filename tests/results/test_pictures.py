@@ -98,15 +98,3 @@ def test_people_and_equipment_are_tinted_and_nothing_at_all_can_be_drawn():
     assert tuple(person) not in (tuple(patient), tuple(wall))
     empty = draw_frame(OverlayScene(camera=CAMERA, depth_m=np.zeros((212, 256), np.float32)))
     assert _decode(empty).shape[0] > 0
-
-
-def test_a_body_behind_the_camera_draws_nothing():
-    depth = np.full((212, 256), 2.0, np.float32)
-    behind = standing_joints() + np.array([9.0, 0, 0])
-    faces = np.array([[0, 1, 2]])
-    bare = draw_frame(OverlayScene(camera=CAMERA, depth_m=depth))
-    states = (JointState.OBSERVED,) * JOINT_COUNT
-    scene = OverlayScene(
-        camera=CAMERA, depth_m=depth, joints_m=behind, joint_states=states, body_m=behind, body_faces=faces
-    )
-    assert draw_frame(scene) == bare

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from anchorpose.body.visibility import PoorDepth, PoorKind
-from anchorpose.results.run_record import RUN_FILE, PoorInterval, RunRecord, note_poor, read_run, write_run_record
+from anchorpose.results.run_record import PoorInterval, note_poor
 
 
 def edges(amount_m: float, camera: str = "front") -> PoorDepth:
@@ -41,21 +41,3 @@ def test_cameras_and_reasons_have_intervals_of_their_own():
     found = intervals((edges(0.09), edges(0.09, "side")), (holes, edges(0.09, "side")))
     assert ends(found) == [("front", "edges", 0, 0), ("side", "edges", 0, 1), ("front", "holes", 1, 1)]
     assert found[2].why.startswith("camera front: 60 % of the patient's skin towards it has no usable reading")
-
-
-def test_steps_are_stated_in_millimetres():
-    (found,) = intervals((PoorDepth("front", PoorKind.STEPS, 0.091),))
-    assert "depth has steps of 91 mm at the patient" in found.why
-
-
-def test_good_depth_has_none():
-    assert intervals((), ()) == []
-
-
-def test_run_json_has_the_intervals(tmp_path):
-    record = RunRecord(
-        recording="r", config=None, inputs_sha256={}, cameras=(), poor_depth=tuple(intervals((edges(0.09),)))
-    )
-    write_run_record(tmp_path / RUN_FILE, record)
-    (entry,) = read_run(tmp_path / RUN_FILE)["poor_depth"]
-    assert (entry["camera"], entry["kind"], entry["first_frame"], entry["worst"]) == ("front", "edges", 0, 0.09)

@@ -149,13 +149,6 @@ def test_a_spline_follows_a_curve_that_a_line_cuts():
     assert far[1] < 0.2 * far[0]
 
 
-def test_nothing_is_filled_where_the_joint_is_too_rarely_known_to_tell_how_far_off_that_would_be():
-    gapped = wave(np.arange(24) / RATE)
-    gapped[11:14] = np.nan
-    sigma = np.where(np.isnan(gapped[:, 0]), np.nan, 0.001)
-    assert not fill_gaps(np.arange(24) / RATE, gapped, sigma, "linear", 0.5).filled.any()
-
-
 def test_the_kalman_smoother_is_the_least_squares_solution():
     """The most likely course of a linear Gaussian model minimises a sum of squares; here it is solved at once."""
     rng = np.random.default_rng(7)
@@ -264,3 +257,10 @@ def test_a_table_that_does_not_say_what_was_done_is_refused(tmp_path):
     write_angles(tmp_path / "angles.parquet", joint_angles(moving(2)))
     with pytest.raises(InputError, match="columns"):
         read_processed_angles(tmp_path / "angles.parquet")
+
+
+def test_nothing_is_filled_where_the_joint_is_too_rarely_known_to_tell_how_far_off_that_would_be():
+    gapped = wave(np.arange(24) / RATE)
+    gapped[11:14] = np.nan
+    sigma = np.where(np.isnan(gapped[:, 0]), np.nan, 0.001)
+    assert not fill_gaps(np.arange(24) / RATE, gapped, sigma, "linear", 0.5).filled.any()

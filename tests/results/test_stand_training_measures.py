@@ -10,7 +10,6 @@ from session_builder import RATE, contact, measured, squatting_joints, table, va
 
 from anchorpose.cli import main
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
-from anchorpose.report.measure_section import measure_rows
 from anchorpose.results.records import Contact, read_episodes, read_measures
 from anchorpose.results.tables import read_posture, read_processed_angles
 from anchorpose.results.uncertainty import SYSTEMATIC_SHARE, sigma_of_mean
@@ -197,18 +196,6 @@ def test_assistance_is_given_by_part_and_person_without_counting_a_moment_twice(
     assert value(found, "hands_on_at_once_mean") == pytest.approx((100 + 100 + 40) / 160)
 
 
-def test_a_contact_that_was_only_inferred_makes_its_time_unsure():
-    joints = table(squatting_joints(np.zeros(200)))
-    seen, inferred = (
-        measured(joints, (contact("pelvis", "a", 20, 119, seen=s),))[1]["assistance_time", None, None, None]
-        for s in (1.0, 0.0)
-    )
-    assert seen.value == inferred.value == pytest.approx(5.0)
-    assert seen.sigma is not None
-    assert inferred.sigma is not None
-    assert seen.sigma < 0.1 < inferred.sigma
-
-
 def test_a_contact_that_was_half_seen_is_half_inferred():
     joints = table(squatting_joints(np.zeros(200)))
     sigmas = []
@@ -247,23 +234,6 @@ def test_who_touches_is_reported_only_for_the_time_in_which_the_patient_is_found
     assert value(found, "found_time") == pytest.approx(8.0)
     assert value(found, "assistance_time") == pytest.approx(3.0)
     assert value(measured(joints, ())[1], "assistance_time") == 0.0
-
-
-def test_that_nobody_was_seen_to_touch_is_not_sure_to_any_figure():
-    found = measured(table(squatting_joints(np.zeros(40))), ())[1]
-    for name in ("assistance_time", "hands_free_upright_time", "hands_free_upright_share"):
-        assert found[name, None, None, None].sigma is None
-
-
-def test_on_the_screen_a_count_with_time_unknown_is_at_least_that_many():
-    thighs = np.concatenate([np.full(80, 85.0), np.linspace(85, 0, 40), np.zeros(120)])
-    for lost, said in (({}, False), ({name: slice(180, 220) for name in JOINT_NAMES}, True)):
-        rows = measure_rows(list(measured(table(squatting_joints(thighs), lost=lost), ())[1].values()))
-        told = {what: number for what, number, *_ in rows}
-        assert told["standing up: how often"].startswith("at least 1") is said
-        assert told["time with hands on"].startswith("at least") is said
-        unknown_s = float(told["time in which posture is not known"].split()[0])
-        assert unknown_s == pytest.approx(2.0 if said else 0.0, abs=0.05)
 
 
 def test_who_never_stood_has_no_extension_sway_or_symmetry_but_reasons():
@@ -328,3 +298,21 @@ def test_the_verb_refuses_what_does_not_fit_and_writes_nothing(results, capsys, 
 def test_a_folder_that_is_no_result_is_refused(tmp_path, capsys):
     assert main(["measure", str(tmp_path)]) == 2
     assert "joints.parquet" in capsys.readouterr().err
+
+
+def test_a_contact_that_was_only_inferred_makes_its_time_unsure():
+    joints = table(squatting_joints(np.zeros(200)))
+    seen, inferred = (
+        measured(joints, (contact("pelvis", "a", 20, 119, seen=s),))[1]["assistance_time", None, None, None]
+        for s in (1.0, 0.0)
+    )
+    assert seen.value == inferred.value == pytest.approx(5.0)
+    assert seen.sigma is not None
+    assert inferred.sigma is not None
+    assert seen.sigma < 0.1 < inferred.sigma
+
+
+def test_that_nobody_was_seen_to_touch_is_not_sure_to_any_figure():
+    found = measured(table(squatting_joints(np.zeros(40))), ())[1]
+    for name in ("assistance_time", "hands_free_upright_time", "hands_free_upright_share"):
+        assert found[name, None, None, None].sigma is None

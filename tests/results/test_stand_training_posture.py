@@ -244,12 +244,6 @@ def test_where_no_leg_is_ever_seen_there_is_a_reason_and_no_value():
     assert value(found, "unknown_time") == pytest.approx(1.0)
 
 
-def test_a_single_frame_has_no_duration():
-    row = measured(table(squatting_joints(np.zeros(1))))[1]["upright_time", None, None, None]
-    assert row.value is None
-    assert "single frame" in (row.why or "")
-
-
 def test_limits_in_the_wrong_order_are_refused():
     for wrong in ({"thigh_enter_deg": 50.0}, {"trunk_enter_deg": 60.0}, {"height_leave": 0.9}):
         with pytest.raises(ValueError, match=r"limits|height_leave"):

@@ -15,7 +15,6 @@ from anchorpose.results.folder import (
     BEGUN_FILE,
     EARLIER,
     JOURNAL,
-    LOCK_FILE,
     MARK,
     MARK_FILE,
     RESULTS,
@@ -149,14 +148,6 @@ def _content(folder: Path) -> dict[str, bytes | None]:
     return {
         name: path.read_bytes() if path.is_file() and not path.is_symlink() else None for name, path in found.items()
     }
-
-
-def test_a_folder_that_is_left_carries_its_mark_and_a_finished_one_does_not(tmp_path, recording):
-    with pytest.raises(_Stopped):
-        _run(tmp_path / "out", recording, 1, _Stopped)
-    assert _names(tmp_path / ".out.unfinished") == {LOCK_FILE, MARK_FILE, JOURNAL}
-    _run(tmp_path / "out", recording, 1, resume=True)
-    assert _names(tmp_path / "out") == set(RESULTS.marks)
 
 
 def _refuse(path: Path, recording: Path, error: BaseException, begun: bool) -> None:
@@ -294,9 +285,3 @@ def test_a_damaged_value_is_refused_with_a_remedy_that_works(tmp_path, recording
         Journal(journal).read("0.frames", int)
     shutil.rmtree(journal)
     assert _run(tmp_path / "out", recording, 2, resume=True) == 0
-
-
-def test_the_note_names_what_the_user_does_to_go_on(tmp_path, recording):
-    with pytest.raises(_Stopped) as stopped:
-        _run(tmp_path / "out", recording, 3, _Stopped, go_on="the same command")
-    assert stopped.value.__notes__ == ["What was done is kept: the same command goes on."]

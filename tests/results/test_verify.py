@@ -27,15 +27,6 @@ def made(tmp_path) -> tuple[Path, Path]:
     return results, recording
 
 
-def test_untouched_results_fit(made, capsys):
-    found = verify(*made)
-    assert found.is_right
-    assert set(found.results.values()) == {Fits.SAME}
-    assert "joints.parquet" in found.results
-    assert main(["verify", str(made[0]), str(made[1])]) == 0
-    assert "Every file is as it was." in capsys.readouterr().out
-
-
 def test_one_byte_of_a_table_or_of_a_depth_image_is_noticed(made, capsys):
     results, recording = made
     image = sorted((recording / "front" / "depth").iterdir())[1]
@@ -63,15 +54,6 @@ def test_missing_and_added_files_are_named(made):
     assert found.results["mine.parquet"] is Fits.ADDED
     assert found.recording["front/depth/000003.png"] is Fits.MISSING
     assert found.recording["front/depth/000099.png"] is Fits.ADDED
-
-
-def test_measuring_again_is_no_fault_and_is_said(made, capsys):
-    results, _ = made
-    assert main(["measure", str(results), "--smooth", "butterworth"]) == 0
-    found = verify(results, None)
-    assert found.is_right
-    assert found.results["angles_processed.parquet"] is Fits.MEASURED
-    assert found.results["joints.parquet"] is Fits.SAME
 
 
 def test_who_corrected_what_and_what_no_longer_fits_is_said(made):

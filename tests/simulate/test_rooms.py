@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import get_args
 
-import cv2
 import numpy as np
 import pytest
 
 from anchorpose.camera import invert_rigid, transform_points
-from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig, room
 from anchorpose.simulate.render import NOTHING, PATIENT
-from anchorpose.simulate.rooms import plan
-from anchorpose.simulate.rooms.keep_out import Lane, disc, is_free
-from anchorpose.simulate.rooms.pieces import PIECES
 from anchorpose.simulate.rooms.plan import MIDDLE_SHARE, SEATED_SHARE, RoomConfig
 from anchorpose.simulate.rooms.scene import room_camera
-from anchorpose.simulate.rooms.walls import Panel, wall_triangles
 from anchorpose.simulate.shoot import set_up
 from anchorpose.simulate.write import simulate_recording
 
@@ -33,13 +25,6 @@ BARE = RoomConfig(distance_m=3.2, camera_height_m=1.4, tilt_rad=0.15)
 
 def plans() -> list[tuple[SimulationConfig, RoomConfig]]:
     return [(config, config.room) for config in (room(seed, seconds=6.0) for seed in SEEDS)]
-
-
-def in_room(room_plan: RoomConfig, **changes) -> SimulationConfig:
-    """A room that is not drawn, seen by a Kinect v2."""
-    base = room(51_008, seconds=3.0, fps=4.0)
-    passers = room_plan.passers_by
-    return replace(base, sensor="kinect-v2", room=room_plan, away_s=(), stool=False, passers_by=passers, **changes)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -63,28 +48,6 @@ def test_the_same_seed_gives_the_same_bytes_and_no_picture_of_the_empty_room(see
         assert truth["camera_to_world"].shape == (1, 4, 4)
         assert truth["camera_to_world"][0, 1, 3] == pytest.approx(config.room.camera_height_m)
         assert truth["joints"].shape == (4, 21, 3)
-
-
-def test_all_kinds_occur_over_forty_seeds():
-    drawn = plans()
-    for name, kinds in (
-        ("framing", get_args(plan.Framing)),
-        ("posture", get_args(plan.Posture)),
-        ("seat", get_args(plan.Seat)),
-        ("moved", get_args(plan.Moved)),
-        ("opening", get_args(plan.Opening)),
-    ):
-        assert {getattr(room_plan, name) for _, room_plan in drawn} == set(kinds), name
-    assert {kind for _, room_plan in drawn for kind in room_plan.clutter} == set(get_args(plan.Clutter))
-    assert {other for _, room_plan in drawn for other in room_plan.others} == set(get_args(plan.Other))
-    assert {len(room_plan.others) for _, room_plan in drawn} == {0, 1, 2, 3}
-    assert {config.sensor for config, _ in drawn} == set(plan.ROOM_SENSORS)
-    flags = [field.name for field in fields(RoomConfig) if field.type in ("bool", bool)]
-    assert len(flags) == 7
-    assert all(2 <= sum(getattr(room_plan, name) for _, room_plan in drawn) <= 30 for name in flags)
-    facing = Counter(int((room_plan.azimuth_rad % (2 * np.pi)) // (np.pi / 2)) for _, room_plan in drawn)
-    assert min(facing[quarter] for quarter in range(4)) >= 3, "patients face every way"
-    assert any(room_plan.before for _, room_plan in drawn)
 
 
 def test_cameras_are_where_the_plan_says_and_within_the_ranges():
@@ -114,30 +77,6 @@ def test_the_border_cuts_off_what_the_seed_says():
         assert (rows[2] < 0) == (room_plan.framing == "head-cut-off")
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("seed", [51_003, 51_008, 51_011, 51_017, 51_018, 51_023])
-def test_the_patients_feet_are_in_the_image_unless_they_are_cut_off(seed):
-    clinic = draw_clinic(room(seed, seconds=6.0, fps=1.0))
-    joints_m = clinic.act(clinic.true_times_s(0)).joints_m()
-    camera, ankles = clinic.cameras[0], [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
-    inside = transform_points(invert_rigid(camera.require_pose()), joints_m[:, ankles].reshape(-1, 3))
-    below = (camera.project(inside)[:, 1] >= camera.height).mean()
-    assert below == (1.0 if clinic.config.room.framing == "feet-cut-off" else 0.0)
-
-
-def test_a_mannequin_is_seen_and_labelled_as_room():
-    rooms = [set_up(draw_clinic(in_room(replace(BARE, mannequin=there)))) for there in (False, True)]
-    without, with_it = (studio.shoot(3) for studio in rooms)
-    apart = np.abs(without.images[0].depth_m - with_it.images[0].depth_m) > 0.02
-    assert apart.sum() > 800
-    assert (with_it.images[0].label[apart] == NOTHING).all()
-    assert (with_it.images[0].part[apart] == 0).all()
-    assert set(np.unique(with_it.images[0].label)) == {NOTHING, PATIENT}
-    later = rooms[1].shoot(8).images[0]
-    still = apart & (later.label == NOTHING)
-    assert np.array_equal(later.depth_m[still], with_it.images[0].depth_m[still]), "it never moves"
-
-
 def test_other_people_have_labels_after_the_patient_and_a_late_patient_walks_in():
     config = room(51_010, seconds=6.0, fps=5.0)
     assert config.room.late
@@ -151,86 +90,6 @@ def test_other_people_have_labels_after_the_patient_and_a_late_patient_walks_in(
     labels = set(np.unique(studio.shoot(15).images[0].label)) - {NOTHING, PATIENT}
     assert labels
     assert labels <= {PATIENT + 1 + n for n in range(len(config.room.others))}
-
-
-@pytest.mark.parametrize("moved", ["stool", "wheelchair"])
-def test_pushed_furniture_waits_goes_with_who_pushes_it_and_stays(moved):
-    clinic = draw_clinic(in_room(replace(BARE, others=("passes-behind",), moved=moved), seconds=8.0))
-    (mover,), (pusher,) = clinic.scene.movers, clinic.therapists
-    times_s = np.arange(0.0, 8.0, 0.1)
-    middle_m = np.array([mover.figure(t).skin_m.mean(axis=0) for t in times_s])
-    step_m = np.linalg.norm(np.diff(middle_m, axis=0), axis=1)
-    assert step_m[0] == step_m[-1] == 0.0
-    assert 0.4 < step_m.sum() < 4.0
-    assert (step_m > 0.02).sum() >= 5, "for some seconds"
-    pushing = step_m > 0.02
-    hips_m = np.array([bones[0, :3, 3] for bones in pusher.actor.bones(times_s)])
-    gap_m = np.linalg.norm((middle_m - hips_m)[:-1][pushing][:, [0, 2]], axis=1)
-    assert np.ptp(gap_m) < 0.3
-    assert mover.figure(1.0).label == NOTHING
-
-
-def test_a_door_opens_once_and_stays_open():
-    clinic = draw_clinic(in_room(replace(BARE, moved="door")))
-    (door,) = clinic.scene.movers
-    swing = np.interp(np.arange(0.0, 3.5, 0.1), door.times_s, door.yaws)
-    turned = np.abs(swing - swing[0])
-    assert turned[1] == 0.0
-    assert (np.diff(turned) >= -1e-12).all()
-    assert np.radians(50.0) <= np.abs(door.yaws[-1] - door.yaws[0]) <= np.radians(110.0)
-    leaf_m = door.figure(0.0).skin_m
-    assert leaf_m[:, 1].min() > 0.0
-    assert np.ptp(leaf_m[:, 1]) == pytest.approx(2.04, abs=0.01)
-
-
-@pytest.mark.parametrize("kind", list(PIECES))
-def test_furniture_stands_on_the_floor_and_fits_into_a_room(kind):
-    for seed in range(5):
-        piece = PIECES[kind](np.random.default_rng(seed))
-        again = PIECES[kind](np.random.default_rng(seed))
-        assert np.array_equal(piece.triangles, again.triangles)
-        assert -1e-9 <= piece.triangles[..., 1].min() < 0.1
-        assert 0.2 < piece.height_m < 2.3
-        assert 0.15 < piece.radius_m < 1.3
-        assert len(piece.shiny) == len(piece.triangles)
-        turned = piece.placed(np.array([1.0, -2.0]), 0.7)
-        assert turned.height_m == pytest.approx(piece.height_m)
-        away_m = np.linalg.norm(turned.triangles[..., [0, 2]] - [1.0, -2.0], axis=-1)
-        assert away_m.max() == pytest.approx(piece.radius_m)
-
-
-def test_what_stands_before_the_legs_leaves_the_patients_middle_in_view():
-    found = 0
-    for seed in range(6):
-        config = replace(in_room(replace(BARE, before=("table", "chair", "boxes"))), seed=seed)
-        studio = set_up(draw_clinic(config))
-        camera, middle = studio.clinic.cameras[0], np.array([[0.0, MIDDLE_SHARE * config.height_m, 0.0]])
-        place = transform_points(invert_rigid(camera.require_pose()), middle)
-        column, row = np.rint(camera.project(place)[0]).astype(int)
-        assert studio.stills[0].depth_m[row, column] > place[0, 2]
-        below = studio.stills[0].depth_m[row + 20 :, column - 40 : column + 40]
-        found += bool((below < place[0, 2] - 0.4).any())
-    assert found >= 4
-
-
-def test_a_wall_has_its_area_less_its_holes():
-    def area(triangles):
-        sides = triangles[:, 1:] - triangles[:, :1]
-        return 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-
-    whole = wall_triangles((0.0, 0.0), (3.0, 4.0), [])
-    holed = wall_triangles((0.0, 0.0), (3.0, 4.0), [Panel(1.0, 2.0, 0.0, 2.0), Panel(3.0, 3.5, 1.0, 2.0)])
-    assert area(whole).sum() == pytest.approx(5.0 * 2.7)
-    assert area(holed).sum() == pytest.approx(5.0 * 2.7 - 2.0 - 0.5)
-
-
-def test_what_is_taken_is_not_free():
-    lane = Lane((0.0, 0.0), (2.0, 0.0), 0.5)
-    assert lane.clear_m(np.array([1.0, 0.8])) == pytest.approx(0.3)
-    assert lane.crossings_m(1.0) == ()
-    assert Lane((0.0, -1.0), (2.0, 1.0), 0.1).crossings_m(0.5) == (1.5,)
-    assert is_free(np.array([1.0, 0.8]), 0.2, [lane])
-    assert not is_free(np.array([1.0, 0.8]), 0.2, [lane, disc(np.array([1.0, 1.2]), 0.3)])
 
 
 @pytest.mark.parametrize(
@@ -247,23 +106,3 @@ def test_what_does_not_belong_into_a_room_is_refused(wrong):
 def test_a_camera_outside_of_the_ranges_is_refused(wrong):
     with pytest.raises(ValueError, match="should be"):
         replace(BARE, **wrong)
-
-
-def test_a_captured_movement_is_done_where_there_is_a_file():
-    movements = Path(__file__).resolve().parents[3] / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
-    if not movements.is_file():
-        pytest.skip(f"{movements} is not there")
-    configs = [room(seed, 6.0, 15.0, movements) for seed in SEEDS]
-    captured = [config for config in configs if config.movement is not None]
-    assert 5 <= len(captured) <= 30
-    studio = set_up(draw_clinic(replace(captured[0], fps=2.0)))
-    assert (studio.shoot(6).images[0].label == PATIENT).sum() > 500
-
-
-def test_a_room_is_written_as_png_of_its_size(tmp_path):
-    config = room(51_014, seconds=0.4, fps=5.0)
-    simulate_recording(tmp_path / "out", config)
-    depth = cv2.imread(str(tmp_path / "out/recording/room/depth/000001.png"), cv2.IMREAD_UNCHANGED)
-    label = cv2.imread(str(tmp_path / "out/truth/labels/room/000001.png"), cv2.IMREAD_UNCHANGED)
-    assert depth.dtype == np.uint16
-    assert depth.shape == label.shape == (240, 424)

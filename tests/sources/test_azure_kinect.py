@@ -16,7 +16,7 @@ from azure_builder import SIZES, TAGS, TIMES_US, calibration, elements, images, 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics
-from anchorpose.sources.azure_kinect import MODES, AzureKinectFile, depth_mode, lens_of, matches, open_source
+from anchorpose.sources.azure_kinect import MODES, AzureKinectFile, depth_mode, lens_of, open_source
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "recorder_files" / "azure_kinect_nfov.mkv"
 needs_the_real_file = pytest.mark.skipif(not REAL.is_file(), reason="../shared/data/recorder_files is not there")
@@ -90,25 +90,6 @@ def test_reading_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
     assert list(source.frames([4])) == []
 
 
-def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
-    depth = images(1, "WFOV_2X2BINNED") * 40
-    content = mkv(depth, [33_333 * i for i in range(40)], "WFOV_2X2BINNED", attached=calibration())
-    frames = opened(tmp_path, content).frames([0])
-    next(frames)
-    tracemalloc.start()
-    for _ in frames:
-        pass
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 6 * depth[0].nbytes
-
-
-def test_only_matroska_matches() -> None:
-    assert matches(Path("named.bag"), recording(1)[:4096])
-    assert not matches(Path("named.mkv"), b"#ROSBAG V2.0\n")
-    assert not matches(Path("folder.mkv"), b"")
-
-
 def test_without_pyav_one_sentence_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path / "front.mkv", recording(1))
     monkeypatch.setitem(sys.modules, "av", None)
@@ -152,11 +133,6 @@ def test_without_tags_the_size_states_the_mode_and_a_note_that_the_clock_is_not_
     assert source.cameras[0].intrinsics == lens_of(calibration(), depth_mode(640, 576) or MODES[0])
     assert [frame.time_s for frame in source.frames([0])] == [5e-6]
     assert "its times begin with the recording" in source.notes[1]
-
-
-def test_a_mode_as_early_recorders_wrote_it_is_understood(tmp_path: Path) -> None:
-    content = mkv(images(1, "NFOV_2X2BINNED"), [0], "NFOV_2x2BINNED", attached=calibration())
-    assert opened(tmp_path, content).cameras[0].width == 320
 
 
 @needs_the_real_file
@@ -212,3 +188,16 @@ def _wall_residual_m(depth: np.ndarray, lens: Intrinsics) -> float:
     centred = points - points.mean(axis=0)
     normal = np.linalg.svd(centred, full_matrices=False)[2][2]
     return float(np.sqrt(np.mean((centred @ normal) ** 2)))
+
+
+def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
+    depth = images(1, "WFOV_2X2BINNED") * 40
+    content = mkv(depth, [33_333 * i for i in range(40)], "WFOV_2X2BINNED", attached=calibration())
+    frames = opened(tmp_path, content).frames([0])
+    next(frames)
+    tracemalloc.start()
+    for _ in frames:
+        pass
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 6 * depth[0].nbytes

@@ -20,11 +20,6 @@ def test_the_noise_estimate_is_the_noise_that_was_added(sigma_m):
     assert estimate_noise(noisy, EVERYWHERE) * 2.4**2 == pytest.approx(sigma_m, rel=0.1)
 
 
-def test_coarse_depth_steps_count_as_noise():
-    stepped = np.round(SLANTED / 0.02) * 0.02
-    assert 0.005 < estimate_noise(stepped, EVERYWHERE) * 2.4**2 < 0.02
-
-
 @pytest.mark.parametrize(("sigma_m", "step_m", "left"), [(0.003, 0.001, 0.4), (0.0, 0.02, 0.6), (0.004, 0.015, 0.6)])
 def test_smoothing_removes_most_of_noise_and_steps(sigma_m, step_m, left):
     rng = np.random.default_rng(4)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from surface_builder import flat_grid, kinect, with_links
@@ -13,8 +12,6 @@ from anchorpose.camera import invert_rigid
 from anchorpose.errors import DegenerateGeometry
 from anchorpose.geodesics.anchors import find_anchors
 from anchorpose.geodesics.extrema import surface_center
-from anchorpose.isolation.view import PixelLabel
-from anchorpose.surface.border import SUPPORT, _disc, _rims, _supported, _within_reach
 from anchorpose.surface.hidden import MAX_TURN_DEG, OFF_PLANE_WEIGHT, REACH_M, assign_skin, find_ambiguous_skin
 from anchorpose.surface.links import add_links
 from anchorpose.surface.mesh import build_surface
@@ -38,33 +35,6 @@ def test_added_links_are_the_shortest_of_each_pair_both_ways_beside_those_there_
     assert start[-1] == len(node) == len(found) == 2 * len(least)
     for (a, b), wanted in least.items():
         assert found[a, b] == found[b, a] == pytest.approx(wanted)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_edges_are_thinned_and_spread_as_filters_over_the_whole_picture_do(seed):
-    rng = np.random.default_rng(seed)
-    kind = rng.choice(3, (40, 50), p=[0.9, 0.05, 0.05]).astype(np.uint8)
-    kept = np.zeros_like(kind)
-    for least in (1, 2):
-        edge = (kind >= least).astype(np.uint8)
-        count = cv2.boxFilter(edge, cv2.CV_8U, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        kept[(edge > 0) & (count >= SUPPORT)] = least
-    spots = np.flatnonzero(kind)
-    np.testing.assert_array_equal(_supported(kind, spots), kept)
-    np.testing.assert_array_equal(_within_reach(kept, spots, _disc(5)), cv2.dilate(kept, _disc(5)))
-
-
-def test_every_hole_counts_the_whole_of_its_own_rim():
-    rng = np.random.default_rng(1)
-    lost = cv2.morphologyEx((rng.random((60, 70)) < 0.4).astype(np.uint8), cv2.MORPH_OPEN, _disc(1))
-    labels = rng.choice(np.array([1, 2, 3], np.uint8), lost.shape)
-    count, component = cv2.connectedComponents(lost, connectivity=4)
-    rim = np.flatnonzero(cv2.dilate(lost, _disc(2)) > lost)
-    length, enclosed = _rims(component, labels, rim, _disc(2), count)
-    for hole in range(1, count):
-        beside = (cv2.dilate((component == hole).astype(np.uint8), _disc(2)) > 0) & (lost == 0)
-        assert length[hole] == np.count_nonzero(beside)
-        assert enclosed[hole] == np.count_nonzero(labels[beside] == PixelLabel.PATIENT)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from surface_builder import flat_grid
 
-from anchorpose.body.nearest_skin import sort_into_voxels
 from anchorpose.surface.mesh import keep_nodes
 from anchorpose.track_tree.hypotheses import (
     GateConfig,
@@ -162,17 +161,6 @@ def test_the_bound_grows_linearly_with_the_distance():
     config = GateConfig(anchor_bound_m=0.01, surface_bound_per_m=0.02)
     bound = error_bound(np.array([[1.0, 2.0, np.inf, np.nan, 0.0]]), np.array([[0, 1], [1, 4], [0, 2], [0, 3]]), config)
     np.testing.assert_allclose(bound[0], [0.04, 0.03, np.inf, np.nan], rtol=1e-5)
-
-
-def test_voxels_hold_every_node_once_in_the_cell_it_lies_in():
-    points = np.random.default_rng(1).uniform(-1, 1, (500, 3)).astype(np.float32)
-    voxels = sort_into_voxels(points, 0.3)
-    assert sorted(voxels.order) == list(range(500))
-    cell = np.repeat(np.arange(len(voxels.start) - 1), np.diff(voxels.start))
-    corner = np.stack(np.unravel_index(cell, tuple(voxels.shape)), axis=1) * voxels.side_m + voxels.origin_m
-    inside = points[voxels.order] - corner
-    assert inside.min() > -1e-5
-    assert inside.max() < voxels.side_m + 1e-5
 
 
 def test_what_does_not_fit_together_is_refused():

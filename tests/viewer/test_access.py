@@ -5,24 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from viewer_page import position
 
 pytestmark = pytest.mark.thorough
 
 pytest_plugins = ("viewer_fixtures",)
-
-
-def test_help_lists_the_keys_and_keys_rest_while_it_is_open(viewer: Any) -> None:
-    viewer.keyboard.press("?")
-    assert viewer.locator("#help").evaluate("e => e.open")
-    told = viewer.locator("#key-list").inner_text()
-    for what in ("play, pause", "next frame to check", "learnt body", "put it on a point", "this list"):
-        assert what in told
-    viewer.keyboard.press("ArrowRight")
-    assert position(viewer) == 0
-    viewer.keyboard.press("Escape")
-    viewer.keyboard.press("ArrowRight")
-    assert position(viewer) == 1
 
 
 def test_everything_is_reached_by_tab_and_has_a_name(viewer: Any) -> None:
@@ -44,14 +30,6 @@ def test_everything_is_reached_by_tab_and_has_a_name(viewer: Any) -> None:
         " || e.getAttribute('aria-label') || e.labels?.length)).map((e) => e.outerHTML)"
     )
     assert nameless == []
-
-
-def test_tabs_follow_the_arrow_keys(viewer: Any) -> None:
-    viewer.locator("#tab-curves").focus()
-    viewer.keyboard.press("ArrowRight")
-    assert viewer.locator("#panel-check").is_visible()
-    assert position(viewer) == 0
-    assert not viewer.locator("#panel-curves").is_visible()
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (1024, 768), (820, 1180)])

@@ -136,25 +136,6 @@ def test_a_click_on_nobody_names_nobody(viewer: Any, server: ViewerServer) -> No
     assert not server.api.corrections.path.exists()
 
 
-def test_the_gizmo_moves_a_joint(viewer: Any) -> None:
-    viewer.keyboard.press("]")
-    viewer.keyboard.press("e")
-    x, y, _ = viewer.evaluate("anchorpose.view.project(anchorpose.mover.place.position.toArray())")
-    box = viewer.locator("#scene").bounding_box()
-    handle = (box["x"] + x, box["y"] + y - 40)
-    viewer.mouse.move(*handle)
-    viewer.mouse.down()
-    viewer.mouse.move(handle[0], handle[1] - 60, steps=6)
-    viewer.mouse.up()
-    moved = viewer.evaluate(
-        "anchorpose.mover.place.position.toArray().map((v, i) => v - anchorpose.mover.start.toArray()[i])"
-    )
-    assert moved[1] > 0.05
-    assert abs(moved[0]) + abs(moved[2]) < 0.01
-    viewer.keyboard.press("Escape")
-    assert viewer.evaluate("anchorpose.mover.active") is False
-
-
 @pytest.mark.thorough
 def test_earlier_corrections_are_listed_and_taken_back(viewer: Any, server: ViewerServer) -> None:
     for key in ("i", "o", "m"):
@@ -169,29 +150,6 @@ def test_earlier_corrections_are_listed_and_taken_back(viewer: Any, server: View
     viewer.keyboard.press("Delete")
     until(viewer, lambda: not file_of(server).unusable)
     assert len(file_of(server).withdrawn) == 1
-
-
-@pytest.mark.thorough
-def test_taking_back_asks_a_newcomer_who_it_is_and_for_no_reason(viewer: Any, server: ViewerServer) -> None:
-    for key in ("i", "o", "m"):
-        viewer.keyboard.press(key)
-    sign(viewer, "first")
-    viewer.evaluate("sessionStorage.clear()")
-    viewer.reload()
-    viewer.wait_for_selector("html[data-ready]")
-    viewer.click("#tab-correct")
-    viewer.locator("#corrections li button").nth(1).click()
-    assert not viewer.locator("#sign-reason").is_visible()
-    assert viewer.evaluate("document.activeElement.id") == "sign-who"
-    viewer.keyboard.type("CD")
-    viewer.keyboard.press("Enter")
-    until(viewer, lambda: not file_of(server).unusable)
-    assert file_of(server).withdrawn[0].who == "CD"
-    for key in ("i", "o", "m"):  # the next correction needs a reason again
-        viewer.keyboard.press(key)
-    assert viewer.locator("#sign-reason").is_visible()
-    viewer.keyboard.press("Enter")
-    assert viewer.locator("#sign").evaluate("e => e.open")
 
 
 def test_when_the_program_is_stopped_the_page_says_so(page: Any, small: tuple[Path, Path]) -> None:

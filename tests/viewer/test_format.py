@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recording_builder import edit_json, write_picture
-from results_builder import make_frame, standing_joints
 from scipy.spatial.transform import Rotation
 from viewer_builder import (
     FRAMES,
@@ -24,21 +23,18 @@ from viewer_builder import (
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.body.segments import load_body_asset
-from anchorpose.camera import Camera, transform_points
+from anchorpose.camera import transform_points
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
-from anchorpose.lens import Intrinsics
+from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import Clock
 from anchorpose.results.joint_angles import joint_angles
-from anchorpose.results.tables import JointTable
 from anchorpose.surface.mesh import build_surface
 from anchorpose.viewer import payloads
-from anchorpose.viewer.depth_frames import DepthFrames, clocks_of_run, shade
+from anchorpose.viewer.depth_frames import DepthFrames, clocks_of_run
 from anchorpose.viewer.payloads import (
     curves_payload,
     motion_payload,
-    overview_payload,
     pack,
     points_payload,
     rays_payload,
@@ -110,52 +106,6 @@ def test_points_lie_where_the_camera_says_by_an_independent_way(depth_frames: De
     assert start == len(arrays["points"]) > 1000
 
 
-def test_the_room_is_shown_when_asked_for_and_thinned_out(depth_frames: DepthFrames) -> None:
-    counts = [unpack(points_payload(depth_frames, 0, 1, room))[0]["counts"][0][0] for room in (False, True)]
-    room = ((labels_of(0) == 0) & (depth_mm(0) > 0)).sum()
-    assert 0.08 * room < counts[1] - counts[0] < 0.15 * room
-
-
-def plane_m(camera: Camera, across: float, down: float) -> np.ndarray:
-    """Depth of a plane 2 m ahead that falls away by so much a metre to the right and a metre down."""
-    rays = camera.pixel_rays()
-    return np.asarray(2.0 / (1.0 - across * rays[..., 0] - down * rays[..., 1]), dtype=np.float32)
-
-
-def test_skin_is_lightest_where_it_faces_the_light_and_half_as_light_across_it() -> None:
-    lens = Intrinsics(fx=365.0, fy=365.0, cx=60.0, cy=50.0)
-    camera = Camera(name="front", width=120, height=100, depth_scale=0.001, intrinsics=lens)
-    light = np.array([0.35, -0.5, -0.79])  # as in the module
-    for across, down in ((0.0, 0.0), (-light[0] / light[2], -light[1] / light[2]), (-1.0, 0.5), (0.3, 1.2)):
-        normal = np.array([across, down, -1.0]) / np.linalg.norm([across, down, 1.0])
-        expected = 255.0 * max(0.0, float(normal @ light))
-        assert abs(float(shade(plane_m(camera, across, down), camera)[50, 60]) - expected) < 3
-    step = plane_m(camera, 0.0, 0.0)
-    step[:, 60:] += 1.0
-    assert set(shade(step, camera)[:, 60 - 6 : 60 + 6].ravel()) == {201}  # an edge is no slope
-
-
-def test_without_labels_all_points_have_the_one_that_says_so(tmp_path: Path) -> None:
-    recording = write_small_recording(tmp_path / "recording")
-    opened = open_review(write_small_results(tmp_path / "results", recording, people=False), recording).depth_frames
-    assert opened is not None
-    assert set(opened.points(0, room=False)[0][0][:, 3] % 256) == {255}
-    vertices, triangles = opened.surface(0)
-    assert len(vertices) == len(triangles) == 0  # whose surface, nobody knows
-
-
-def test_a_picture_that_cannot_be_read_is_reported_and_has_no_points(tmp_path: Path) -> None:
-    recording = write_small_recording(tmp_path / "recording")
-    results = write_small_results(tmp_path / "results", recording)
-    picture = recording / "right" / "depth" / "000002.png"
-    picture.write_bytes(picture.read_bytes()[:80])
-    opened = open_review(results, recording).depth_frames
-    assert opened is not None
-    points, problems = opened.points(2, room=False)
-    assert [len(camera) > 0 for camera in points] == [True, False]
-    assert problems == ["Camera right: the picture is truncated."]
-
-
 def test_the_surface_is_that_of_the_stage_of_this_name(depth_frames: DepthFrames) -> None:
     meta, arrays = unpack(surface_payload(depth_frames, 4, 2))
     assert meta["counts"][0][0] > 200
@@ -203,19 +153,6 @@ def test_the_tables_arrive_whole_with_gaps_as_gaps(review: Review) -> None:
     assert all(np.array_equal(some[name], arrays[name][29:32], equal_nan=True) for name in arrays)
 
 
-def test_all_frames_at_a_glance(review: Review) -> None:
-    meta, arrays = unpack(overview_payload(review))
-    joints = review.joints
-    assert np.array_equal(arrays["frame"], joints.frame)
-    assert np.array_equal(arrays["time_s"], joints.time_s)
-    assert np.array_equal(arrays["lost"], joints.lost.sum(axis=1))
-    assert arrays["lost"][LOST_FRAME] == len(JOINT_NAMES)
-    assert np.array_equal(arrays["observed"], (joints.state_code == 0).sum(axis=1))
-    places = joints.position_m[~joints.lost]
-    assert np.allclose(meta["middle_m"], np.median(places, axis=0))
-    assert meta["lowest_m"] == places[:, 1].min()
-
-
 @pytest.mark.parametrize(("influences", "off_m"), [(7, 1e-5), (payloads.INFLUENCES, 0.005)])
 def test_the_page_skins_the_body_as_the_body_skins_itself(
     monkeypatch: pytest.MonkeyPatch, influences: int, off_m: float
@@ -240,10 +177,6 @@ def test_the_page_skins_the_body_as_the_body_skins_itself(
     assert np.linalg.norm(posed - body.skin(transforms), axis=1).max() < off_m
 
 
-def test_results_without_a_body_have_no_skin() -> None:
-    assert payloads.body_skin({"body": None}) is None
-
-
 def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> None:
     share = review.matched_share.copy()
     share[22] = 0.4
@@ -258,13 +191,6 @@ def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> Non
     assert unsure[0].joint == JOINT_INDEX["HandRight"]
     assert unsure[0].reason == "HandRight: sigma 200 mm"
     assert np.diff(sorted(review.joints.time_s[frame.position] for frame in unsure)).min() >= APART_S
-
-
-def test_some_lost_joints_are_named() -> None:
-    frame = make_frame(0, 0.0, standing_joints(), lost=("WristLeft", "HandLeft"))
-    state_code = np.array([[6 if name in ("WristLeft", "HandLeft") else 0 for name in JOINT_NAMES]], np.int8)
-    table = JointTable(np.array([0]), np.array([0.0]), frame.position_m[None], state_code, frame.sigma_m[None])
-    assert worst_frames(table, np.array([np.nan]), [])[0].reason == "lost: WristLeft, HandLeft"
 
 
 def test_clocks_are_those_that_the_run_used() -> None:

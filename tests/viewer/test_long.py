@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from long_results_builder import repeat_results
-from viewer_builder import FRAMES, viewer_of, write_small_recording, write_small_results
+from viewer_builder import viewer_of, write_small_recording, write_small_results
 from viewer_page import opened, position, until
 
 from anchorpose.joints import JOINT_NAMES
@@ -98,21 +98,3 @@ def test_a_seek_across_the_recording_shows_nothing_of_another_frame_meanwhile(
     assert page.evaluate("anchorpose.frames.missing")
     assert not page.evaluate("anchorpose.frames.skeleton.group.visible")
     assert "…" in page.locator(".chart").first.text_content()
-
-
-def test_the_curves_of_all_frames_are_drawn_and_a_lost_frame_stays_in_the_timeline(
-    page: Any, long_server: ViewerServer
-) -> None:
-    opened(page, long_server)
-    page.click("#tab-curves")
-    until(page, lambda: page.evaluate("anchorpose.curves.shown !== null"))
-    assert page.evaluate("anchorpose.curves.shown.range") == f"0 {LONG - 1}"
-    lost = page.evaluate("anchorpose.motion.lost.filter((count) => count === 21).length")
-    assert lost == LONG // FRAMES
-    drawn = page.evaluate("""() => {
-      const found = [];
-      anchorpose.timeline.columns((row) => anchorpose.motion.lost[row], Math.max, (worst) => found.push(worst));
-      return [found.length, found.filter((worst) => worst === 21).length];
-    }""")
-    assert drawn[0] <= page.evaluate("document.getElementById('timeline').clientWidth")
-    assert drawn[1] == lost

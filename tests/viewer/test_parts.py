@@ -47,12 +47,3 @@ def test_our_own_files_name_no_address_and_import_only_what_is_there() -> None:
     assert len(imports) > 30
     for name, target in imports:
         assert posixpath.normpath(posixpath.join(posixpath.dirname(name), target)) in assets, f"{name} imports {target}"
-
-
-def test_every_module_of_the_page_is_small() -> None:
-    long = {
-        name: len(asset.content.splitlines())
-        for name, asset in load_assets().items()
-        if name.startswith(("view/", "live/"))
-    }
-    assert [name for name, lines in long.items() if lines > 300] == []

@@ -31,34 +31,6 @@ def test_it_plays_at_recorded_speed_and_stops_at_the_end(viewer: Any) -> None:
     assert viewer.locator("#play").get_attribute("aria-label") == "Play"
 
 
-def test_frames_that_cannot_be_had_are_not_asked_for_without_end(viewer: Any) -> None:
-    tries, told = viewer.evaluate("""async () => {
-      const { Chunks } = await import("./view/chunks.js");
-      let tries = 0, told = 0;
-      const load = () => { tries += 1; return Promise.reject(new Error("gone")); };
-      const failed = () => { told += 1; }, arrived = () => chunks.want(0, 1, 3);
-      const chunks = new Chunks({ load, frames: 80, size: 8, mostBytes: 1e6, failed, arrived });
-      chunks.want(0, 1, 3);
-      await new Promise((done) => setTimeout(done, 700));
-      return [tries, told];
-    }""")
-    assert 1 <= tries <= 3
-    assert told == tries
-
-
-def test_chunks_keep_to_their_memory_and_drop_what_was_used_longest_ago(viewer: Any) -> None:
-    held = viewer.evaluate("""async () => {
-      const { Chunks } = await import("./view/chunks.js");
-      const load = async (first) => ({ meta: { first }, bytes: 100 });
-      const chunks = new Chunks({ load, frames: 80, size: 8, mostBytes: 350, failed() {}, arrived() {} });
-      for (const number of [0, 1, 2]) await chunks.fetch(number);
-      chunks.get(3);
-      await chunks.fetch(3);
-      return [...chunks.held.keys()];
-    }""")
-    assert held == [2, 0, 3]
-
-
 def test_every_frame_can_be_reached_by_keyboard(viewer: Any) -> None:
     steps = [
         ("ArrowRight", 1),
@@ -100,18 +72,6 @@ def test_a_click_on_a_curve_or_the_timeline_goes_there(viewer: Any) -> None:
         box, left = canvas.bounding_box(), 34 if name != "#timeline" else 136
         canvas.click(position={"x": left + 0.75 * (box["width"] - left), "y": 20})
         assert position(viewer) == pytest.approx(0.75 * (FRAMES - 1), abs=1)
-
-
-def test_the_window_of_the_curves_follows_the_play_head(viewer: Any) -> None:
-    viewer.evaluate("document.getElementById('span').add(new Option('1 s', 1))")
-    viewer.select_option("#span", "1")
-    viewer.keyboard.press("Escape")
-    viewer.locator("#scene").focus()
-    viewer.keyboard.press("End")
-    assert viewer.locator("#charts .cursor").evaluate("e => !e.hidden")
-    canvas = viewer.locator(".chart canvas").first
-    canvas.click(position={"x": 34, "y": 20})
-    assert position(viewer) > FRAMES / 3  # the left edge of the window, not of the recording
 
 
 def test_the_worst_frame_comes_first_and_w_goes_on(viewer: Any) -> None:

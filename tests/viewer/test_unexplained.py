@@ -111,20 +111,3 @@ def test_the_timeline_marks_them_and_a_click_on_a_number_goes_there(page: Any, e
     assert position(page) == BARE
     assert page.locator("#panel-check").is_visible()
     assert page.locator("#unexplained [aria-current=true]").count() == 1
-
-
-def test_where_every_frame_is_explained_the_list_says_so(page: Any, folders: tuple[Path, Path], tmp_path: Path) -> None:
-    rows = explained_frames([5.0] * FRAMES, {}, 1.0 / PERIOD_S)
-    with viewer_of(write_small_results(tmp_path / "results", folders[1], explained=rows)) as server:
-        opened(page, server)
-        page.click("#tab-check")
-        assert page.locator("#unexplained").inner_text() == "The body explains every frame."
-
-
-def test_older_results_show_neither_list_nor_strip(viewer: Any) -> None:
-    viewer.click("#tab-check")
-    assert not viewer.locator("#unexplained-box").is_visible()
-    assert viewer.locator("#worst button").count() > 0
-    assert "explain" not in viewer.locator("#timeline").get_attribute("aria-label")
-    assert viewer.evaluate("anchorpose.description.unexplained") is None
-    assert not any(orange(viewer, row) for row in range(FRAMES - 1))

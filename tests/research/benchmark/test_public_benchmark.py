@@ -224,11 +224,6 @@ def test_two_tables_of_one_kind_and_no_table_are_refused(made, tmp_path):
         answers.read_answers(folder, made)
 
 
-def test_answers_about_recordings_that_were_not_made_are_counted(made, tmp_path):
-    folder = write_answers(tmp_path / "a", table=HEAD + ROW + ROW.replace("7601", "7602"))
-    assert answers.read_answers(folder, alone(made)).elsewhere == 1
-
-
 @pytest.mark.thorough
 def test_other_bytes_are_named_by_recording_and_altered_truth_is_refused(made, tmp_path, monkeypatch):
     folder = tmp_path / "copy"

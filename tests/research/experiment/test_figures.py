@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
@@ -11,8 +10,6 @@ from experiment_builder import ABLATED, METHODS, make_results
 
 from anchorpose.errors import MissingPackage
 from anchorpose.research.experiment.config import Scene
-from anchorpose.research.experiment.method import Family
-from anchorpose.research.experiment.page.drawing import LOOK, look_of
 from anchorpose.research.experiment.page.figures import FIGURES, draw_all
 from anchorpose.research.experiment.page.matching_tables import matching_tables, time_tables
 from anchorpose.research.experiment.page.tables import Table
@@ -39,57 +36,7 @@ def test_all_figures_are_drawn_from_a_whole_outcome(tables: list[Table]) -> None
         assert "anchor" in picture.svg, "texts stay texts"
 
 
-@pytest.mark.thorough
-def test_the_same_tables_give_the_same_bytes_whatever_was_drawn_before(tables: list[Table]) -> None:
-    few = [table for table in tables if table.key in ("result1", "times")]
-    once = draw_all(few)
-    draw_all([table for table in tables if table.key == "sd1"])
-    assert draw_all(few) == once
-    assert "<dc:date>" not in once[0].svg
-
-
-@pytest.mark.thorough
-def test_a_readers_own_settings_change_nothing(tables: list[Table]) -> None:
-    import matplotlib as mpl
-
-    few = [table for table in tables if table.key == "result1"]
-    plain = draw_all(few)
-    with mpl.rc_context({"font.size": 20.0, "axes.grid": False, "lines.linewidth": 9.0}):
-        assert draw_all(few) == plain
-
-
-def test_one_method_and_one_size_of_hole_are_enough(recwarn: pytest.WarningsRecorder) -> None:
-    results = make_results(recordings=1, methods=METHODS[:1], holes_m=(0.0,))
-    tables = [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
-    assert "result1" in [picture.key for picture in draw_all(tables)]
-    assert [str(warning.message) for warning in recwarn] == []
-
-
-def test_figures_without_data_are_left_out() -> None:
-    assert draw_all([]) == []
-
-
-def test_kinds_differ_in_line_and_methods_of_a_kind_in_mark() -> None:
-    looks = [look_of(method, METHODS) for method in METHODS]
-    assert len({(str(look["linestyle"]), look["marker"], look["markerfacecolor"] == "#ffffff") for look in looks}) >= 15
-    assert len({colour for colour, _ in LOOK.values()}) == len(Family)
-    for family in Family:
-        marks = [look["marker"] for look, one in zip(looks, METHODS, strict=True) if one.family is family]
-        assert len(set(marks)) == len(marks)
-
-
 def test_without_matplotlib_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch, tables: list[Table]) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(MissingPackage, match=r"anchorpose\[experiments\]"):
         draw_all(tables)
-
-
-@pytest.mark.thorough
-def test_nothing_loads_matplotlib_before_it_draws_and_nothing_ever_loads_its_state() -> None:
-    script = (
-        "import sys; import anchorpose.research.experiment.page.page as p; print('matplotlib' in sys.modules);"
-        "from anchorpose.research.experiment.page.drawing import new_figure; new_figure(2, 2);"
-        "print('matplotlib.pyplot' in sys.modules)"
-    )
-    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert answer.stdout.split() == ["False", "False"]

@@ -44,11 +44,6 @@ def test_one_recording_gives_no_interval_and_none_gives_nothing(summarise) -> No
     assert nothing.count == 0
 
 
-@pytest.mark.parametrize("summarise", SUMMARIES)
-def test_the_same_input_gives_the_same_interval(summarise) -> None:
-    assert summarise(groups(9, 8, 7), 300) == summarise(groups(9, 8, 7), 300)
-
-
 def test_recordings_that_agree_leave_no_doubt_however_much_their_frames_differ() -> None:
     frames = np.array([0.0, 100.0, 20.0, 80.0])
     found = mean_over([frames, frames[::-1], frames], 200)
@@ -109,14 +104,6 @@ def test_the_interval_holds_the_truth_about_as_often_as_it_says(summarise) -> No
         found = summarise(values, 200)
         held += found.low <= 50.0 <= found.high
     assert 0.86 <= held / 200 <= 0.99
-
-
-def test_medians_of_resampled_recordings_are_the_plain_ones() -> None:
-    values = groups(30, 40, 50)
-    rng = np.random.default_rng(8)
-    plain = [np.median(np.concatenate([values[i] for i in rng.integers(0, 3, 3)])) for _ in range(2000)]
-    found = median_over(values, 2000)
-    assert (found.low, found.high) == pytest.approx(widened(found.mean, plain, 3), abs=0.4)
 
 
 def test_a_ratio_is_of_the_means_and_draws_both_from_the_same_recordings() -> None:

@@ -8,14 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from experiment_builder import ABLATED, METHODS, make_results, method
+from experiment_builder import make_results, method
 
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene
 from anchorpose.research.experiment.method import Family
 from anchorpose.research.experiment.page.form_tables import form_tables
 from anchorpose.research.experiment.page.matching_tables import matching_tables, time_tables
-from anchorpose.research.experiment.page.page_text import settings_csv
 from anchorpose.research.experiment.page.selection import HANDS, MOVED_MM, Matching, Tracking
 from anchorpose.research.experiment.page.tables import Column, Estimate, Row, Table, Unit, csv_text, format_estimate
 from anchorpose.research.experiment.page.tracking_tables import tracking_tables
@@ -67,25 +66,8 @@ def test_methods_are_compared_in_the_frames_that_all_of_them_ran_on() -> None:
     assert "3 frames" in same.note
 
 
-def test_the_are_listed_by_size_of_hole_too() -> None:
-    results = results_of(
-        tracked("anchors", np.array([1.0, 2.0])),
-        tracked("fpfh", np.array([5.0, 5.0])),
-        tracked("anchors", np.array([3.0, 9.0]), hole_m=0.15),
-        tracked("fpfh", np.array([5.0]), hole_m=0.15, first=2),
-    )
-    same = table(results, "result1")
-    assert same.value("anchors", "0").mean == 1.5
-    assert same.value("anchors", "0.15").mean == 9.0
-
-
 def test_a_method_that_tracked_nothing_takes_no_frames_from_the_others() -> None:
     results = results_of(tracked("anchors", np.array([7.0])), methods=(FAST, SLOW))
-    assert table(results, "result1").value("anchors", "0").mean == 7.0
-
-
-def test_a_method_without_a_single_frame_takes_none_from_the_others_either() -> None:
-    results = results_of(tracked("anchors", np.array([7.0])), tracked("fpfh", np.empty(0)))
     assert table(results, "result1").value("anchors", "0").mean == 7.0
 
 
@@ -135,26 +117,6 @@ def test_frames_may_come_in_any_order_but_not_twice() -> None:
     assert kept.error_mm[:, 0].tolist() == [1.0, 2.0, 3.0]
     with pytest.raises(ValueError, match="twice"):
         Tracking(results_of(replace(run, frame=np.array([1, 1, 2]))))
-
-
-@pytest.mark.thorough
-def test_the_ablation_has_all_forms_of_the_own_tracker_and_the_comparisons_have_one() -> None:
-    results = make_results(scenes={Scene.CLINIC: (METHODS[0], METHODS[-1], *ABLATED)}, recordings=2)
-    assert [one.key for one in table(results, "ablation").methods] == ["own", *(one.key for one in ABLATED)]
-    scenes = table(results, "scenes")
-    assert not {one.key for one in scenes.methods} & {one.key for one in ABLATED}
-    assert np.isfinite(scenes.value("own", "clinic 0").mean)
-    assert np.isnan(scenes.value("fpfh", "clinic 0").mean)
-
-
-def test_real_recordings_are_listed_by_size_of_hole_too() -> None:
-    results = results_of(
-        tracked("anchors", np.array([4.0]), scene=Scene.REAL),
-        tracked("anchors", np.array([6.0]), hole_m=0.15, scene=Scene.REAL),
-    )
-    by_size = table(results, "real_by_size")
-    assert [by_size.value("anchors", key).mean for key in ("0", "0.15")] == [4.0, 6.0]
-    assert "result1" not in [one.key for one in tracking_tables(results)]
 
 
 @pytest.mark.thorough
@@ -236,27 +198,10 @@ def test_matches_over_longer_gaps_and_of_nodes_that_moved_stand_apart() -> None:
     assert found["next_matches"].value("fpfh", "1 0.15").mean == pytest.approx(less)
 
 
-@pytest.mark.thorough
-def test_a_method_without_direct_matches_answers_with_the_tree() -> None:
-    results = make_results(recordings=2)
-    found = tables(results)
-    matched = [one for one in results.matched if one.method == "anchors" and one.gap_s == 0.1]
-    by_tree = np.concatenate([one.tree_mm[one.region == 1] for one in matched])
-    assert np.isnan(found["matching"].value("anchors", "direct mean").mean)
-    assert found["matching_by_region"].value("anchors", "trunk").mean == pytest.approx(np.nanmedian(by_tree))
-    assert found["princeton_mm"].value("anchors", "500").mean > 0.9
-
-
 def test_matches_are_compared_in_the_windows_that_all_methods_were_asked_in() -> None:
     results = make_results(recordings=2)
     fewer = [one for one in results.matched if not (one.method == "gmds" and one.recording == "paper-500")]
     assert {window[0] for window in Matching(replace(results, matched=tuple(fewer))).windows} == {"paper-501"}
-
-
-@pytest.mark.thorough
-def test_times_are_per_pair() -> None:
-    times = table(make_results(recordings=2), "times")
-    assert times.value("rops", "describe").mean == pytest.approx(0.32)
 
 
 def test_an_results_of_nothing_has_no_tables() -> None:
@@ -280,11 +225,6 @@ def test_a_file_has_a_line_for_each_figure_and_nothing_for_what_is_not_known() -
         "recordings": "4",
     }
     assert (lines[1]["mean"], lines[1]["low"], lines[1]["high"]) == ("5", "", "")
-
-
-def test_settings_are_a_file_too() -> None:
-    lines = list(csv.DictReader(io.StringIO(settings_csv(make_results(recordings=1)))))
-    assert lines[0] == {"method": "fpfh", "setting": "radius 0.1", "score_mm": "123.4", "chosen": "yes"}
 
 
 @pytest.mark.parametrize(

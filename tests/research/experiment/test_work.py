@@ -6,30 +6,20 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.motion.database import read_motions
 from anchorpose.recording.reader import read_frame
-from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips, reference_joints
-from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene, quick
+from anchorpose.research.experiment.clips import draw_hole_frames, plan_clips, reference_joints
+from anchorpose.research.experiment.config import ExperimentConfig, Form, quick
 from anchorpose.research.experiment.correspondence import REGIONS, Skin
-from anchorpose.research.experiment.costs import measure_costs
-from anchorpose.research.experiment.framework import given_start, run_in
+from anchorpose.research.experiment.framework import given_start
 from anchorpose.research.experiment.given import GivenFrames, from_arrays, to_arrays
-from anchorpose.research.experiment.matching import Window, draw_some, score, take_window, truth_of
-from anchorpose.research.experiment.method import (
-    NO_SUBSET,
-    DescriptorSetting,
-    Family,
-    Method,
-    by_descriptor,
-    load_methods,
-)
+from anchorpose.research.experiment.matching import Window, score, take_window, truth_of
+from anchorpose.research.experiment.method import NO_SUBSET, Family, Method, load_methods
 from anchorpose.research.experiment.plan import Kind, Plan, PlanSpec, experiment_code, read
 from anchorpose.research.experiment.results import MISSED_MM, capped_mean_mm, choose
 from anchorpose.research.experiment.run import training_clips, write_movements
@@ -40,7 +30,6 @@ from anchorpose.research.experiment.work import (
     prepare_clip,
     segment_starts,
     track_segments,
-    window_frames,
     with_holes,
     work_on,
 )
@@ -193,24 +182,12 @@ def test_a_small_hole_is_cut_too_though_the_middle_of_the_seen_body_lies_inside_
             assert (before != after).sum() > least
 
 
-def test_a_recording_without_holes_is_not_copied(prepared: PreparedClip) -> None:
-    with with_holes(prepared, 0.0) as (same, cut):
-        assert same is prepared.recording
-        assert not cut.any()
-
-
 def test_hole_frames_are_drawn_once_and_never_where_tracking_starts() -> None:
     chosen = draw_hole_frames(1000, 0.5, 3, range(0, 1000, 10))
     np.testing.assert_array_equal(chosen, draw_hole_frames(1000, 0.5, 3, range(0, 1000, 10)))
     assert not chosen[::10].any()
     assert 0.4 < chosen.mean() < 0.5
     assert (chosen != draw_hole_frames(1000, 0.5, 4, range(0, 1000, 10))).any()
-
-
-def test_windows_touch_a_hole_and_are_the_same_each_time(prepared: PreparedClip, plan: Plan) -> None:
-    frames = window_frames(prepared, plan)
-    assert frames == window_frames(prepared, plan)
-    assert all(prepared.in_hole[frame] or prepared.in_hole[frame + 1] for frame in frames)
 
 
 def test_a_segment_is_whole_and_the_patient_is_found_in_all_of_it() -> None:
@@ -249,15 +226,6 @@ def test_a_method_finds_the_same_alone_and_after_the_trials_that_it_shares_its_m
         (alone,) = track_segments(method, setting, [two_forms(fresh[0.15])], prepared.starts, 5)
     np.testing.assert_array_equal(together[1].joints_m, alone.joints_m)
     assert (together[0].joints_m != together[1].joints_m).any()
-
-
-def test_a_given_start_is_made_once_for_runs_that_observe_the_same(trials: dict[float, Trial]) -> None:
-    given, run = trials[0.0].given, trials[0.0].runs[Form.REFINED]
-    closed = replace(run, config=replace(run.config, surface=SurfaceConfig()))
-    assert given_start(5, given, trials[0.0].runs[Form.MATCHES_ALL]) is given_start(5, given, run)
-    assert given_start(5, given, closed) is not given_start(5, given, run)
-    assert given_start(0, given, run) is not given_start(5, given, run)
-    assert given_start(5, trials[0.15].given, run) is given_start(5, given, run)  # no hole is cut where tracking starts
 
 
 def test_the_patients_pixels_are_given_wherever_a_method_expects_the_patient(
@@ -304,33 +272,6 @@ def test_a_reference_is_the_same_after_it_was_kept_as_arrays(prepared: PreparedC
     assert (again.labels[0] == PixelLabel.PATIENT).any(axis=(1, 2)).all()
 
 
-def test_what_looks_the_same_is_described_and_matched_once_for_all_forms_and_holes(
-    prepared: PreparedClip, trials: dict[float, Trial]
-) -> None:
-    described, matched = list[int](), list[int]()
-
-    def describe(seen: Observation, config: object) -> np.ndarray:
-        described.append(seen.frame_set.frame)
-        return seen.surface.points_m
-
-    def associate(setting: DescriptorSetting) -> Associate:
-        pairs = by_descriptor(describe)(setting)
-
-        def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-            matched.append(now.frame_set.frame)
-            return pairs(now, following, config)
-
-        return pair
-
-    method = Method(key="place", title="", family=Family.LOCAL, source="", associate=associate, anchored=False)
-    asked = [two_forms(trial) for trial in trials.values()]
-    track_segments(method, DescriptorSetting(config=None), asked, prepared.starts[:1], 5)
-    first = prepared.starts[0]
-    cut = prepared.in_hole[first : first + 5]
-    assert len(described) == 5 + cut.sum()
-    assert len(matched) == 4 + (cut[1:] | cut[:-1]).sum()
-
-
 def test_every_answer_is_kept_and_asked_once(
     plan: Plan, prepared: PreparedClip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -352,12 +293,6 @@ def test_every_answer_is_kept_and_asked_once(
     work_on(clip, plan)
 
 
-def test_another_question_has_another_answer(plan: Plan, prepared: PreparedClip) -> None:
-    other = replace(plan, config=replace(plan.config, hole_share=0.4))
-    ours, theirs = ({a.path for a in p.tasks(prepared.clip)} for p in (plan, other))
-    assert not ours & theirs
-
-
 def test_a_question_over_other_gaps_or_forms_is_another_one(plan: Plan, prepared: PreparedClip) -> None:
     def paths(kind: Kind, **changed: object) -> set[Path]:
         other = replace(plan, config=replace(plan.config, **changed))  # type: ignore[arg-type]
@@ -366,30 +301,6 @@ def test_a_question_over_other_gaps_or_forms_is_another_one(plan: Plan, prepared
     assert not paths(Kind.MATCHED) & paths(Kind.MATCHED, gaps_s=(0.1, 0.3))
     assert paths(Kind.TRACKED) == paths(Kind.TRACKED, gaps_s=(0.1, 0.3))
     assert not paths(Kind.TRACKED) & paths(Kind.TRACKED, forms=tuple(Form))
-
-
-def test_costs_are_measured_on_this_machine_and_grow_with_the_work(plan: Plan) -> None:
-    clip = plan_clips(CONFIG, None)[0]
-    spec = PlanSpec(
-        config=CONFIG,
-        wanted=CONFIG.methods,
-        chosen=(),
-        movements=plan.movements,
-        movements_digest="m",
-        cache=plan.store.folder,
-        code=experiment_code(),
-    )
-    costs = measure_costs(spec, [clip], 1)
-    assert 0.01 < costs.own_s < 10.0
-    assert 0.01 < costs.frame_s["none"] < 2.0
-    assert 0.01 < costs.alone_s["none"] < costs.frame_s["none"]
-    assert 0.0 < costs.window_s["none"] < 1.0
-    tracked, matched = (
-        next(task for task in plan.tasks(clip) if task.kind is kind and task.method.key == "nearest")
-        for kind in (Kind.TRACKED, Kind.MATCHED)
-    )
-    assert costs.of(replace(tracked, forms=tuple(Form)), CONFIG) > costs.of(tracked, CONFIG)
-    assert costs.of(replace(matched, pairs=8), CONFIG) == pytest.approx(8 * costs.of(matched, CONFIG))
 
 
 def test_a_plan_made_by_another_program_is_refused(plan: Plan) -> None:
@@ -406,46 +317,6 @@ def test_a_plan_made_by_another_program_is_refused(plan: Plan) -> None:
         spec.plan()
 
 
-def test_every_method_runs_on_every_recording_and_the_forms_are_compared_at_both_ends(plan: Plan) -> None:
-    methods = load_methods(())
-    config = ExperimentConfig(recordings=2, holes_m=(0.0, 0.09, 0.15))
-    whole = replace(plan, config=config, methods=methods, settings={m.key: m.settings[0] for m in methods})
-    for clip in [clip for clip in plan_clips(config, None) if clip.scene is Scene.PAPER]:
-        tasks = [task for task in whole.tasks(clip) if task.kind is Kind.TRACKED]
-        assert {task.method.key for task in tasks} == {method.key for method in methods}
-        assert {task.hole_m for task in tasks if task.forms == tuple(Form)} == {0.0, 0.15}
-        assert all(task.forms == (Form.REFINED,) for task in tasks if task.hole_m == 0.09 or task.method.key == "own")
-
-
-def test_windows_over_a_longer_gap_compare_frames_farther_apart(
-    plan: Plan, prepared: PreparedClip, trials: dict[float, Trial]
-) -> None:
-    given, run = trials[0.0].given, trials[0.0].runs[Form.REFINED]
-    window = take_window(0, given, run_in(given.room, plan.movements, stride=5), 5)
-    assert window is not None
-    assert [int(seen.frame_set.frame) for seen in window.observations] == [0, 5, 10]
-    assert prepared.skin is not None
-    truth = truth_of(window, prepared.skin)
-    near = take_window(0, given, run)
-    assert near is not None
-    assert truth.moved_mm.mean() > truth_of(near, prepared.skin).moved_mm.mean()
-
-
-def test_training_samples_are_all_kinds_of_movement_and_as_many_as_asked(tmp_path: Path) -> None:
-    config = ExperimentConfig()
-    clips = training_clips(config)
-    write_movements(tmp_path / "m.npz", clips, config.training_samples)
-    written = read_motions(tmp_path / "m.npz")
-    assert written.frame_count == 200
-    assert len(written.names) == 4
-    assert {clip.name.split("(")[1] for clip in clips} == {
-        "upper body, slow)",
-        "lower body, slow)",
-        "upper body, fast)",
-        "lower body, fast)",
-    }
-
-
 def test_settings_are_chosen_by_their_worth() -> None:
     tried = choose(("a", "b", "c"), (30.0, 20.0, 20.0))
     assert [t.chosen for t in tried] == [False, True, False]
@@ -454,13 +325,6 @@ def test_settings_are_chosen_by_their_worth() -> None:
     missed = np.array([np.nan, 10.0, 500.0])
     assert capped_mean_mm([missed]) == pytest.approx((MISSED_MM + 10.0 + MISSED_MM) / 3)
     assert np.isnan(capped_mean_mm([]))
-
-
-def test_draws_are_without_repetition_and_in_order() -> None:
-    drawn = draw_some(range(100), 20, 5)
-    assert drawn == sorted(set(drawn))
-    assert draw_some(range(3), 20, 5) == [0, 1, 2]
-    assert draw_some([], 2, 5) == []
 
 
 def test_a_reference_skeleton_is_read_into_the_world(tmp_path: Path) -> None:
@@ -481,32 +345,6 @@ def test_what_is_no_skeleton_is_refused(tmp_path: Path) -> None:
         reference_joints(tmp_path / "skeleton.npz", np.eye(4))
     with pytest.raises(InputError, match="there is no such file"):
         reference_joints(tmp_path / "nowhere.npz", np.eye(4))
-
-
-def test_every_method_is_named_once_and_says_where_it_comes_from() -> None:
-    methods = load_methods(())
-    keys = [method.key for method in methods]
-    assert len(set(keys)) == len(keys)
-    assert {
-        "anchors",
-        "anchors-no-tree",
-        "anchors-dijkstra",
-        "anchors-filter",
-        "next",
-        "fpfh",
-        "shot",
-        "shape-context",
-        "rops",
-        "hks",
-        "si-hks",
-        "wks",
-        "gmds",
-        "mesh-hog",
-        "ld-sift",
-        "own",
-    } <= set(keys)
-    assert all(m.source for m in methods if m.family not in (Family.NONE, Family.TRACKER))
-    assert all(len({repr(s) for s in method.settings}) == len(method.settings) for method in methods)
 
 
 def test_a_method_can_come_from_a_file(tmp_path: Path) -> None:
@@ -551,13 +389,6 @@ def test_an_experiment_that_cannot_be_made_is_refused(wrong: dict[str, object]) 
         ExperimentConfig(**wrong)  # type: ignore[arg-type]
 
 
-def test_pictures_that_lose_nothing_stay_the_users_own_files(prepared: PreparedClip) -> None:
-    with with_holes(prepared, 0.03) as (holed, _):
-        for frame, file in enumerate(holed.streams[0].files):
-            assert file.is_symlink() != bool(prepared.in_hole[frame])
-            assert cv2.imread(str(file), cv2.IMREAD_UNCHANGED).dtype == np.uint16
-
-
 def test_a_folder_that_is_not_ours_is_not_touched(tmp_path: Path) -> None:
     from anchorpose.research.experiment.run import run_experiment
 
@@ -574,10 +405,3 @@ def test_a_folder_without_reference_skeletons_is_refused(tmp_path: Path) -> None
     (tmp_path / "real").mkdir()
     with pytest.raises(InputError, match=r"skeleton\.npz"):
         run_experiment(tmp_path / "out", CONFIG, tmp_path / "real", 1, lambda a, b: None, lambda text: None)
-
-
-def test_a_clip_is_simulated_or_real() -> None:
-    clips = plan_clips(ExperimentConfig(recordings=2, scene_recordings=1), None)
-    assert len(clips) == 2 + 4
-    assert all(isinstance(clip, Clip) and clip.simulation is not None for clip in clips)
-    assert {clip.scene for clip in clips if clip.holes_are_cut} == {Scene.PAPER, Scene.LOOSE}

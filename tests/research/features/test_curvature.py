@@ -48,16 +48,11 @@ def test_a_row_begins_with_its_own_node_and_is_empty_without_a_reach_or_a_positi
     surface = flat_grid(5, 5, 0.02)
     points = surface.points_m.copy()
     points[7] = np.nan
-    rings = rings_within(replace(surface, points_m=points), np.array([0.05, np.nan, 0.05]), np.array([12, 13, 7]))
-    np.testing.assert_array_equal(np.diff(rings.start)[1:], [0, 0])
-    assert rings.node[0] == 12
+    reach = np.where(np.arange(25) == 13, np.nan, 0.05)
+    rings = rings_within(replace(surface, points_m=points), reach)
+    np.testing.assert_array_equal(np.flatnonzero(np.diff(rings.start) == 0), [7, 13])
+    assert rings.node[rings.start[12]] == 12
     assert 7 not in rings.node
-
-
-def test_many_neighbours_outgrow_what_was_set_aside_for_them() -> None:
-    surface = flat_grid(30, 30, 0.01)
-    rings = rings_within(surface, 10.0)
-    assert (np.diff(rings.start) == 900).all()
 
 
 @pytest.mark.parametrize("reach", [0.0, -1.0])
@@ -93,16 +88,16 @@ def test_a_saddle_bends_both_ways() -> None:
 
 def test_on_a_rough_surface_it_is_the_least_squares_fit_written_out() -> None:
     surface, radius = rough(height_field(lump, side=15), 10), 0.04
-    found = principal_curvatures(surface, radius)
+    found, rings = principal_curvatures(surface, radius), rings_within(surface, radius)
     for node in (0, 7, 112, 200):
-        rings = rings_within(surface, radius, np.array([node]))
+        row = slice(rings.start[node], rings.start[node + 1])
         normal = surface.normals[node].astype(np.float64)
         tangents = np.linalg.svd(normal[None])[2][1:]
-        along = (surface.points_m[rings.node] - surface.points_m[node]).astype(np.float64) @ tangents.T
-        bend = surface.normals[rings.node].astype(np.float64) @ tangents.T
+        along = (surface.points_m[rings.node[row]] - surface.points_m[node]).astype(np.float64) @ tangents.T
+        bend = surface.normals[rings.node[row]].astype(np.float64) @ tangents.T
         none, (u, v) = np.zeros(len(along)), along.T
         rows = np.concatenate([np.stack([u, v, none], axis=1), np.stack([none, u, v], axis=1)])
-        weight = np.tile(np.sqrt(1 - (rings.distance_m / radius) ** 2), 2)
+        weight = np.tile(np.sqrt(1 - (rings.distance_m[row] / radius) ** 2), 2)
         a, b, c = np.linalg.lstsq(rows * weight[:, None], bend.T.ravel() * weight, rcond=None)[0]
         np.testing.assert_allclose(found[node], np.linalg.eigvalsh([[a, b], [b, c]])[::-1], rtol=1e-4, atol=1e-3)
 

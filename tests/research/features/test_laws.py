@@ -13,20 +13,20 @@ from anchorpose.research.features.shape_context import ShapeContextConfig, shape
 from anchorpose.research.features.shot import ShotConfig, shot
 
 
-def of_fpfh(points, normals, triangles, chosen=None):
-    return fpfh(points, normals, FpfhConfig(radius_m=0.1), chosen)
+def of_fpfh(points, normals, triangles):
+    return fpfh(points, normals, FpfhConfig(radius_m=0.1))
 
 
-def of_shot(points, normals, triangles, chosen=None):
-    return shot(points, normals, ShotConfig(radius_m=0.12), chosen)
+def of_shot(points, normals, triangles):
+    return shot(points, normals, ShotConfig(radius_m=0.12))
 
 
-def of_shape_context(points, normals, triangles, chosen=None):
-    return shape_context(points, normals, ShapeContextConfig(radius_m=0.12), chosen)
+def of_shape_context(points, normals, triangles):
+    return shape_context(points, normals, ShapeContextConfig(radius_m=0.12))
 
 
-def of_rops(points, normals, triangles, chosen=None):
-    return rops(points, triangles, RopsConfig(radius_m=0.12), chosen)
+def of_rops(points, normals, triangles):
+    return rops(points, triangles, RopsConfig(radius_m=0.12))
 
 
 @pytest.fixture(
@@ -34,7 +34,7 @@ def of_rops(points, normals, triangles, chosen=None):
     ids=["FPFH", "SHOT", "3DSC", "RoPS"],
 )
 def describe(request):
-    """``describe(points_m, normals, triangles, chosen=None)``, all else fixed."""
+    """``describe(points_m, normals, triangles)``, all else fixed."""
     return request.param
 
 
@@ -57,14 +57,6 @@ def test_order_of_nodes_changes_nothing(describe):
     number[order] = np.arange(len(points))
     shuffled = describe(points[order], normals[order], number[triangles])
     assert_same_but_for_an_edge(shuffled, describe(points, normals, triangles)[order], rows=0.99)
-
-
-def test_chosen_are_rows_of_all(describe):
-    points, normals, triangles = bumpy_torus()
-    chosen = np.array([700, 3, 3, 250])
-    every = describe(points, normals, triangles)
-    np.testing.assert_array_equal(describe(points, normals, triangles, chosen), every[chosen])
-    assert describe(points, normals, triangles, np.empty(0, np.int64)).shape == (0, every.shape[1])
 
 
 def test_not_the_same_everywhere(describe):
@@ -105,9 +97,3 @@ def test_nonsense_is_refused(describe):
     points, normals, triangles = bumpy_torus()
     with pytest.raises(ValueError, match=r"shape \(n, 3\)"):
         describe(points[:, :2], normals, triangles)
-    with pytest.raises(ValueError, match="not among the 720"):
-        describe(points, normals, triangles, np.array([720]))
-    with pytest.raises(ValueError, match="not among the 720"):
-        describe(points, normals, triangles, np.array([-1]))
-    with pytest.raises(ValueError, match="node numbers"):
-        describe(points, normals, triangles, np.ones(720, bool))

@@ -31,21 +31,6 @@ def test_neighbours_are_those_of_all_distances_written_out(radius_m, along):
     np.testing.assert_array_equal(count_within(points, radius_m), [len(row) for row in expected])
 
 
-def test_chosen_centres_have_the_neighbours_they_have_among_all():
-    points, chosen = cloud(2), np.array([17, 599, 17])
-    every, few = find_neighbours(points, 0.3), find_neighbours(points, 0.3, chosen)
-    for c, node in enumerate(chosen):
-        own = few.node[few.start[c] : few.start[c + 1]]
-        assert len(own) > 0
-        np.testing.assert_array_equal(own, every.node[every.start[node] : every.start[node + 1]])
-
-
-def test_nodes_in_one_place_are_neighbours_but_none_is_its_own():
-    found = find_neighbours(np.zeros((3, 3)), 0.1)
-    assert [sorted(found.node[found.start[c] : found.start[c + 1]]) for c in range(3)] == [[1, 2], [0, 2], [0, 1]]
-    assert (found.distance2_m2 == 0).all()
-
-
 def test_a_node_on_the_sphere_is_within():
     points = np.array([[0, 0, 0], [0.25, 0, 0], [0.5, 0, 0]])
     assert find_neighbours(points, 0.25).node.tolist() == [1, 0, 2, 1]
@@ -60,14 +45,6 @@ def test_unknown_places_have_no_neighbours_and_are_never_neighbours():
     assert (count_within(points, 0.4)[[4, 90]] == 0).all()
     stay = np.delete(np.arange(len(points)), [4, 90])
     assert len(found.node) == len(find_neighbours(points[stay], 0.4).node)
-
-
-@pytest.mark.parametrize("points", [np.empty((0, 3)), np.full((4, 3), np.nan)])
-def test_no_known_places_give_no_neighbours(points):
-    found = find_neighbours(points, 0.1)
-    assert len(found.centre) == len(points)
-    assert len(found.node) == 0
-    assert (count_within(points, 0.1) == 0).all()
 
 
 @pytest.mark.parametrize("radius_m", [0.0, -1.0, np.nan, np.inf])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from feature_laws import assert_same_but_for_an_edge
-from feature_shapes import bumpy_torus, pcl_reference, rigid_motion
+from feature_shapes import bumpy_torus, pcl_reference
 
 from anchorpose.research.features.local_frame import local_frames
 from anchorpose.research.features.neighbours import find_neighbours
@@ -14,8 +14,8 @@ from anchorpose.research.features.shot import ShotConfig, shot
 CONFIG = ShotConfig(radius_m=0.12)
 
 
-def describe(points, normals, triangles, chosen=None):
-    return shot(points, normals, CONFIG, chosen)
+def describe(points, normals, triangles):
+    return shot(points, normals, CONFIG)
 
 
 def plain_frame(points, own, radius_m):
@@ -32,15 +32,15 @@ def plain_frame(points, own, radius_m):
 
 def test_frames_equal_pcls():
     reference = pcl_reference()
-    near = find_neighbours(reference["points_m"], float(reference["radius_m"]), reference["chosen"])
-    found = local_frames(reference["points_m"], near).reshape(-1, 9)
+    near = find_neighbours(reference["points_m"], float(reference["radius_m"]))
+    found = local_frames(reference["points_m"], near)[reference["chosen"]].reshape(-1, 9)
     np.testing.assert_allclose(found, reference["frame"], atol=2e-5)
 
 
 def test_equal_to_pcl():
     reference = pcl_reference()
     config = ShotConfig(radius_m=float(reference["radius_m"]))
-    found = shot(reference["points_m"], reference["normals"], config, reference["chosen"])
+    found = shot(reference["points_m"], reference["normals"], config)[reference["chosen"]]
     np.testing.assert_allclose(found, reference["shot"], atol=2e-5)
 
 
@@ -54,17 +54,6 @@ def test_frames_equal_their_definition():
             np.testing.assert_allclose(found[own], expected, atol=1e-5)
             compared += 1
     assert compared > 80
-
-
-def test_frames_are_right_handed_and_turn_with_the_surface():
-    points, _, _ = bumpy_torus()
-    rotation, shift = rigid_motion(5)
-    moved = (points @ rotation.T + shift).astype(np.float32)
-    frames = local_frames(points, find_neighbours(points, 0.12))
-    turned = local_frames(moved, find_neighbours(moved, 0.12))
-    np.testing.assert_allclose(np.linalg.det(frames), 1.0, atol=1e-5)
-    agree = np.abs(turned - frames @ rotation.T.astype(np.float32)).max(axis=(1, 2)) < 1e-3
-    assert agree.mean() > 0.99  # a neighbour on the sphere or in the plane between two sides may decide otherwise
 
 
 def test_z_by_normal_points_outwards_and_changes_no_axis():
@@ -94,10 +83,6 @@ def test_a_plane_leans_nowhere():
     found = shot(points, normals, ShotConfig(radius_m=0.2), frames=frames).reshape(300, 32, 11)
     assert (found[:, :, :10] == 0).all()
     assert (found[:, :, 10] > 0).any(axis=1).all()
-
-
-def test_length_is_one():
-    np.testing.assert_allclose(np.linalg.norm(describe(*bumpy_torus()), axis=1), 1.0, rtol=1e-5)
 
 
 def test_a_mirror_turns_the_sectors_around():

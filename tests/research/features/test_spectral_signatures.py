@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from spectral_builder import ball, flag, moved, scaled, shuffled
-from surface_builder import flat_grid
+from spectral_builder import ball, flag, scaled, shuffled
+from surface_builder import flat_grid, moved
 
 from anchorpose.research.features.laplacian import mesh_laplacian
 from anchorpose.research.features.spectral_signatures import (
@@ -51,8 +51,8 @@ def test_hks_is_the_sum_that_sun_et_al_write_down(sheet, scale):
         known = np.array([plain_hks(sheet, node, time) for time in times])
         if scale:
             known /= [sum(np.exp(-value * time) for value in sheet.eigenvalues) for time in times]
-        found = hks(sheet, HksConfig(scaled=scale), np.array([node]))
-        np.testing.assert_allclose(found[0], known, rtol=1e-5)
+        found = hks(sheet, HksConfig(scaled=scale))
+        np.testing.assert_allclose(found[node], known, rtol=1e-5)
 
 
 def test_wks_is_the_sum_that_aubry_et_al_write_down(sheet):
@@ -64,7 +64,7 @@ def test_wks_is_the_sum_that_aubry_et_al_write_down(sheet):
             bells = [np.exp(-((e - one) ** 2) / (2 * sigma**2)) for one in level]
             squares = [wave**2 for wave in sheet.eigenfunctions[node, 1:]]
             known.append(sum(bell * square for bell, square in zip(bells, squares, strict=True)) / sum(bells))
-        np.testing.assert_allclose(wks(sheet, chosen=np.array([node]))[0], known, rtol=1e-5)
+        np.testing.assert_allclose(wks(sheet)[node], known, rtol=1e-5)
 
 
 def test_scale_invariant_hks_is_the_spectrum_of_the_logarithm_s_differences(sheet):
@@ -73,7 +73,7 @@ def test_scale_invariant_hks_is_the_spectrum_of_the_logarithm_s_differences(shee
     for node in (0, 17, 400):
         ends = [np.log([plain_hks(sheet, node, 2.0**tau) for tau in octave + half]) for half in (-step / 2, step / 2)]
         known = np.abs(np.fft.fft(ends[1] - ends[0]))[:6]
-        np.testing.assert_allclose(si_hks(sheet, chosen=np.array([node]))[0], known, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(si_hks(sheet)[node], known, rtol=1e-4, atol=1e-4)
 
 
 def test_pyfm_finds_the_same(sheet):
@@ -105,7 +105,7 @@ def test_soon_a_plane_s_middle_has_lost_what_a_plane_loses_its_rim_half_of_it_it
     found = spectrum(surface, 200)
     assert np.exp(-found.eigenvalues[-1] * time) < 1e-6  # waves that are left out have no heat any more
     node = [np.flatnonzero((surface.pixel == pixel).all(axis=1))[0] for pixel in ([12, 12], [12, 0], [0, 0])]
-    heat = hks(found, HksConfig(times=2, range_m2=(time, 1.0), scaled=False), np.array(node))[:, 0]
+    heat = hks(found, HksConfig(times=2, range_m2=(time, 1.0), scaled=False))[node, 0]
     np.testing.assert_allclose(heat * 4 * np.pi * time, [1.0, 2.0, 4.0], rtol=0.03)
 
 
@@ -137,14 +137,6 @@ def test_only_the_scale_invariant_signature_does_not_see_size(size, sheet):
     assert known.std(axis=0).min() > 0.05
     fixed = HksConfig(range_m2=(1e-3, 1.0))
     assert np.median(np.abs(np.log(hks(larger, fixed) / hks(sheet, fixed)))) > 0.1
-
-
-@pytest.mark.parametrize("signature", SIGNATURES)
-def test_chosen_nodes_are_rows_of_all(signature, sheet):
-    chosen = np.array([5, 3, 400])
-    rows = signature(sheet, chosen=chosen)
-    assert rows.dtype == np.float32
-    np.testing.assert_allclose(rows, signature(sheet)[chosen], rtol=1e-5)
 
 
 def test_a_crumb_beside_the_body_changes_nothing_on_the_body():

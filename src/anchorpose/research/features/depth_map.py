@@ -10,9 +10,8 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from anchorpose.research.features.circle import FULL_TURN, peak_fraction, spread_over_two, turn_fraction
+from anchorpose.research.features.circle import FULL_TURN, turn_fraction
 
-DIRECTIONS = 36  # bins of the histogram of gradients, as in SIFT
 SMALLEST_M2 = 1e-12  # twice the area of a triangle that still has a slope
 HALF_SPREAD = 0.5  # sigma of the weights for the angle, as a share of the window's half width
 CELLS: Final = 4  # a side
@@ -42,14 +41,14 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 
 
 @njit(cache=True)
-def principal_angle(slopes: np.ndarray, count: int, column: int) -> float:
-    """Direction, as a share of a turn, of the longer principal axis of the centres (column 1) or gradients (column 3).
+def outline_angle(slopes: np.ndarray, count: int) -> float:
+    """Direction, as a share of a turn, of the longer principal axis of the triangles' centres.
 
     Of its two ends the one towards which the surface rises; NaN where there is no surface.
     """
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(count):
-        weight, x, y = slopes[t, 0], slopes[t, column], slopes[t, column + 1]
+        weight, x, y = slopes[t, 0], slopes[t, 1], slopes[t, 2]
         xx, xy, yy = xx + weight * x * x, xy + weight * x * y, yy + weight * y * y
         rise_x, rise_y, total = rise_x + weight * slopes[t, 3], rise_y + weight * slopes[t, 4], total + weight
     if not total > 0.0:
@@ -57,20 +56,6 @@ def principal_angle(slopes: np.ndarray, count: int, column: int) -> float:
     turn = 0.5 * turn_fraction(xx - yy, 2.0 * xy, 0.0)
     along = rise_x * np.cos(turn * FULL_TURN) + rise_y * np.sin(turn * FULL_TURN)
     return turn + 0.5 if along < 0.0 else turn
-
-
-@njit(cache=True)
-def gradient_angle(slopes: np.ndarray, count: int, begin: float, polar: np.ndarray) -> float:
-    """Direction, as a share of a turn, in which most of the gradient points; NaN without any gradient.
-
-    polar (DIRECTIONS,): workspace, bins counted from begin, which turns with the body.
-    """
-    polar[:] = 0.0
-    for t in range(count):
-        gx, gy = slopes[t, 3], slopes[t, 4]
-        if gx != 0.0 or gy != 0.0:
-            spread_over_two(polar, turn_fraction(gx, gy, begin), slopes[t, 0] * np.sqrt(gx * gx + gy * gy))
-    return begin + peak_fraction(polar) if polar.max() > 0.0 else np.nan
 
 
 @njit(cache=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from anchorpose.research.features.circle import ONE, PI, ZERO, angle_of
-from anchorpose.research.features.neighbours import Neighbours, as_chosen, as_oriented, find_neighbours
+from anchorpose.research.features.neighbours import Neighbours, as_oriented, find_neighbours
 from anchorpose.settings import Positive, settings
 
 BINS = 11
@@ -28,10 +28,8 @@ class FpfhConfig:
     own_histogram: bool = False  # True adds the node's own, as the paper and Open3D do; PCL leaves it out
 
 
-def fpfh(
-    points_m: np.ndarray, normals: np.ndarray, config: FpfhConfig | None = None, chosen: np.ndarray | None = None
-) -> np.ndarray:
-    """(k, 33) float32: the histograms of three angles, 11 bins each, of the chosen nodes (k,) int, or of all (None).
+def fpfh(points_m: np.ndarray, normals: np.ndarray, config: FpfhConfig | None = None) -> np.ndarray:
+    """(n, 33) float32: the histograms of three angles, 11 bins each.
 
     points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown: such a node is left out of all
     histograms. Each histogram sums to 100, or to 200 with the node's own. NaN row: a node without position, normal or
@@ -39,30 +37,14 @@ def fpfh(
     """
     config = config or FpfhConfig()
     points, unit = as_oriented(points_m, normals)
-    centre = as_chosen(chosen, len(points))
     near = find_neighbours(points, config.radius_m)
     oriented = np.concatenate([points, unit], axis=1)
-    wanted = _wanted(near.start, near.node, centre, len(points))
-    simple, pairs = _simplified(oriented, near.start, near.node, wanted)
-    return _weighted(simple, pairs, near, centre, config.own_histogram)
+    simple, pairs = _simplified(oriented, near.start, near.node)
+    return _weighted(simple, pairs, near, config.own_histogram)
 
 
 @njit(cache=True)
-def _wanted(start: np.ndarray, node: np.ndarray, centre: np.ndarray, count: int) -> np.ndarray:
-    """(n,) bool: the nodes whose simplified histograms the chosen nodes need."""
-    wanted = np.zeros(count, np.bool_)
-    for c in range(len(centre)):
-        wanted[centre[c]] = True
-        if len(centre) < count:
-            for m in range(start[centre[c]], start[centre[c] + 1]):
-                wanted[node[m]] = True
-    return wanted
-
-
-@njit(cache=True)
-def _simplified(
-    oriented: np.ndarray, start: np.ndarray, node: np.ndarray, wanted: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _simplified(oriented: np.ndarray, start: np.ndarray, node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n, 40) float32 histograms that sum to 100 each, the last columns empty; (n,) int32 number of pairs in each.
 
     Each pair is computed once for both of its nodes: the angles are the same for either of them.
@@ -78,7 +60,7 @@ def _simplified(
             q = node[m]
             others[count] = q
             both = np.isfinite(oriented[p, 3]) & np.isfinite(oriented[q, 3])
-            count += both & (wanted[p] | wanted[q]) & (q > p)
+            count += both & (q > p)
         _pair_bins(oriented, p, others, count, bins)
         for c in range(count):
             q = others[c]
@@ -130,12 +112,11 @@ def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bin
 
 
 @njit(cache=True, error_model="numpy")
-def _weighted(simple: np.ndarray, pairs: np.ndarray, near: Neighbours, centre: np.ndarray, own: bool) -> np.ndarray:
-    """(k, 33): the neighbours' histograms, weighted by inverse squared distance, each of the three summing to 100."""
+def _weighted(simple: np.ndarray, pairs: np.ndarray, near: Neighbours, own: bool) -> np.ndarray:
+    """(n, 33): the neighbours' histograms, weighted by inverse squared distance, each of the three summing to 100."""
     start, node, distance2 = near.start, near.node, near.distance2_m2
-    result, mixed = np.empty((len(centre), SIZE), np.float32), np.empty(_PADDED, np.float32)
-    for c in range(len(centre)):
-        p = centre[c]
+    result, mixed = np.empty((len(simple), SIZE), np.float32), np.empty(_PADDED, np.float32)
+    for p in range(len(simple)):
         mixed[:] = ZERO
         for m in range(start[p], start[p + 1]):
             weight = ONE / distance2[m] if distance2[m] > ZERO else ZERO
@@ -148,5 +129,5 @@ def _weighted(simple: np.ndarray, pairs: np.ndarray, near: Neighbours, centre: n
                 total += mixed[column]
             share = _FULL / total if total > ZERO and pairs[p] > 0 else np.float32(np.nan)
             for column in range(angle * BINS, (angle + 1) * BINS):
-                result[c, column] = mixed[column] * share + (simple[p, column] if own else ZERO)
+                result[p, column] = mixed[column] * share + (simple[p, column] if own else ZERO)
     return result

@@ -15,12 +15,12 @@ SWEEPS = 12  # of Jacobi rotations, which converge quadratically: six reach the 
 
 
 def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarray | None = None) -> np.ndarray:
-    """(k, 3, 3) float32: rows x, y, z of the right-handed frame of each centre of the neighbours; NaN where undefined.
+    """(n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where undefined.
 
     points_m (n, 3). x lies along the widest spread and z across the surface, each towards the side of more neighbours;
     where that is a tie, the five in the middle of the order by distance decide. normals (n, 3): where given, z points
-    along the centre's normal instead, which a nearly flat surface needs. Undefined: fewer than five neighbours
-    apart from the centre, or no normal.
+    along the node's normal instead, which a nearly flat surface needs. Undefined: fewer than five neighbours
+    apart from the node, or no normal.
     """
     points = as_points(points_m, "points_m")
     unit = as_points(normals, "normals") if normals is not None else np.empty((0, 3), np.float32)
@@ -37,12 +37,12 @@ def as_frames(frames: np.ndarray, count: int) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _frames(points: np.ndarray, neighbours: Neighbours, by_normal: bool, normals: np.ndarray) -> np.ndarray:
-    centre, start, node = neighbours.centre, neighbours.start, neighbours.node
+    start, node = neighbours.start, neighbours.node
     distance2, radius = neighbours.distance2_m2, neighbours.radius_m
-    frames = np.full((len(centre), 3, 3), np.nan, np.float32)
+    frames = np.full((len(points), 3, 3), np.nan, np.float32)
     spread, axes = np.empty((3, 3)), np.empty((3, 3))
-    for c in range(len(centre)):
-        own, row = centre[c], slice(start[c], start[c + 1])
+    for own in range(len(points)):
+        row = slice(start[own], start[own + 1])
         if _spread(points, own, node[row], distance2[row], radius, spread) < FEWEST:
             continue
         principal_axes(spread, axes)
@@ -57,10 +57,10 @@ def _frames(points: np.ndarray, neighbours: Neighbours, by_normal: bool, normals
                 z[:] = -z
         elif _points_away(points, own, node[row], distance2[row], z):
             z[:] = -z
-        frames[c, 0], frames[c, 2] = x, z
-        frames[c, 1, 0] = z[1] * x[2] - z[2] * x[1]
-        frames[c, 1, 1] = z[2] * x[0] - z[0] * x[2]
-        frames[c, 1, 2] = z[0] * x[1] - z[1] * x[0]
+        frames[own, 0], frames[own, 2] = x, z
+        frames[own, 1, 0] = z[1] * x[2] - z[2] * x[1]
+        frames[own, 1, 1] = z[2] * x[0] - z[0] * x[2]
+        frames[own, 1, 2] = z[0] * x[1] - z[1] * x[0]
     return frames
 
 

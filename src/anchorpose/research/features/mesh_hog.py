@@ -23,13 +23,6 @@ class ScalarFunction(StrEnum):
     GAUSSIAN_CURVATURE = "gaussian-curvature"
 
 
-class FirstAxis(StrEnum):
-    """What the histogram over directions counts; its peak is the first axis of the local frame."""
-
-    POSITION = "position"  # the direction from the node in which gradients are large, as in the authors' program
-    GRADIENT = "gradient"  # the direction in which gradients point, as in SIFT
-
-
 TwoOrMore = Annotated[int, Field(ge=2)]
 
 
@@ -40,7 +33,6 @@ class MeshHogConfig:
     radius_m: Positive = 0.20  # of 0.1 to 0.3 m the one that distinguishes most places of a body at 0.1 s per frame
     curvature_radius_m: Positive = 0.07  # larger than the noise of a depth camera, resolves a forearm
     function: ScalarFunction = ScalarFunction.MEAN_CURVATURE
-    first_axis: FirstAxis = FirstAxis.POSITION
     directions: Annotated[int, Field(ge=4)] = 36  # bins of the histogram that gives the first axis
     smoothing: Annotated[int, Field(ge=0)] = 16  # rounds of 1 : 2 : 1: neighbours on a grid lie in eight directions
     slices: TwoOrMore = 4  # of each of the three planes, by position
@@ -53,16 +45,10 @@ class MeshHogConfig:
         return 3 * self.slices * self.orientations
 
 
-def mesh_hog(
-    surface: Surface,
-    config: MeshHogConfig | None = None,
-    chosen: np.ndarray | None = None,
-    values: np.ndarray | None = None,
-) -> np.ndarray:
-    """(k, 3 * slices * orientations) float32, unit length, a row for each chosen node (k,) int; None: for all n.
+def mesh_hog(surface: Surface, config: MeshHogConfig | None = None) -> np.ndarray:
+    """(n, 3 * slices * orientations) float32, unit length.
 
-    values (n,): another function of the nodes instead of ``config.function``. A row is NaN where the node has no
-    position or normal, or where the function has no gradient anywhere around it.
+    A row is NaN where the node has no position or normal, or where the function has no gradient anywhere around it.
 
     The local frame is the normal and the direction in the tangent plane in which gradients are largest. Positions and
     gradients of the nodes within radius_m along the surface are projected onto its three planes; in each plane a
@@ -74,18 +60,12 @@ def mesh_hog(
     Sources: Zaharescu et al. 2009 (doi:10.1109/CVPRW.2009.5206748) and 2012 (doi:10.1007/s11263-012-0528-5).
     """
     config = config or MeshHogConfig()
-    chosen = np.arange(len(surface)) if chosen is None else np.asarray(chosen, np.int64)
-    gradient = mesh_gradient(surface, scalar_function(surface, config) if values is None else values)
-    rings = rings_within(surface, config.radius_m, chosen)
+    gradient = mesh_gradient(surface, scalar_function(surface, config))
+    rings = rings_within(surface, config.radius_m)
     layout = _Layout(
-        config.radius_m * config.spread,
-        config.first_axis == FirstAxis.GRADIENT,
-        config.directions,
-        config.smoothing,
-        config.slices,
-        config.orientations,
+        config.radius_m * config.spread, config.directions, config.smoothing, config.slices, config.orientations
     )
-    return _histograms(surface.points_m, surface.normals, gradient, chosen, rings, layout)
+    return _histograms(surface.points_m, surface.normals, gradient, rings, layout)
 
 
 def scalar_function(surface: Surface, config: MeshHogConfig) -> np.ndarray:
@@ -102,7 +82,6 @@ class _Layout(NamedTuple):
     """The histograms as the kernels need them; sigma_m: of the Gaussian weight."""
 
     sigma_m: float
-    by_gradient: bool
     directions: int
     smoothing: int
     slices: int
@@ -111,21 +90,21 @@ class _Layout(NamedTuple):
 
 @njit(cache=True)
 def _histograms(
-    points: np.ndarray, normals: np.ndarray, gradient: np.ndarray, chosen: np.ndarray, rings: Rings, layout: _Layout
+    points: np.ndarray, normals: np.ndarray, gradient: np.ndarray, rings: Rings, layout: _Layout
 ) -> np.ndarray:
-    histograms = np.full((len(chosen), 3 * layout.slices * layout.orientations), np.nan, np.float32)
+    histograms = np.full((len(points), 3 * layout.slices * layout.orientations), np.nan, np.float32)
     longest = 0
-    for k in range(len(chosen)):
+    for k in range(len(points)):
         longest = max(longest, rings.start[k + 1] - rings.start[k])
     local, frame, polar = np.empty((longest, 7)), np.empty((3, 3)), np.empty(layout.directions)
     bins = np.empty((3, layout.slices, layout.orientations))
-    for k in range(len(chosen)):
-        if not tangent_frame(normals[chosen[k]], frame):
+    for k in range(len(points)):
+        if not tangent_frame(normals[k], frame):
             continue
         row = slice(rings.start[k], rings.start[k + 1])
         near, distance = rings.node[row], rings.distance_m[row]
-        count = _to_local(points, gradient, chosen[k], near, distance, frame, layout.sigma_m, local)
-        angle = _first_axis(local, count, layout.by_gradient, layout.smoothing, polar)
+        count = _to_local(points, gradient, k, near, distance, frame, layout.sigma_m, local)
+        angle = _first_axis(local, count, layout.smoothing, polar)
         if not np.isfinite(angle):
             continue
         _turn(local, count, np.cos(angle), np.sin(angle))
@@ -167,32 +146,30 @@ def _to_local(
 
 
 @njit(cache=True)
-def _first_axis(local: np.ndarray, count: int, by_gradient: bool, rounds: int, polar: np.ndarray) -> float:
+def _first_axis(local: np.ndarray, count: int, rounds: int, polar: np.ndarray) -> float:
     """Angle of the first axis from the first tangent; NaN where all gradients are zero."""
-    column = 3 if by_gradient else 0
     x, y, total = 0.0, 0.0, 0.0
     for c in range(count):
-        size = np.sqrt(local[c, column] ** 2 + local[c, column + 1] ** 2)
+        size = np.sqrt(local[c, 0] ** 2 + local[c, 1] ** 2)
         if size > 0.0:
-            weight = local[c, 6] * _length(local[c], by_gradient)
-            x, y = x + weight * local[c, column] / size, y + weight * local[c, column + 1] / size
+            weight = local[c, 6] * _length(local[c])
+            x, y = x + weight * local[c, 0] / size, y + weight * local[c, 1] / size
             total += weight
     if not total > 0.0:
         return np.nan
     begin = turn_fraction(x, y, 0.0)  # turns with the body, unlike the tangents
     polar[:] = 0.0
     for c in range(count):
-        if local[c, column] != 0.0 or local[c, column + 1] != 0.0:
-            fraction = turn_fraction(local[c, column], local[c, column + 1], begin)
-            spread_over_two(polar, fraction, local[c, 6] * _length(local[c], by_gradient))
+        if local[c, 0] != 0.0 or local[c, 1] != 0.0:
+            fraction = turn_fraction(local[c, 0], local[c, 1], begin)
+            spread_over_two(polar, fraction, local[c, 6] * _length(local[c]))
     smooth(polar, rounds)
     return (begin + peak_fraction(polar)) * FULL_TURN
 
 
 @njit(cache=True)
-def _length(row: np.ndarray, projected: bool) -> float:
-    flat2 = row[3] * row[3] + row[4] * row[4]
-    return np.sqrt(flat2) if projected else np.sqrt(flat2 + row[5] * row[5])
+def _length(row: np.ndarray) -> float:
+    return np.sqrt(row[3] * row[3] + row[4] * row[4] + row[5] * row[5])
 
 
 @njit(cache=True)

@@ -12,34 +12,32 @@ BLOCK: Final = 32  # nodes that are passed over together: a row of a mesh across
 
 
 class Neighbours(NamedTuple):
-    """The nodes around each centre, in ascending order, without the centre itself.
+    """The nodes around each node, in ascending order, without the node itself.
 
-    centre (k,) int32: one node number each. The nodes within ``radius_m`` of centre c are
-    ``node[start[c]:start[c + 1]]``, at the squared distances ``distance2_m2``; start (k + 1,) int64, node (m,) int32,
-    distance2_m2 (m,) float32. A centre without a position has no neighbours, and such a node is never a neighbour.
+    The nodes within ``radius_m`` of node c are ``node[start[c]:start[c + 1]]``, at the squared distances
+    ``distance2_m2``; start (n + 1,) int64, node (m,) int32, distance2_m2 (m,) float32. A node without a position has
+    no neighbours and is never a neighbour.
     """
 
-    centre: np.ndarray
     start: np.ndarray
     node: np.ndarray
     distance2_m2: np.ndarray
     radius_m: float
 
 
-def find_neighbours(points_m: np.ndarray, radius_m: float, chosen: np.ndarray | None = None) -> Neighbours:
-    """All nodes within a radius, those exactly on the sphere included, of the chosen nodes (k,) int; None: of all.
+def find_neighbours(points_m: np.ndarray, radius_m: float) -> Neighbours:
+    """All nodes within a radius of each node, those exactly on the sphere included.
 
-    points_m (n, 3), any frame; NaN where unknown. Raises ValueError on a radius that is not positive and finite, and
-    on node numbers that do not exist.
+    points_m (n, 3), any frame; NaN where unknown. Raises ValueError on a radius that is not positive and finite.
     """
     require_radius(radius_m)
-    points, centre = as_points(points_m, "points_m"), as_chosen(chosen, len(points_m))
-    start, node, distance2 = _within(points, centre, radius_m)
-    return Neighbours(centre, start, node, distance2, float(radius_m))
+    points = as_points(points_m, "points_m")
+    start, node, distance2 = _within(points, radius_m)
+    return Neighbours(start, node, distance2, float(radius_m))
 
 
 @njit(cache=True)
-def _within(points: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Start, node and squared distance of ``Neighbours``.
 
     Of a mesh, nodes that follow each other lie side by side: blocks of them are near or far as a whole, and what is
@@ -47,13 +45,13 @@ def _within(points: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.n
     """
     low, high = _boxes(points)
     limit, count = radius * radius, len(points)
-    start = np.zeros(len(centre) + 1, np.int64)
+    start = np.zeros(count + 1, np.int64)
     node, distance2 = np.empty(64 * count, np.int32), np.empty(64 * count, np.float32)
     spot = 0
-    for c in range(len(centre)):
+    for c in range(count):
         if spot + count > len(node):
             node, distance2 = longer(node, count), longer(distance2, count)
-        x, y, z = np.float64(points[centre[c], 0]), np.float64(points[centre[c], 1]), np.float64(points[centre[c], 2])
+        x, y, z = np.float64(points[c, 0]), np.float64(points[c, 1]), np.float64(points[c, 2])
         for block in range(len(low)):
             dx = max(low[block, 0] - x, x - high[block, 0], 0.0)
             dy = max(low[block, 1] - y, y - high[block, 1], 0.0)
@@ -64,7 +62,7 @@ def _within(points: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.n
                 dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
                 apart2 = dx * dx + dy * dy + dz * dz
                 node[spot], distance2[spot] = other, apart2  # the next one overwrites it unless it is near
-                spot += (apart2 <= limit) & (other != centre[c])
+                spot += (apart2 <= limit) & (other != c)
         start[c + 1] = spot
     return start, node[:spot].copy(), distance2[:spot].copy()
 
@@ -121,15 +119,3 @@ def as_oriented(points_m: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, 
     if len(points) != len(unit):
         raise ValueError(f"{len(points)} points, but {len(unit)} normals")
     return points, unit
-
-
-def as_chosen(chosen: np.ndarray | None, count: int) -> np.ndarray:
-    """(k,) int32 node numbers, all of them for None; ValueError on numbers outside of 0 to count - 1."""
-    if chosen is None:
-        return np.arange(count, dtype=np.int32)
-    numbers = np.atleast_1d(np.asarray(chosen))
-    if numbers.ndim != 1 or (numbers.size and not np.issubdtype(numbers.dtype, np.integer)):
-        raise ValueError(f"chosen must be node numbers (k,), got {numbers.dtype} of shape {numbers.shape}")
-    if numbers.size and not (numbers.min() >= 0 and numbers.max() < count):
-        raise ValueError(f"chosen names nodes that are not among the {count}")
-    return numbers.astype(np.int32)

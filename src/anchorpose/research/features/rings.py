@@ -12,10 +12,10 @@ from anchorpose.surface.surface import Surface
 
 
 class Rings(NamedTuple):
-    """The nodes around each chosen node, one row per chosen node.
+    """The nodes around each node, one row per node.
 
-    start (k + 1,) int64: where the rows begin; node (m,) int32, a row's own node first; distance_m (m,) float32, along
-    the edges; reach_m (k,) float64: how far each row was searched.
+    start (n + 1,) int64: where the rows begin; node (m,) int32, a row's own node first; distance_m (m,) float32, along
+    the edges; reach_m (n,) float64: how far each row was searched.
     """
 
     start: np.ndarray
@@ -24,23 +24,22 @@ class Rings(NamedTuple):
     reach_m: np.ndarray
 
 
-def rings_within(surface: Surface, reach_m: float | np.ndarray, chosen: np.ndarray | None = None) -> Rings:
-    """Every node that edges and links lead to within reach_m of the chosen nodes (k,) int; None: of all n.
+def rings_within(surface: Surface, reach_m: float | np.ndarray) -> Rings:
+    """Every node that edges and links lead to within reach_m of each node.
 
-    reach_m: metres along the edges, one for all or (k,); a row is empty where it is NaN or the node has no position.
+    reach_m: metres along the edges, one for all or (n,); a row is empty where it is NaN or the node has no position.
     A node that is near without being connected (an arm in front of the trunk) is not a neighbour. Raises ValueError for
     a reach that is not positive.
     """
-    chosen = np.arange(len(surface)) if chosen is None else np.asarray(chosen, np.int64)
-    reach = np.broadcast_to(np.asarray(reach_m, np.float64), chosen.shape).copy()
+    reach = np.broadcast_to(np.asarray(reach_m, np.float64), (len(surface),)).copy()
     if (reach <= 0).any():
         raise ValueError(f"a reach must be positive, got {reach.min()} m")
     points = surface.points_m
     edges = _Edges(
         surface.ring, _edge_lengths(points, surface.ring), surface.link_start, surface.link_node, surface.link_length_m
     )
-    reach_of = np.where(np.isfinite(points[chosen].sum(axis=1)), reach, np.nan)
-    return Rings(*_search(edges, chosen, reach_of), reach)
+    reach_of = np.where(np.isfinite(points.sum(axis=1)), reach, np.nan)
+    return Rings(*_search(edges, reach_of), reach)
 
 
 class _Edges(NamedTuple):
@@ -54,20 +53,20 @@ class _Edges(NamedTuple):
 
 
 @njit(cache=True)
-def _search(edges: _Edges, chosen: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _search(edges: _Edges, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Start, node and distance of ``Rings``; a row stays empty where its reach is NaN."""
     count = len(edges.ring)
     best, waits = np.full(count, np.inf, np.float32), np.zeros(count, np.bool_)
     queue = np.empty(max(count, 1), np.int32)
-    start = np.zeros(len(chosen) + 1, np.int64)
-    node, distance = np.empty(64 * len(chosen) + count, np.int32), np.empty(64 * len(chosen) + count, np.float32)
+    start = np.zeros(count + 1, np.int64)
+    node, distance = np.empty(65 * count, np.int32), np.empty(65 * count, np.float32)
     end = 0
-    for k in range(len(chosen)):
+    for k in range(count):
         first, limit = end, np.float32(reach[k])
         if end + count > len(node):
             node, distance = longer(node, count), longer(distance, count)
         if limit > 0:
-            best[chosen[k]], node[end] = 0.0, chosen[k]
+            best[k], node[end] = 0.0, k
             end = _spread(edges, limit, best, queue, waits, node, end + 1)
         for spot in range(first, end):
             distance[spot] = best[node[spot]]

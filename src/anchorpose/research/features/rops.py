@@ -31,10 +31,8 @@ class RopsConfig:
         return 3 * self.turns * 3 * STATISTICS
 
 
-def rops(
-    points_m: np.ndarray, triangles: np.ndarray, config: RopsConfig | None = None, chosen: np.ndarray | None = None
-) -> np.ndarray:
-    """(k, 135) float32 for the chosen nodes (k,) int, or for all (None); absolute values sum to 1.
+def rops(points_m: np.ndarray, triangles: np.ndarray, config: RopsConfig | None = None) -> np.ndarray:
+    """(n, 135) float32; absolute values sum to 1.
 
     points_m (n, 3), NaN where unknown; triangles (f, 3) int, of ``surface.mesh.faces``. Columns: axis x, y, z; turn;
     plane xy, xz, yz; moments 11, 21, 12, 22 and entropy. NaN row: a node without position, or without a neighbour or
@@ -42,7 +40,7 @@ def rops(
     """
     config = config or RopsConfig()
     points = as_points(points_m, "points_m")
-    near = find_neighbours(points, config.radius_m, chosen)
+    near = find_neighbours(points, config.radius_m)
     frames = triangle_frames(points, prepare_triangles(points, triangles), near)
     angle = np.radians(90.0 / (config.turns + 1) * np.arange(1, config.turns + 1))
     turns = np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
@@ -53,18 +51,18 @@ def rops(
 def _statistics(
     points: np.ndarray, neighbours: Neighbours, frames: np.ndarray, turns: np.ndarray, bins: int
 ) -> np.ndarray:
-    centre, start, node = neighbours.centre, neighbours.start, neighbours.node
-    result = np.full((len(centre), 9 * len(turns) * STATISTICS), np.nan, np.float32)
+    start, node = neighbours.start, neighbours.node
+    result = np.full((len(points), 9 * len(turns) * STATISTICS), np.nan, np.float32)
     most = 1
-    for c in range(len(centre)):
+    for c in range(len(points)):
         most = max(most, start[c + 1] - start[c] + 1)
     local, turned = np.empty((3, most), np.float32), np.empty((2, most), np.float32)
     cell = np.empty((3, most), np.int32)
     share = np.empty((3, bins * bins), np.float32)
-    for c in range(len(centre)):
+    for c in range(len(points)):
         if not np.isfinite(frames[c, 0, 0]):
             continue
-        count = _to_local(points, centre[c], node[start[c] : start[c + 1]], frames[c], local)
+        count = _to_local(points, c, node[start[c] : start[c + 1]], frames[c], local)
         column = 0
         for axis in range(3):
             one, two = (axis + 1) % 3, (axis + 2) % 3  # the turn takes the first of them to the second
@@ -188,7 +186,7 @@ def prepare_triangles(points: np.ndarray, faces: np.ndarray) -> Triangles:
 
 
 def triangle_frames(points_m: np.ndarray, triangles: Triangles, neighbours: Neighbours) -> np.ndarray:
-    """(k, 3, 3) float32: rows x, y, z of the right-handed frame of each centre; NaN where it has no triangle.
+    """(n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where it has no triangle.
 
     points_m (n, 3) float32. The axes are those of the surface, every triangle with a corner within the radius weighted
     by its area: x lies along its widest spread and z across it, each towards the side with more surface.
@@ -199,17 +197,16 @@ def triangle_frames(points_m: np.ndarray, triangles: Triangles, neighbours: Neig
 
 @njit(cache=True, error_model="numpy")
 def _frames(points: np.ndarray, neighbours: Neighbours, triangles: Triangles) -> np.ndarray:
-    centre, start, node, radius = neighbours.centre, neighbours.start, neighbours.node, neighbours.radius_m
+    start, node, radius = neighbours.start, neighbours.node, neighbours.radius_m
     first, corner_of, shape = triangles.start, triangles.corner_of, triangles.shape
-    frames = np.full((len(centre), 3, 3), np.nan, np.float32)
+    frames = np.full((len(points), 3, 3), np.nan, np.float32)
     listed = np.full(len(shape), -1, np.int32)
     around = np.empty(len(shape) + 1, np.int32)
     scatter, axes, moment = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    for c in range(len(centre)):
-        own = centre[c]
-        count = _list_triangles(own, c, first, corner_of, listed, around, 0)
-        for m in range(start[c], start[c + 1]):
-            count = _list_triangles(node[m], c, first, corner_of, listed, around, count)
+    for own in range(len(points)):
+        count = _list_triangles(own, own, first, corner_of, listed, around, 0)
+        for m in range(start[own], start[own + 1]):
+            count = _list_triangles(node[m], own, first, corner_of, listed, around, count)
         if _scatter(points[own], radius, shape, around[:count], scatter, moment) <= 0.0:
             continue
         principal_axes(scatter, axes)
@@ -218,10 +215,10 @@ def _frames(points: np.ndarray, neighbours: Neighbours, triangles: Triangles) ->
             x[:] = -x
         if z[0] * moment[0] + z[1] * moment[1] + z[2] * moment[2] < 0.0:
             z[:] = -z
-        frames[c, 0], frames[c, 2] = x, z
-        frames[c, 1, 0] = z[1] * x[2] - z[2] * x[1]
-        frames[c, 1, 1] = z[2] * x[0] - z[0] * x[2]
-        frames[c, 1, 2] = z[0] * x[1] - z[1] * x[0]
+        frames[own, 0], frames[own, 2] = x, z
+        frames[own, 1, 0] = z[1] * x[2] - z[2] * x[1]
+        frames[own, 1, 1] = z[2] * x[0] - z[0] * x[2]
+        frames[own, 1, 2] = z[0] * x[1] - z[1] * x[0]
     return frames
 
 
@@ -229,7 +226,7 @@ def _frames(points: np.ndarray, neighbours: Neighbours, triangles: Triangles) ->
 def _list_triangles(
     node: int, c: int, first: np.ndarray, corner_of: np.ndarray, listed: np.ndarray, around: np.ndarray, count: int
 ) -> int:
-    """Add the triangles at a node that are not yet listed for centre c; return the new count."""
+    """Add the triangles at a node that are not yet listed for node c; return the new count."""
     for spot in range(first[node], first[node + 1]):
         triangle = corner_of[spot]
         around[count] = triangle

@@ -42,20 +42,19 @@ def shape_context(
     points_m: np.ndarray,
     normals: np.ndarray,
     config: ShapeContextConfig | None = None,
-    chosen: np.ndarray | None = None,
     frames: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(k, 1980) float32 for the chosen nodes (k,) int, or for all (None): weighted points in each cell, 1 / m.
+    """(n, 1980) float32: weighted points in each cell, 1 / m.
 
     points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown. The weight of a point is one over
-    the number of points around it and over the cube root of its cell's volume. frames (k, 3, 3): rows x, y, z;
+    the number of points around it and over the cube root of its cell's volume. frames (n, 3, 3): rows x, y, z;
     otherwise ``tangent_frames``. Columns: azimuth from x, then elevation from z down, then shell outwards, the last
     index running fastest. NaN row: no frame.
     """
     config = config or ShapeContextConfig()
     points, unit = as_oriented(points_m, normals)
-    near = find_neighbours(points, config.radius_m, chosen)
-    frames = as_frames(tangent_frames(points, unit, near) if frames is None else frames, len(near.centre))
+    near = find_neighbours(points, config.radius_m)
+    frames = as_frames(tangent_frames(points, unit, near) if frames is None else frames, len(points))
     density = count_within(points, config.density * config.radius_m)
     edges = config.radius_m * np.geomspace(config.innermost, 1.0, config.shells + 1)
     weights = _cell_weights(edges, config)
@@ -64,11 +63,11 @@ def shape_context(
 
 
 def tangent_frames(points_m: np.ndarray, normals: np.ndarray, neighbours: Neighbours) -> np.ndarray:
-    """(k, 3, 3) float32: z is the centre's normal (n, 3), x the projection of the x axis of ``local_frames``.
+    """(n, 3, 3) float32: z is the node's normal (n, 3), x the projection of the x axis of ``local_frames``.
 
-    NaN where the centre has no normal or the axis has no direction there.
+    NaN where the node has no normal or the axis has no direction there.
     """
-    z = as_points(normals, "normals")[neighbours.centre].astype(np.float64)
+    z = as_points(normals, "normals").astype(np.float64)
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     axis = local_frames(points_m, neighbours)[:, 0].astype(np.float64)
     x = axis - (axis * z).sum(axis=1, keepdims=True) * z
@@ -95,20 +94,20 @@ def _contexts(
     azimuths: int,
 ) -> np.ndarray:
     """density (n,): nodes around each node; inner (shells - 1,): radii between shells; weights as ``_cell_weights``."""
-    centre, start, node, distance2 = neighbours.centre, neighbours.start, neighbours.node, neighbours.distance2_m2
+    start, node, distance2 = neighbours.start, neighbours.node, neighbours.distance2_m2
     elevations, shells = weights.shape
-    result = np.zeros((len(centre), azimuths * elevations * shells), np.float32)
+    result = np.zeros((len(points), azimuths * elevations * shells), np.float32)
     most = 1
-    for c in range(len(centre)):
+    for c in range(len(points)):
         most = max(most, start[c + 1] - start[c])
     cell = np.empty((3, most), np.int32)
-    for c in range(len(centre)):
+    for c in range(len(points)):
         if not np.isfinite(frames[c, 0, 0] + frames[c, 2, 0]):
             result[c] = np.nan
             continue
         near = node[start[c] : start[c + 1]]
         away2 = distance2[start[c] : start[c + 1]]
-        _direction_cells(points, centre[c], near, frames[c], azimuths, elevations, cell)
+        _direction_cells(points, c, near, frames[c], azimuths, elevations, cell)
         _shells(away2, inner, cell[2])
         for m in range(len(near)):
             if away2[m] > ZERO:

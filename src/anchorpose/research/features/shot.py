@@ -34,39 +34,35 @@ class ShotConfig:
 
 
 def shot(
-    points_m: np.ndarray,
-    normals: np.ndarray,
-    config: ShotConfig | None = None,
-    chosen: np.ndarray | None = None,
-    frames: np.ndarray | None = None,
+    points_m: np.ndarray, normals: np.ndarray, config: ShotConfig | None = None, frames: np.ndarray | None = None
 ) -> np.ndarray:
-    """(k, 352) float32 of unit length, for the chosen nodes (k,) int, or for all (None).
+    """(n, 352) float32 of unit length.
 
     points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown: a node without position is left
-    out, one without normal casts no vote. frames (k, 3, 3): rows x, y, z; otherwise ``local_frames``. Sector s has 11
+    out, one without normal casts no vote. frames (n, 3, 3): rows x, y, z; otherwise ``local_frames``. Sector s has 11
     columns: upper half s & 1, outer half s >> 1 & 1, eighth of a turn s >> 2 from -x on. NaN row: no frame, or no node
     with a normal within the radius.
     """
     config = config or ShotConfig()
     points, unit = as_oriented(points_m, normals)
-    near = find_neighbours(points, config.radius_m, chosen)
+    near = find_neighbours(points, config.radius_m)
     if frames is None:
         frames = local_frames(points, near, unit if config.z_by_normal else None)
-    frames = as_frames(frames, len(near.centre))
+    frames = as_frames(frames, len(points))
     return _signatures(np.concatenate([points, unit], axis=1), near, frames)
 
 
 @njit(cache=True, error_model="numpy")
 def _signatures(oriented: np.ndarray, neighbours: Neighbours, frames: np.ndarray) -> np.ndarray:
-    centre, start, node, distance2 = neighbours.centre, neighbours.start, neighbours.node, neighbours.distance2_m2
+    start, node, distance2 = neighbours.start, neighbours.node, neighbours.distance2_m2
     per_radius = np.float32(1.0 / neighbours.radius_m)
-    result = np.zeros((len(centre), SIZE), np.float32)
+    result = np.zeros((len(oriented), SIZE), np.float32)
     most = 1
-    for c in range(len(centre)):
+    for c in range(len(oriented)):
         most = max(most, start[c + 1] - start[c])
     near, away2 = np.empty(most, np.uint32), np.empty(most, np.float32)
     place = np.empty((4, most), np.float32)
-    for c in range(len(centre)):
+    for c in range(len(oriented)):
         count = 0
         for m in range(start[c], start[c + 1]):
             near[count], away2[count] = node[m], distance2[m]
@@ -74,7 +70,7 @@ def _signatures(oriented: np.ndarray, neighbours: Neighbours, frames: np.ndarray
         if count == 0 or start[c + 1] - start[c] < FEWEST - 1 or not np.isfinite(frames[c, 0, 0]):
             result[c] = np.nan
             continue
-        _locate(oriented, centre[c], near[:count], away2, per_radius, frames[c], place)
+        _locate(oriented, c, near[:count], away2, per_radius, frames[c], place)
         for m in range(count):
             _vote(place[0, m], place[1, m], place[2, m], place[3, m], result[c])
         _normalize(result[c])

@@ -117,13 +117,12 @@ def _lowest(matrix: csc_array, pairs: int, shift: float) -> tuple[np.ndarray, np
     return values[order], vectors[:, order]
 
 
-def weighted_squares(spectrum: Spectrum, weights: np.ndarray, chosen: np.ndarray | None) -> np.ndarray:
-    """sum_i w_i phi_i(x)^2, (k, d) float64 in 1/m², for weights (pairs, d) at each chosen node (k,) int, None = all.
+def weighted_squares(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
+    """sum_i w_i phi_i(x)^2, (n, d) float64 in 1/m², for weights (pairs, d) at each node.
 
     NaN at nodes without triangles.
     """
-    waves = spectrum.eigenfunctions if chosen is None else spectrum.eigenfunctions[np.asarray(chosen)]
-    sums: np.ndarray = (waves**2) @ weights
+    sums: np.ndarray = (spectrum.eigenfunctions**2) @ weights
     return sums
 
 
@@ -151,11 +150,11 @@ class HksConfig:
     scaled: bool = True  # by the heat trace, as Sun et al.: otherwise short times outweigh all others
 
 
-def hks(spectrum: Spectrum, config: HksConfig | None = None, chosen: np.ndarray | None = None) -> np.ndarray:
+def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
     """Heat kernel signature: the heat left at a node at time t after it was put there, sum_i exp(-lambda_i t) phi_i^2.
 
     Times t are evenly spaced in their logarithm and in m²: heat diffuses over one square metre in a time of one.
-    Returns (k, times) float32 in 1/m², a row for each chosen node (k,) int, None meaning all; NaN at nodes without
+    Returns (n, times) float32 in 1/m²; NaN at nodes without
     triangles, and everywhere if the times are to come from a spectrum without positive eigenvalues. Scaled: each time
     divided by its integral over the largest piece of surface, the heat trace.
     Source: Sun, Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
@@ -163,7 +162,7 @@ def hks(spectrum: Spectrum, config: HksConfig | None = None, chosen: np.ndarray 
     config = config or HksConfig()
     times_m2 = heat_times(spectrum, config)
     weights = np.exp(-spectrum.eigenvalues[:, None] * times_m2)
-    heat = weighted_squares(spectrum, weights, chosen)
+    heat = weighted_squares(spectrum, weights)
     if config.scaled:
         heat /= body_sums(spectrum, weights)
     return heat.astype(np.float32)
@@ -195,13 +194,12 @@ class SiHksConfig:
             raise ValueError(f"the times given do not resolve {self.frequencies} frequencies")
 
 
-def si_hks(spectrum: Spectrum, config: SiHksConfig | None = None, chosen: np.ndarray | None = None) -> np.ndarray:
+def si_hks(spectrum: Spectrum, config: SiHksConfig | None = None) -> np.ndarray:
     """Scale-invariant HKS: |Fourier transform| of d log h / d tau, where h is the HKS at times 2^tau m².
 
     A surface scaled by s has its HKS divided by s² and shifted by 2 log2 s octaves: the derivative of the logarithm
     removes the one, the modulus the other, as long as the derivative is zero at both ends of the times; this is why
-    there are many octaves. Returns (k, frequencies) float32 from frequency 0 on, a row for each chosen node (k,) int,
-    None meaning all; NaN at nodes without triangles.
+    there are many octaves. Returns (n, frequencies) float32 from frequency 0 on; NaN at nodes without triangles.
     Source: Bronstein and Kokkinos 2010 (doi:10.1109/CVPR.2010.5539838), Section 3.
     """
     config = config or SiHksConfig()
@@ -209,8 +207,8 @@ def si_hks(spectrum: Spectrum, config: SiHksConfig | None = None, chosen: np.nda
     decay = spectrum.eigenvalues[:, None] * 2.0**octave
     left = np.exp(-decay)
     with np.errstate(invalid="ignore", divide="ignore"):
-        slope = -np.log(2.0) * weighted_squares(spectrum, decay * left, chosen)
-        slope /= weighted_squares(spectrum, left, chosen)
+        slope = -np.log(2.0) * weighted_squares(spectrum, decay * left)
+        slope /= weighted_squares(spectrum, left)
     wave = np.exp(-2j * np.pi * np.outer(np.arange(len(octave)), np.arange(config.frequencies)) / len(octave))
     return (np.abs(slope @ wave) / config.steps_per_octave).astype(np.float32)
 
@@ -228,12 +226,12 @@ class WksConfig:
             raise ValueError(f"{self.energies} energies leave nothing between margins of 2 x {self.width_steps} steps")
 
 
-def wks(spectrum: Spectrum, config: WksConfig | None = None, chosen: np.ndarray | None = None) -> np.ndarray:
+def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
     """Wave kernel signature: the probability of a quantum particle of energy e at a node, sum_i w_i(e) phi_i(x)^2.
 
     w_i is a Gaussian of log lambda_i around e; the integral over the largest piece is 1.
 
-    Returns (k, energies) float32 in 1/m², a row for each chosen node (k,) int, None meaning all; NaN at nodes without
+    Returns (n, energies) float32 in 1/m²; NaN at nodes without
     triangles or on a piece without positive eigenvalues, whose particles have no energy.
     Source: Aubry, Schlickewei and Cremers 2011 (doi:10.1109/ICCVW.2011.6130444), Sections 3 and 4; energies keep two
     standard deviations from either end of the range.
@@ -245,8 +243,8 @@ def wks(spectrum: Spectrum, config: WksConfig | None = None, chosen: np.ndarray 
     level = np.log(spectrum.eigenvalues[moving])
     weights[moving] = np.exp(-0.5 * ((log_energy - level[:, None]) / width) ** 2)
     with np.errstate(invalid="ignore"):
-        likely = weighted_squares(spectrum, weights, chosen) / body_sums(spectrum, weights)
-    likely[_without_wave(spectrum)[slice(None) if chosen is None else np.asarray(chosen)]] = np.nan
+        likely = weighted_squares(spectrum, weights) / body_sums(spectrum, weights)
+    likely[_without_wave(spectrum)] = np.nan
     return likely.astype(np.float32)
 
 
