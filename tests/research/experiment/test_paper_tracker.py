@@ -12,10 +12,11 @@ from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.pose import vague_belief
 from anchorpose.body.registration import node_parts
 from anchorpose.body.skin_points import pose_points
-from anchorpose.geodesics.anchors import SeenGeodesics, anchor_descriptor, find_anchors
+from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.framework import NEVER_M, paper_config
+from anchorpose.research.experiment.own_surface import SeenGeodesics
 from anchorpose.research.experiment.paper_tracker import bring_limbs_back, filter_matches
 from anchorpose.track_tree.tree import TreeConfig
 
