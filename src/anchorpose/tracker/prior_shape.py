@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Final, Literal
 
 import numpy as np
@@ -80,6 +81,7 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
     return mean, float(np.hypot(spread, apart if age_years is None or age_years > 12.0 else 0.0))
 
 
+TALLER = (1.0, 0.92)  # of the stature by matches: simulated people are as tall, real ones often 5 to 10 % shorter
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CHILD_HEIGHTS_M = (0.95, 1.55)
 ORDINARY_HEIGHT_M = 1.70  # of an adult whose height is not given
@@ -118,13 +120,13 @@ def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief
 
 
 def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> FirstShape:
-    """Return the bodies to begin with, of the stature that is seen or stated, and of what is stated about the patient.
+    """Return the bodies to begin with, of the stature that is stated or seen, and of what is stated about the patient.
 
     A child's only where one may be so tall, or the age is that of a child.
     """
     asset, tried = body_points().asset, list[ShapeBelief]()
-    seen_m = stature_m if subject.height_m is None else subject.height_m
-    for belief in known_beliefs(subject, config):
+    heights_m = [share * stature_m for share in TALLER] if subject.height_m is None else [subject.height_m]
+    for belief, seen_m in product(known_beliefs(subject, config), heights_m):
         child = belief.mean[0] != 0.0
         shortest, tallest = CHILD_HEIGHTS_M if child else ADULT_HEIGHTS_M
         if child and subject.age_years is None and not shortest <= seen_m <= tallest:
