@@ -32,7 +32,7 @@ from anchorpose.tracker.bystanders import rough_person
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.look import Look
 from anchorpose.tracker.preparation import Settled, look_for_patient, sample_recording, settle
-from anchorpose.tracker.sighting import BORDER_PX, see_people_apart
+from anchorpose.tracker.sighting import see_people_apart
 
 
 class Level(IntEnum):
@@ -92,6 +92,7 @@ PAIRS: Final = 6  # of successive frames, for readings that come and go
 BODIES: Final = 8  # frames in which everybody gets a body, a second each for three people
 SHORT: Final = 300  # frames, ten seconds at 30 per second: reading them all takes little
 ENOUGH_HZ: Final = 14.5  # for clocks and poses: what the guide asks for, which recorders just miss
+BORDER_PX: Final = 4  # rows: filters leave the first ones without a reading
 REACH_M: Final = 0.10  # of a rough body from the skin that it stands for
 
 

@@ -14,6 +14,7 @@ from anchorpose.calibration.world import TILTED_RAD, WORST_FLOOR_TILT_RAD
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.check.depth import check_depth, check_lens
 from anchorpose.check.material import (
+    BORDER_PX,
     ENOUGH_HZ,
     Finding,
     Level,
@@ -32,7 +33,7 @@ from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy_of
 from anchorpose.tracker.look import Look
-from anchorpose.tracker.sighting import BORDER_PX
+from anchorpose.tracker.room import NOBODY_SEEN
 
 TOO_SLOW_HZ: Final = 5.0  # people move by a step from one frame to the next
 SOME_MISSING, MANY_MISSING = 0.05, 0.25  # gaps of single frames are bridged; a quarter lost halves the rate in places
@@ -203,10 +204,8 @@ def _found(look: Look) -> Finding:
     shown, of = len(look.initial_frames), len(look.sightings)
     measured = f"found in {shown} of {of} sampled frames"
     if not shown:
-        remedy = (
-            "look at the depth images; record the empty room; move the camera back; if the patient never moves, name "
-        )
-        return Finding("patient", Level.RED, look.why_nobody, f"{remedy}the place with --patient when tracking")
+        remedy = "look at the depth images; move the camera so that it sees the whole patient within 5 m"
+        return Finding("patient", Level.RED, NOBODY_SEEN, remedy)
     if shown < SELDOM * of:
         remedy = (
             "right where the patient comes late; otherwise another person may be taken for the patient: name the place "

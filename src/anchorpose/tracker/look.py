@@ -21,9 +21,9 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.patient_choice import BEFORE_M, CHEST_M, looks_at_most
-from anchorpose.tracker.room import NOBODY_SEEN, InitialFrame
-from anchorpose.tracker.sighting import SeenPerson, Sighting, shows_limbs_alone, sight_people
-from anchorpose.tracker.start import NoStart, rank_initial_frames
+from anchorpose.tracker.room import InitialFrame
+from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
+from anchorpose.tracker.start import rank_initial_frames
 
 TWIN_M: Final = 0.35  # from the reflection to the twin, over the floor: bodies seen from front and back
 LEAST_TWINS: Final = 3  # frames: two people who pass each other may be alike in one or two
@@ -146,13 +146,12 @@ def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], came
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
     """scenes: with walls in place of mirrors; sightings: of each sample; initial_frames: best first, none where nobody
-    may be the patient; notes: sentences on mirrors and gaps in walls; why_nobody: why there is no initial frame."""
+    may be the patient; notes: sentences on mirrors and gaps in walls."""
 
     scenes: tuple[Scene, ...]
     sightings: tuple[Sighting, ...]
     initial_frames: tuple[InitialFrame, ...]
     notes: tuple[str, ...]
-    why_nobody: str
 
 
 def look_around(
@@ -172,10 +171,8 @@ def look_around(
     cameras = [scene.camera for scene in scenes]
     initial = rank_initial_frames(positions, sightings, equipment, config.patient_xz_m, cameras)
     if initial:
-        return Look(scenes, tuple(sightings), initial, (*notes, *_gap_note(initial[0], sightings, scenes)), NOBODY_SEEN)
-    limbs = sum(shows_limbs_alone(sample, scenes) for sample in samples)
-    why = str(NoStart.LIMBS_ALONE) if 2 * limbs > len(samples) else NOBODY_SEEN
-    return Look(scenes, tuple(sightings), (), notes, why)
+        notes = (*notes, *_gap_note(initial[0], sightings, scenes))
+    return Look(scenes, tuple(sightings), initial, notes)
 
 
 def _gap_note(initial: InitialFrame, sightings: Sequence[Sighting], scenes: Sequence[Scene]) -> tuple[str, ...]:

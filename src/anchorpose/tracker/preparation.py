@@ -1,6 +1,6 @@
 """Clocks, calibration and room, from frames spread over the recording.
 
-Where the equipment looks the same from two sides, a body is fitted facing each way to find which way the patient faces.
+Where the equipment looks the same from two sides, the patient's body tells which way the patient faces.
 """
 
 from __future__ import annotations
@@ -144,9 +144,8 @@ def furnish_room(
             raise _nobody_named(recording, scenes, config, config.patient_frame)
         return Room(recording, settled.clocks, calibration, scenes, initial, review)
     look = look_for_patient(settled, config, review, scenes)
-    return Room(
-        recording, settled.clocks, calibration, look.scenes, look.initial_frames, review, look.why_nobody, look.notes
-    )
+    scenes, initial = look.scenes, look.initial_frames
+    return Room(recording, settled.clocks, calibration, scenes, initial, review, notes=look.notes)
 
 
 def look_for_patient(

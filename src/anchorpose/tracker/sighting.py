@@ -13,7 +13,6 @@ from anchorpose.body.explanation import seen_past_by_all
 from anchorpose.body.pose import TRUNK
 from anchorpose.body.skin_points import pose_points
 from anchorpose.camera import Camera
-from anchorpose.descriptor.people import LEAST_AREA_M2
 from anchorpose.isolation.people import People, Person, see_people
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.isolation.separation import label_people
@@ -25,8 +24,6 @@ from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
 COVERED_M: Final = 0.10  # from the skin of a rough body: clothes, and what it is off
 IN_EACH_OTHER_M: Final = 0.25  # from pelvis to pelvis: a trunk's depth and a rough body's error
-BORDER_PX: Final = 4  # rows: filters leave the first ones without a reading
-LIMBS_M: Final = 0.8  # above the floor, where the legs of an adult end
 _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 
 
@@ -112,19 +109,6 @@ def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[Ro
         if owner[number] == number and body is not None:
             skins[number] = cKDTree(pose_points(body.body, body.found.belief.pose).points_m)
     return owner
-
-
-def shows_limbs_alone(frame_set: FrameSet, scenes: Sequence[Scene]) -> bool:
-    """Whether the upper border of an image cuts a person off below where trunks begin."""
-    for pixels in find_all_pieces(frame_set, scenes):
-        if pixels is None:
-            continue
-        for piece in np.unique(pixels.piece[pixels.row < BORDER_PX]):
-            own = pixels.piece == piece
-            large = pixels.area_m2[own].sum() > LEAST_AREA_M2
-            if large and np.percentile(pixels.points_m[own, 1], 99) < LIMBS_M:
-                return True
-    return False
 
 
 def rough_body_of(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughBody | None:
