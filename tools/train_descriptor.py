@@ -200,7 +200,8 @@ def main() -> None:
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     options = parser.parse_args()
     if options.card:
-        from card import IMAGES, card, measure
+        from card import IMAGES, measure
+        from card_tables import card
 
         print(card(measure(int(options.images or IMAGES))))
         return

@@ -13,6 +13,7 @@ torch = pytest.importorskip("torch", reason="only those who train need PyTorch")
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tools" / "descriptor"))
 
 import card  # noqa: E402
+import card_tables  # noqa: E402
 from scenes import MOST_PEOPLE, Scenes  # noqa: E402
 
 
@@ -31,14 +32,14 @@ def test_what_is_known_fits_the_people_that_were_drawn() -> None:
 
 def test_the_same_seed_gives_the_same_figures_and_no_batch_is_drawn_twice() -> None:
     once, again = (card.measure(1, first_seed=7) for _ in range(2))
-    assert card.card(once) == card.card(again)
-    assert len(once.images["others"]) == card.SCENES * card.LOOKS
+    assert card_tables.card(once) == card_tables.card(again)
+    assert len(once.images["things"]) == card.SCENES * card.LOOKS
 
 
 def test_figures_of_a_group_are_of_its_own_people() -> None:
     people = {
         "area_m2": np.array([1.0, 1.0, 0.01]),
-        "met": np.array([True, False, False]),
+        "person_found": np.array([True, False, False]),
         "image": np.array([0, 0, 1]),
     }
     pixels = {
@@ -49,9 +50,9 @@ def test_figures_of_a_group_are_of_its_own_people() -> None:
         "crossed": np.array([1.0, np.nan, np.nan, 0.0]),
         "vote_cm": np.array([10.0, np.nan, 20.0, 30.0]),
     }
-    images = {"others": np.array([100, 100]), "wrong": np.array([1, 9])}
+    images = {"others": np.array([[100], [100]]), "wrong": np.array([[1], [9]]), "things": np.zeros(2)}
     measured = card.Measured(images, people, pixels)
-    first = list(card._group(measured, np.array([True, False, False])))
+    first = list(card_tables._group(measured, np.array([True, False, False])))
     assert first == ["1", "100.0", "50.0", "1.0", "30.0", "100.0", "100.0", "10.0"]
-    everybody = list(card._group(measured, np.ones(3, dtype=bool)))
+    everybody = list(card_tables._group(measured, np.ones(3, dtype=bool)))
     assert everybody == ["3", "50.0", "75.0", "5.0", "8.0", "50.0", "50.0", "20.0"]

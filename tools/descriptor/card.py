@@ -6,24 +6,23 @@ describe theirs, by onnxruntime. All figures are of single images. ``python tool
 
 from __future__ import annotations
 
-import itertools
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "src")]
 
+import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 import torch  # noqa: E402
-from people import POSTURES, People  # noqa: E402
-from scenes import FOCAL_PX, HEIGHT, LOOKS, MOST_PEOPLE, WIDTH, Batch, Drawn, Scenes  # noqa: E402
-from sensors import KINDS  # noqa: E402
+from people import People  # noqa: E402
+from scenes import FARTHEST_M, FOCAL_PX, HEIGHT, LOOKS, MOST_PEOPLE, WIDTH, Batch, Drawn, Scenes, packed  # noqa: E402
 
 from anchorpose.camera import Camera  # noqa: E402
 from anchorpose.descriptor.learnt import STEP, Described, describe  # noqa: E402
-from anchorpose.descriptor.people import LEAST_AREA_M2, LEAST_CERTAINTY, find_people  # noqa: E402
+from anchorpose.descriptor.people import LEAST_CERTAINTY, find_people  # noqa: E402
 from anchorpose.lens import Intrinsics  # noqa: E402
 from anchorpose.simulate.render import PATIENT, Figure, TrueImage, draw_figures  # noqa: E402
 
@@ -35,10 +34,20 @@ IMAGES: Final = 500
 SCENES: Final = 10  # drawn at once; each gives ``LOOKS`` images
 STATURE_CM: Final = 170.0
 SIDE: Final = 0.02  # of stature off the middle: there left and right differ
-SURE_CM, WRONG_CM = 6.0, 20.0  # expected and true error of a place that is sure and wrong
 SURE: Final = 0.9  # probability of a pixel
-EXPECTED_CM: Final = (0.0, 4.0, 8.0, 16.0, np.inf)
 WIDEST_PX: Final = 800  # four focal lengths to each side of the axis, at every second pixel
+
+RIM_RAYS: Final = 3  # beside a person: there a ray may be half of the person
+SAME_M: Final = 0.002  # in depth, of what is drawn twice
+THINGS: Final = (
+    "walls and floor",
+    "what people sit on, lie on or stand in",
+    "loose furniture, screens, poles",
+    "chairs and tables of nobody",
+    "balls and joined round things",
+    f"anything within {RIM_RAYS} rays of a person",
+)
+"""What pixels show that show nobody; the last wherever it applies."""
 
 Rows = dict[str, np.ndarray]
 
@@ -53,7 +62,7 @@ class Measured(NamedTuple):
 
 class Truth(NamedTuple):
     """One image: depth_m (h, w) as sensed; patch, place, person as in ``Batch``; nobody: the patch of no person;
-    pelvis_m (MOST_PEOPLE, 3) in the camera's frame."""
+    pelvis_m (MOST_PEOPLE, 3) in the camera's frame; thing (h/2, w/2): which of ``THINGS``."""
 
     depth_m: np.ndarray
     patch: np.ndarray
@@ -61,18 +70,21 @@ class Truth(NamedTuple):
     person: np.ndarray
     nobody: int
     pelvis_m: np.ndarray
+    thing: np.ndarray
 
 
 def measure(images: int, first_seed: int = FIRST_SEED) -> Measured:
     """Draw and describe at least so many images."""
+    torch.set_num_threads(1)  # one order of sums
     scenes = Scenes(torch.device("cpu"), first_seed)
     found = list[Measured]()
-    while sum(len(one.images["others"]) for one in found) < images:
+    while sum(len(one.images["things"]) for one in found) < images:
         drawn = scenes.scene(SCENES)
-        known = known_of(scenes, drawn)
+        known, things = known_of(scenes, drawn), things_of(scenes, drawn)
         for _ in range(LOOKS):
             batch = scenes.look(drawn)
-            found += [_judge(_truth(scenes, drawn, batch, row), _rows_of(known, batch, row)) for row in range(SCENES)]
+            truths = [_truth(scenes, drawn, batch, things, row) for row in range(SCENES)]
+            found += [_judge(truth, _rows_of(known, batch, row)) for row, truth in enumerate(truths)]
     return _joined(found)
 
 
@@ -126,10 +138,27 @@ def _seen_share(scenes: Scenes, drawn: Drawn) -> np.ndarray:
     return share
 
 
-def _truth(scenes: Scenes, drawn: Drawn, batch: Batch, row: int) -> Truth:
+def things_of(scenes: Scenes, drawn: Drawn) -> np.ndarray:
+    """(n, h/2, w/2) which of ``THINGS`` every second pixel shows; of no meaning where it shows a person."""
+    half = (slice(None), slice(None, None, STEP), slice(None, None, STEP))
+    true_m, thing = drawn.true_m[half], torch.zeros(drawn.true_m[half].shape, dtype=torch.long)
+    for number, boxes in enumerate(map(packed, drawn.boxes), start=1):
+        depth_m = torch.full_like(true_m, FARTHEST_M)
+        for box in range(boxes.centre.shape[1]):
+            own = (part[:, box] for part in boxes)
+            depth_m = scenes.box_depth(depth_m, scenes.rays[half[1:]], drawn.view.turn, drawn.view.place, *own)
+        thing[(depth_m < FARTHEST_M) & ((depth_m - true_m).abs() < SAME_M)] = number
+    thing[drawn.angular_m[half] > true_m + SAME_M] = 4
+    around = np.ones((2 * RIM_RAYS + 1,) * 2, np.uint8)
+    people = (drawn.person[half] >= 0).numpy().astype(np.uint8)
+    rim = np.stack([cv2.dilate(image, around) > 0 for image in people])
+    return np.where(rim, 5, thing.numpy())
+
+
+def _truth(scenes: Scenes, drawn: Drawn, batch: Batch, things: np.ndarray, row: int) -> Truth:
     one = (batch.depth_m, batch.patch, batch.place, batch.person)
     nobody = len(scenes.surface.centres)
-    return Truth(*(layer[row].numpy() for layer in one), nobody, scenes.pelvises(drawn)[row].numpy())
+    return Truth(*(layer[row].numpy() for layer in one), nobody, scenes.pelvises(drawn)[row].numpy(), things[row])
 
 
 def _rows_of(known: Rows, batch: Batch, row: int) -> Rows:
@@ -149,13 +178,10 @@ def _judge(truth: Truth, known: Rows) -> Measured:
     number = np.flatnonzero(np.bincount(truth.person[mine], minlength=MOST_PEOPLE))
     people = {name: values[number] for name, values in known.items()}
     area = np.bincount(truth.person[mine], _areas(truth)[mine], minlength=MOST_PEOPLE)[number]
-    people |= {"area_m2": area, "met": np.isin(number, owners), "image": np.zeros(len(number), int)}
-    images = {
-        "others": others.sum(),
-        "wrong": (others & found).sum(),
-        "sure": (others & (said.person >= SURE)).sum(),
-        "things": owners.count(-1),
-    }
+    people |= {"area_m2": area, "person_found": np.isin(number, owners), "image": np.zeros(len(number), int)}
+    called = {"others": others, "wrong": others & found, "sure": others & (said.person >= SURE)}
+    images = {name: np.bincount(truth.thing[mask], minlength=len(THINGS)) for name, mask in called.items()}
+    images["things"] = np.array(owners.count(-1))
     images |= {name: known[name][0] for name in ("number", "sensor", "cut_out")}
     rows = np.searchsorted(number, truth.person[mine])
     return Measured({name: np.array([value]) for name, value in images.items()}, people, _pixels(said, truth, rows))
@@ -215,105 +241,3 @@ def _joined(found: Sequence[Measured]) -> Measured:
             for tables in zip(*found, strict=True)
         )
     )
-
-
-def groups_of(people: Rows) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield each group's title and which people (p,) are in it."""
-    yield "everybody", np.ones(len(people["image"]), dtype=bool)
-    for number, posture in enumerate(POSTURES):
-        yield f"posture: {posture}", people["posture"] == number
-    adult = ~people["child"]
-    yield "child", ~adult
-    for title, own in (
-        ("shorter than 1.60 m", people["stature_m"] < 1.6),
-        ("taller than 1.85 m", people["stature_m"] > 1.85),
-        ("light, below 18 kg/m²", people["mass_index"] < 18.0),
-        ("heavy, above 25 kg/m²", people["mass_index"] > 25.0),
-    ):
-        yield f"adult, {title}", adult & own
-    for title, low, high in (("close to the skin, below 3 mm", 0.0, 0.003), ("thick, above 12 mm", 0.012, 1.0)):
-        yield f"clothes {title}", _between(people["cloth_m"], low, high)
-    upright = np.isin(people["posture"], [POSTURES.index(name) for name in ("stands", "sits", "squats", "lunges")])
-    for title, low, high in (("front", 0, 60), ("side", 60, 120), ("back", 120, 181)):
-        yield f"shows the {title}", upright & _between(people["away_deg"], low, high)
-    for low, high in ((0.0, 1.5), (1.5, 2.5), (2.5, 4.0), (4.0, np.inf)):
-        yield (
-            f"distance {low:g} to {high:g} m" if high < np.inf else f"distance over {low:g} m",
-            _between(people["distance_m"], low, high),
-        )
-    for low, high in ((0.0, 0.25), (0.25, 0.5), (0.5, 0.75), (0.75, 1.1)):
-        yield f"seen: {100 * low:.0f} to {min(100, 100 * high):.0f} %", _between(people["seen"], low, high)
-    for count in range(1, MOST_PEOPLE + 1):
-        yield f"people in the image: {count}", people["number"] == count
-    for number, kind in enumerate(KINDS):
-        yield f"sensor: {kind}", people["sensor"] == number
-    yield "background removed", people["cut_out"]
-
-
-def _between(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    return np.asarray((values >= low) & (values < high))
-
-
-def card(measured: Measured) -> str:
-    """Return the tables in Markdown."""
-    titles = ("group", "people", "met %", "pixels found %", "others called people %", "place, median cm")
-    titles += ("other side %", "sure and wrong %", "pelvis, median cm")
-    lines = [f"| {' | '.join(titles)} |", "|---|" + "--:|" * (len(titles) - 1)]
-    for title, own in groups_of(measured.people):
-        lines.append(f"| {title} | {' | '.join(_group(measured, own))} |")
-    empty = measured.images["number"] == 0
-    lines.append(
-        f"| nobody in the image ({int(empty.sum())} images) | – | – | – | {_wrong(measured, empty)} |{' – |' * 4}"
-    )
-    images = len(empty)
-    things = f"things met as people: {measured.images['things'].sum() / images:.2f} an image"
-    sure = f"pixels of nobody with a probability from {SURE:g}: {_wrong(measured, empty | True, 'sure')} %"
-    return "\n".join([f"{images} images; {things}; {sure}", "", *lines, "", *_calibration(measured.pixels)])
-
-
-def _group(measured: Measured, own: np.ndarray) -> Iterator[str]:
-    people, pixels = measured.people, measured.pixels
-    mine = {name: values[own[pixels["person"]]] for name, values in pixels.items()}
-    found = {name: values[mine["found"]] for name, values in mine.items()}
-    plain = own & (people["area_m2"] >= LEAST_AREA_M2)
-    sure = found["expected_cm"] < SURE_CM
-    yield str(int(own.sum()))
-    yield _percent(people["met"][plain])
-    yield _percent(mine["found"])
-    yield _wrong(measured, np.isin(np.arange(len(measured.images["others"])), people["image"][own]))
-    yield _median(found["error_cm"])
-    yield _percent(found["crossed"])
-    yield _percent(found["error_cm"][sure] > WRONG_CM)
-    yield _median(found["vote_cm"])
-
-
-def _wrong(measured: Measured, images: np.ndarray, name: str = "wrong") -> str:
-    """Pixels that show nobody and have a score, in some images."""
-    others = measured.images["others"][images]
-    return _percent(np.repeat(measured.images[name][images] / np.maximum(1, others), others))
-
-
-def _percent(values: np.ndarray) -> str:
-    """The mean of what is known."""
-    known = np.asarray(values, dtype=float)[~np.isnan(np.asarray(values, dtype=float))]
-    return f"{100.0 * known.mean():.1f}" if len(known) else "–"
-
-
-def _median(values: np.ndarray) -> str:
-    return f"{np.median(values):.1f}" if len(values) else "–"
-
-
-def _calibration(pixels: Rows) -> Iterator[str]:
-    """Yield the table of expected against true errors."""
-    titles = ("expected error", "of the pixels found %", "expected, mean cm", "true, mean cm", "true, median cm")
-    titles += ("median over expected",)
-    yield f"| {' | '.join(titles)} |"
-    yield "|---|" + "--:|" * (len(titles) - 1)
-    expected, true = (pixels[name][pixels["found"]] for name in ("expected_cm", "error_cm"))
-    for low, high in itertools.pairwise(EXPECTED_CM):
-        own = _between(expected, low, high)
-        title = f"{low:g} to {high:g} cm" if high < np.inf else f"over {low:g} cm"
-        mean, median = expected[own].mean(), np.median(true[own])
-        yield (
-            f"| {title} | {_percent(own)} | {mean:.1f} | {true[own].mean():.1f} | {median:.1f} | {median / mean:.2f} |"
-        )

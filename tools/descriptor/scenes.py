@@ -56,7 +56,9 @@ class View:
 
 class Drawn(NamedTuple):
     """n scenes: true_m, person (-1 nobody) and face (n, h, w) as a camera without error sees them; skin_m of the people
-    that are there, whose rows among all (n * MOST_PEOPLE) are ``kept``; where (n, MOST_PEOPLE, 3): their feet."""
+    that are there, whose rows among all (n * MOST_PEOPLE) are ``kept``; where (n, MOST_PEOPLE, 3): their feet; boxes:
+    what people sit on, lie on and stand in, loose furniture, and chairs; angular_m (n, h, w): without people and round
+    things."""
 
     true_m: torch.Tensor
     person: torch.Tensor
@@ -66,6 +68,8 @@ class Drawn(NamedTuple):
     posed: Posed
     where: torch.Tensor
     view: View
+    boxes: tuple[Boxes, Boxes, Boxes]
+    angular_m: torch.Tensor
 
 
 class Scenes:
@@ -106,10 +110,11 @@ class Scenes:
         view, where = self._place(count, posed)
         seats = self._seats(count, posed, where, there)
         clutter = self._clutter(count, posed, where)
-        true_m = self._cast(view, _joined(seats, clutter, self._chairs(count, where)))
-        true_m = self._balls(view, true_m, where)
+        boxes = seats, clutter, self._chairs(count, where)
+        angular_m = self._cast(view, _joined(*boxes))
+        true_m = self._balls(view, angular_m, where)
         true_m, person, face = self._rasterise(view, skin, kept, where, true_m)
-        return Drawn(true_m, person, face, skin, kept, posed, where, view)
+        return Drawn(true_m, person, face, skin, kept, posed, where, view, boxes, angular_m)
 
     @torch.no_grad()
     def look(self, drawn: Drawn) -> Batch:
@@ -311,7 +316,7 @@ class Scenes:
         depth = room_depth(self.rays, view.turn, view.place, middle, inside, turn)
         open_ = (p.uniform(count) < 0.12)[:, None, None]
         depth = torch.where(open_, FARTHEST_M, depth)
-        boxes = _packed(boxes)
+        boxes = packed(boxes)
         for box in range(boxes.centre.shape[1]):
             depth = self.box_depth(
                 depth, self.rays, view.turn, view.place, boxes.centre[:, box], boxes.half[:, box], boxes.turn[:, box]
@@ -415,7 +420,7 @@ def _joined(*several: Boxes) -> Boxes:
     return Boxes(*(torch.cat(parts, dim=1) for parts in zip(*several, strict=True)))
 
 
-def _packed(boxes: Boxes) -> Boxes:
+def packed(boxes: Boxes) -> Boxes:
     """The boxes that are there, first; as many for each image as the fullest has."""
     there = boxes.half[..., 1] > 0
     order = torch.argsort((~there).byte(), dim=1, stable=True)[:, : int(there.sum(dim=1).max())]
