@@ -15,6 +15,7 @@ from sensors import KINDS
 from anchorpose.descriptor.people import LEAST_AREA_M2
 
 SURE_CM, WRONG_CM = 6.0, 20.0  # expected and true error of a place that is sure and wrong
+LEAST_SIDED: Final = 50  # pixels with a side, by which a person's sides are judged
 EXPECTED_CM: Final = (0.0, 4.0, 8.0, 16.0, np.inf)
 
 
@@ -63,7 +64,7 @@ def card(measured: Measured) -> str:
     groups = [(title, *_group(measured, own)) for title, own in groups_of(measured.people)]
     title = f"{len(images['things'])} images; things found as people: {images['things'].mean():.2f} an image"
     tables = (_table(titles, groups), _calibration(measured.pixels), _taken(images))
-    return "\n\n".join([title, *tables])
+    return "\n\n".join([title, *tables, _whole_people(measured)])
 
 
 def _table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -105,22 +106,44 @@ def _median(values: np.ndarray) -> str:
 
 def _calibration(pixels: Rows) -> str:
     """Return the table of expected against true errors."""
-    titles = ("expected error", "of the pixels found %", "expected, mean cm", "true, mean cm", "true, median cm")
-    expected, true = (pixels[name][pixels["found"]] for name in ("expected_cm", "error_cm"))
+    titles = ("expected error", "of the pixels found %", "expected, mean cm", "true, mean cm")
+    titles += ("true, median cm", "95 % below, cm")
+    expected, true, crossed = (pixels[name][pixels["found"]] for name in ("expected_cm", "error_cm", "crossed"))
     rows = []
     for low, high in itertools.pairwise(EXPECTED_CM):
         own = _between(expected, low, high)
         title = f"{low:g} to {high:g} cm" if high < np.inf else f"over {low:g} cm"
         mean, median = expected[own].mean(), np.median(true[own])
-        cells = [f"{value:.1f}" for value in (mean, true[own].mean(), median)]
-        rows.append((title, _percent(own), *cells, f"{median / mean:.2f}"))
-    return _table((*titles, "median over expected"), rows)
+        worst = np.percentile(true[own], 95)
+        cells = [f"{value:.1f}" for value in (mean, true[own].mean(), median, worst)]
+        rows.append((title, _percent(own), *cells, f"{median / mean:.2f}", _percent(crossed[own])))
+    return _table((*titles, "median over expected", "other side %"), rows)
 
 
 def _taken(images: Rows) -> str:
     """Return the table of what is called people and shows nobody."""
     titles = ("what pixels show", "of the pixels of nobody %", "called people %", f"probability from {SURE:g} %")
+    titles += ("of all that are called people %",)
     others, wrong, sure = (images[name].sum(axis=0) for name in ("others", "wrong", "sure"))
-    shares = np.stack([others / others.sum(), wrong / np.maximum(1, others), sure / np.maximum(1, others)], axis=1)
+    columns = others / others.sum(), wrong / np.maximum(1, others), sure / np.maximum(1, others), wrong / wrong.sum()
+    shares = np.stack(columns, axis=1)
     rows = [(title, *(f"{100.0 * share:.2f}" for share in row)) for title, row in zip(THINGS, shares, strict=True)]
     return _table(titles, rows)
+
+
+def _whole_people(measured: Measured) -> str:
+    """Return a sentence on people who are missed, and one on people whose sides are exchanged as a whole."""
+    people, pixels = measured.people, measured.pixels
+    missed = (people["area_m2"] >= LEAST_AREA_M2) & ~people["person_found"]
+    several, hidden = (missed & (people["number"] > 1)).sum(), (missed & (people["seen"] < 0.5)).sum()
+    sided = ~np.isnan(pixels["crossed"])
+    owner, crossed = pixels["person"][sided], pixels["crossed"][sided]
+    number = np.bincount(owner, minlength=len(missed))
+    share = np.bincount(owner, crossed, minlength=len(missed)) / np.maximum(1, number)
+    turned, judged = share > 0.5, number >= LEAST_SIDED
+    held = crossed[turned[owner]].sum() / crossed.sum()
+    return (
+        f"{missed.sum()} people missed: {several} in images of several people, {hidden} seen to less than a half. "
+        f"{(turned & judged).sum()} of {judged.sum()} people have most sides exchanged, "
+        f"{100.0 * held:.0f} % of all exchanged pixels."
+    )
