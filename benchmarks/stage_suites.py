@@ -62,7 +62,7 @@ def isolation(use: Use, quick: bool) -> Iterator[Case]:
 
 
 def descriptor(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield people alone, clinics, and people in rooms, whose images the learnt descriptor never saw."""
+    """Yield people alone, clinics, people in rooms, and things, whose images the learnt descriptor never saw."""
     movements = MOVEMENTS if MOVEMENTS.is_file() else None
     for seed in _seeds("descriptor", use, 1 if quick else 8):
         room = presets.room(seed, 6.0, 15.0, movements)
@@ -73,6 +73,9 @@ def descriptor(use: Use, quick: bool) -> Iterator[Case]:
             (f"rooms, depth {filtered}", room),
         ):
             yield Case(title, Drawn(f"descriptor-{title[:4]}-{seed}", config), probe=Probe("descriptor"))
+        sensor: presets.Sensor = "realsense" if seed % 2 else "kinect-v2"
+        things = Drawn(f"descriptor-things-{seed}", replace(presets.single(seed), sensor=sensor))
+        yield Case("nobody", things, probe=Probe("not_people"))
     for folder in ("people_in_line", "five_people", "realsense_board", "iit_rehab_room"):
         yield Case(f"real: {folder}", Real(folder), probe=Probe("people_found"))
 

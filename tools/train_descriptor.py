@@ -2,7 +2,8 @@
 
 Needs PyTorch, which users never need (``pip install torch onnx``). Images are drawn as they are needed, and no scene
 is seen twice. A run that was stopped goes on from STATE. The rate of learning falls with the share of the images that
-were seen. ``--export FILE.weights`` writes the network with its weights as halves.
+were seen. ``--export FILE.weights`` writes the network with its weights as halves. ``--card`` prints what the package's
+weights say of people of every kind (``descriptor/card.py``).
 """
 
 from __future__ import annotations
@@ -188,15 +189,24 @@ def train(
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("state", type=Path)
-    parser.add_argument("--images", type=float, default=4e6)
+    parser.add_argument("state", type=Path, nargs="?", help="where the training is kept, which goes on from there")
+    parser.add_argument("--images", type=float, help="to train on, 4e6, or of the card, 500")
     parser.add_argument("--batch", type=int, default=256, help="scenes a step, each looked at twice")
     parser.add_argument("--minutes", type=float, default=math.inf)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--start-from", type=Path, help="weights to go on from where there is no STATE yet")
     parser.add_argument("--export", type=Path, help="write the trained network there, and train no further")
+    parser.add_argument("--card", action="store_true", help="print the model card of the package's weights, and stop")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     options = parser.parse_args()
+    if options.card:
+        from card import IMAGES, measure
+        from card_tables import card
+
+        print(card(measure(int(options.images or IMAGES))))
+        return
+    if options.state is None:
+        parser.error("name STATE, or give --card")
     if options.export is not None:
         stored = torch.load(options.state, map_location="cpu", weights_only=True)
         centres = torch.as_tensor(surface_of(stored_asset()).centres)
@@ -206,7 +216,7 @@ def main() -> None:
         return
     train(
         options.state,
-        options.images,
+        options.images or 4e6,
         options.batch,
         options.minutes,
         options.seed,

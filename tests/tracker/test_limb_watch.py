@@ -41,7 +41,7 @@ def explained(uncovered_m2: float) -> SimpleNamespace:
 
 def seen(places_m: np.ndarray = TIPS) -> SimpleNamespace:
     anchors = replace(no_anchors(), position_m=places_m, node=np.arange(5, dtype=np.int32))
-    return SimpleNamespace(anchors=anchors, evidence=SimpleNamespace(views=()), geodesics=None, surface=range(1000))
+    return SimpleNamespace(anchors=anchors, evidence=SimpleNamespace(views=()), seen_anchors=None, surface=range(1000))
 
 
 def test_a_covered_frame_whose_anchors_are_where_the_body_has_them_is_in_no_doubt():

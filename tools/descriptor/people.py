@@ -22,13 +22,28 @@ PATCHES: Final = 64
 PLACE_SPREAD: Final = 12.0  # waves of cloth: radians a metre at most
 
 
+class Build(NamedTuple):
+    """n bodies: child (n,) bool, shape (n, k) coefficients of the asset, size (n,) factor of the shaped body, cloth_m
+    (n,) mean distance from cloth to skin."""
+
+    child: torch.Tensor
+    shape: torch.Tensor
+    size: torch.Tensor
+    cloth_m: torch.Tensor
+
+
 class Posed(NamedTuple):
-    """n people: skin (n, v, 3) m with the feet at height 0, pelvis (n, 3), posture (n,) index, facing (n,) radians."""
+    """n people: skin (n, v, 3) m with the feet at height 0, pelvis (n, 3), posture (n,) index, facing (n,) radians; the
+    rest as in ``Build``."""
 
     skin_m: torch.Tensor
     pelvis_m: torch.Tensor
     posture: torch.Tensor
     facing: torch.Tensor
+    child: torch.Tensor
+    shape: torch.Tensor
+    size: torch.Tensor
+    cloth_m: torch.Tensor
 
 
 @dataclass(frozen=True)
@@ -103,7 +118,7 @@ class People:
 
     def draw(self, count: int) -> Posed:
         """``count`` people, each upon the floor at the origin."""
-        skin, heads = self._dressed(count)
+        skin, heads, build = self._dressed(count)
         posture = torch.multinomial(
             torch.tensor(POSTURE_SHARES, device=self.device), count, replacement=True, generator=self.generator
         )
@@ -116,10 +131,10 @@ class People:
         pelvis = transforms[:, 0, :3, 3] + torch.einsum("nij,nj->ni", transforms[:, 0, :3, :3], heads[:, 0])
         low = posed[:, :, 1].amin(dim=1)
         shift = torch.stack([-pelvis[:, 0], -low, -pelvis[:, 2]], dim=1)
-        return Posed(posed + shift[:, None], pelvis + shift, posture, facing)
+        return Posed(posed + shift[:, None], pelvis + shift, posture, facing, *build)
 
-    def _dressed(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """Rest skins in clothes, and the heads of the bones."""
+    def _dressed(self, count: int) -> tuple[torch.Tensor, torch.Tensor, Build]:
+        """Rest skins in clothes, the heads of the bones, and what was drawn."""
         child = self.uniform(count) < CHILDREN
         adult = self.normal(count, len(self.sigma)) * self.sigma * 1.2
         small = self.child_mean + self.normal(count, len(self.sigma)) @ self.child_root.T
@@ -127,7 +142,7 @@ class People:
         used = shape.shape[1]
         skin = self.vertices + torch.einsum("nk,kvi->nvi", shape, self.basis[:used])
         heads = self.heads + torch.einsum("nk,kbi->nbi", shape, self.head_basis[:used])
-        out = self._clothes(count)
+        out, cloth_m = self._clothes(count)
         skin = skin + out[:, :, None] * self.normals
         size = self.uniform(count, low=0.93, high=1.07)[:, None, None]
         skin, heads = skin * size, heads * size
@@ -137,7 +152,7 @@ class People:
                 below = torch.isin(self.main_bone, torch.tensor(self._below(name), device=self.device))
                 stump = heads[:, self.asset.bone(name), None]
                 skin = torch.where((lost[:, None] & below)[:, :, None], stump, skin)
-        return skin, heads
+        return skin, heads, Build(child, shape, size[:, 0, 0], cloth_m)
 
     def _below(self, name: str) -> list[int]:
         found = [self.asset.bone(name)]
@@ -146,8 +161,8 @@ class People:
                 found.append(bone)
         return found
 
-    def _clothes(self, count: int) -> torch.Tensor:
-        """(n, v) how far cloth and hair stand off the skin: 0 to 3 cm with folds, hair up to 6 cm."""
+    def _clothes(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """How far cloth and hair stand off the skin (n, v): 0 to 3 cm, hair up to 6 cm; (n,) the mean of cloth."""
         names = self.asset.bone_names
         bare = torch.tensor([any(part in name for part in ("Hand", "Finger", "Thumb")) for name in names])
         head = torch.tensor(["Head" in name or "Neck" in name for name in names])
@@ -159,7 +174,7 @@ class People:
             folds += torch.sin(wave @ self.vertices.T + self.uniform(count, 1, high=2.0 * math.pi))
         folds = cloth * (1.0 + 0.3 * folds) + self.normal(count, 1, sigma=0.002)
         hair = (self.uniform(count, 1) ** 3 * 0.06) * (self.vertices[:, 0] < 0.12)
-        return folds * own[:, 0] + hair * own[:, 1]
+        return folds * own[:, 0] + hair * own[:, 1], cloth[:, 0]
 
     def _turns(self, posture: torch.Tensor, facing: torch.Tensor) -> torch.Tensor:
         """(n, b, 3, 3) turns of all bones about their parents."""

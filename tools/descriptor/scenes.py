@@ -26,13 +26,16 @@ CUT_OUT: Final = 0.1  # images that hold people alone: their background was remo
 
 class Batch(NamedTuple):
     """Training images: depth_m (n, h, w) as sensed, 0 without a reading; of every second pixel (n, h/2, w/2):
-    patch (the number of patches: no person; -1: not to be judged), place and vote (..., 3), person (-1 nobody)."""
+    patch (the number of patches: no person; -1: not to be judged), place and vote (..., 3), person (-1 nobody); of each
+    image (n,): which of ``sensors.KINDS`` the camera is, and whether the background was removed."""
 
     depth_m: torch.Tensor
     patch: torch.Tensor
     place: torch.Tensor
     vote_m: torch.Tensor
     person: torch.Tensor
+    sensor: torch.Tensor
+    cut_out: torch.Tensor
 
 
 class Boxes(NamedTuple):
@@ -49,6 +52,24 @@ class View:
 
     turn: torch.Tensor
     place: torch.Tensor
+
+
+class Drawn(NamedTuple):
+    """n scenes: true_m, person (-1 nobody) and face (n, h, w) as a camera without error sees them; skin_m of the people
+    that are there, whose rows among all (n * MOST_PEOPLE) are ``kept``; where (n, MOST_PEOPLE, 3): their feet; boxes:
+    what people sit on, lie on and stand in, loose furniture, and chairs; angular_m (n, h, w): without people and round
+    things."""
+
+    true_m: torch.Tensor
+    person: torch.Tensor
+    face: torch.Tensor
+    skin_m: torch.Tensor
+    kept: torch.Tensor
+    posed: Posed
+    where: torch.Tensor
+    view: View
+    boxes: tuple[Boxes, Boxes, Boxes]
+    angular_m: torch.Tensor
 
 
 class Scenes:
@@ -70,9 +91,15 @@ class Scenes:
         if device.type == "cuda":  # each in one pass over the pixels
             self.box_depth, self.ball_depth = torch.compile(box_depth), torch.compile(ball_depth)
 
-    @torch.no_grad()
     def draw(self, count: int) -> Batch:
         """``LOOKS`` images, by other sensors, of each of ``count`` scenes, with their answers."""
+        drawn = self.scene(count)
+        answers = [self.look(drawn) for _ in range(LOOKS)]
+        return Batch(*(torch.cat(parts) for parts in zip(*answers, strict=True)))
+
+    @torch.no_grad()
+    def scene(self, count: int) -> Drawn:
+        """``count`` scenes, each as its camera would see it without error."""
         people = self.people
         number = torch.multinomial(
             torch.tensor(PEOPLE_SHARES, device=self.device), count, replacement=True, generator=self.generator
@@ -83,16 +110,26 @@ class Scenes:
         view, where = self._place(count, posed)
         seats = self._seats(count, posed, where, there)
         clutter = self._clutter(count, posed, where)
-        true_m = self._cast(view, _joined(seats, clutter, self._chairs(count, where)))
-        true_m = self._balls(view, true_m, where)
+        boxes = seats, clutter, self._chairs(count, where)
+        angular_m = self._cast(view, _joined(*boxes))
+        true_m = self._balls(view, angular_m, where)
         true_m, person, face = self._rasterise(view, skin, kept, where, true_m)
-        answers = []
-        for _ in range(LOOKS):
-            depth_m = sense(true_m, people)
-            cut_out = people.uniform(count, 1, 1) < CUT_OUT
-            depth_m = torch.where(cut_out & (person < 0), 0.0, depth_m)
-            answers.append(self._answers(depth_m, true_m, person, face, posed, where, view))
-        return Batch(*(torch.cat(parts) for parts in zip(*answers, strict=True)))
+        return Drawn(true_m, person, face, skin, kept, posed, where, view, boxes, angular_m)
+
+    @torch.no_grad()
+    def look(self, drawn: Drawn) -> Batch:
+        """An image of each scene, each by a sensor of its own, with the answers."""
+        people = self.people
+        depth_m, sensor = sense(drawn.true_m, people)
+        cut_out = people.uniform(len(depth_m), 1, 1) < CUT_OUT
+        depth_m = torch.where(cut_out & (drawn.person < 0), 0.0, depth_m)
+        return self._answers(depth_m, drawn, sensor, cut_out[:, 0, 0])
+
+    def pelvises(self, drawn: Drawn) -> torch.Tensor:
+        """(n, MOST_PEOPLE, 3) of all people in the cameras' frames."""
+        count, view = len(drawn.true_m), drawn.view
+        base = drawn.posed.pelvis_m.reshape(count, MOST_PEOPLE, 3) + drawn.where - view.place[:, None]
+        return base @ view.turn
 
     def _place(self, count: int, posed: Posed) -> tuple[View, torch.Tensor]:
         """Cameras, and where the people stand (n, MOST_PEOPLE, 3): the first in view, others near or anywhere."""
@@ -279,7 +316,7 @@ class Scenes:
         depth = room_depth(self.rays, view.turn, view.place, middle, inside, turn)
         open_ = (p.uniform(count) < 0.12)[:, None, None]
         depth = torch.where(open_, FARTHEST_M, depth)
-        boxes = _packed(boxes)
+        boxes = packed(boxes)
         for box in range(boxes.centre.shape[1]):
             depth = self.box_depth(
                 depth, self.rays, view.turn, view.place, boxes.centre[:, box], boxes.half[:, box], boxes.turn[:, box]
@@ -361,29 +398,19 @@ class Scenes:
         key = ((depth * 1e4).long() << FACE_BITS + PERSON_BITS) | (person[n] << FACE_BITS) | f
         buffer.scatter_reduce_(0, pixel[inside], key[inside], "amin")
 
-    def _answers(
-        self,
-        depth: torch.Tensor,
-        true_m: torch.Tensor,
-        person: torch.Tensor,
-        face: torch.Tensor,
-        posed: Posed,
-        where: torch.Tensor,
-        view: View,
-    ) -> Batch:
+    def _answers(self, depth: torch.Tensor, drawn: Drawn, sensor: torch.Tensor, cut_out: torch.Tensor) -> Batch:
         half = (slice(None), slice(None, None, 2), slice(None, None, 2))
-        person, face, sensed, true = person[half], face[half], depth[half], true_m[half]
+        person, face, sensed, true = drawn.person[half], drawn.face[half], depth[half], drawn.true_m[half]
         nobody = len(self.surface.centres)
         patch = torch.where(person >= 0, self.face_patch[face], nobody)
         patch = torch.where((sensed <= 0) | ((sensed - true).abs() > 0.06 + 0.02 * true), -1, patch)
         place = self.face_place[face]
-        base = posed.pelvis_m.reshape(len(depth), MOST_PEOPLE, 3) + where - view.place[:, None]
-        base = base @ view.turn
+        base = self.pelvises(drawn)
         points = self.rays[::2, ::2] * true[..., None]
         own = torch.gather(base, 1, person.clamp_min(0).reshape(len(depth), -1, 1).expand(-1, -1, 3)).reshape(
             points.shape
         )
-        return Batch(depth, patch, place, own - points, person)
+        return Batch(depth, patch, place, own - points, person, sensor, cut_out)
 
 
 FACE_BITS, PERSON_BITS = 15, 3
@@ -393,7 +420,7 @@ def _joined(*several: Boxes) -> Boxes:
     return Boxes(*(torch.cat(parts, dim=1) for parts in zip(*several, strict=True)))
 
 
-def _packed(boxes: Boxes) -> Boxes:
+def packed(boxes: Boxes) -> Boxes:
     """The boxes that are there, first; as many for each image as the fullest has."""
     there = boxes.half[..., 1] > 0
     order = torch.argsort((~there).byte(), dim=1, stable=True)[:, : int(there.sum(dim=1).max())]

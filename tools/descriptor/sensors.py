@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import torch
 from torch.nn.functional import avg_pool2d, interpolate, max_pool2d
@@ -11,9 +11,12 @@ from torch.nn.functional import avg_pool2d, interpolate, max_pool2d
 if TYPE_CHECKING:
     from people import People
 
+KINDS: Final = ("white noise", "stereo", "smoothed", "smeared")
+"""Of sensors: every pixel by itself; blobs, steps and shadows; a maker's filters; these at their strongest."""
 
-def sense(true_m: torch.Tensor, draw: People) -> torch.Tensor:
-    """(n, h, w) readings, 0 where there is none. Each image has a camera of its own.
+
+def sense(true_m: torch.Tensor, draw: People) -> tuple[torch.Tensor, torch.Tensor]:
+    """(n, h, w) readings, 0 where there is none; (n,) which of ``KINDS`` the camera is. Each image has its own.
 
     Axial noise grows with the square of range (Fankhauser et al. 2015, doi:10.1109/ICAR.2015.7251485); a stereo
     camera's comes in blobs and steps of disparity, and its maker's filters smooth across edges.
@@ -46,7 +49,8 @@ def sense(true_m: torch.Tensor, draw: People) -> torch.Tensor:
     near = draw.uniform(count, low=0.3, high=0.6)[:, None, None]
     lost |= ~((depth > near) & (depth < far))
     lost |= _border(draw, count, height, width)
-    return torch.where(lost, 0.0, depth)
+    kind = torch.where(filled, 3, torch.where(smoothed, 2, stereo.long()))
+    return torch.where(lost, 0.0, depth), kind[:, 0, 0]
 
 
 def _blobs(draw: People, count: int, height: int, width: int, size: int) -> torch.Tensor:
