@@ -150,13 +150,18 @@ _lock: Final = Lock()
 def described(depth_m: np.ndarray, camera: Camera) -> Described:
     """Return what ``describe`` returns, remembered for the last images: several stages of a frame ask for the same one.
 
-    Nobody writes into an image that was described.
+    Nobody writes into an image that was described. Raises InputError, with the camera's name, where ``describe``
+    raises.
     """
     with _lock:
         known = _remembered.get(id(depth_m))
     if known is not None and known[0] is depth_m and known[1].intrinsics == camera.intrinsics:
         return known[2]
-    found = describe(depth_m, camera)
+    try:
+        found = describe(depth_m, camera)
+    except ValueError as error:
+        remedy = "correct the intrinsics, or record with a camera that shows a whole person"
+        raise InputError(f"camera {camera.name}", str(error), remedy) from error
     with _lock:
         while len(_remembered) >= REMEMBERED:
             _remembered.pop(next(iter(_remembered)))

@@ -77,8 +77,7 @@ class PatientChoice:
     """Where the patient stands in a frame, (2,) float64 X and Z, and why.
 
     sure: named or in the equipment, and nobody else is nearly as likely. frame: its number, None where it does not
-    matter. rival_xz_m: (2,) where another person stands
-    who may be the patient as well, None without one.
+    matter. rival_xz_m: (2,) where another person stands who may be the patient as well, None without one.
     """
 
     ground_xz_m: np.ndarray
