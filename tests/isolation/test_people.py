@@ -120,7 +120,7 @@ def shared_people(name: str, frame: int, with_picture: bool = True):
         scenes.append(set_scene(camera, room, opened.equipment))
     depths = read_frame(opened, frame).depths_m
     pieces = [None if d is None else find_pieces(d, s) for d, s in zip(depths, scenes, strict=True)]
-    return opened, pieces, see_people_apart(pieces, world.cameras)[0]
+    return opened, pieces, see_people_apart(pieces, world.cameras).people
 
 
 @pytest.mark.thorough

@@ -119,7 +119,9 @@ def test_bodies_give_back_what_grew_over_people_who_touch(away_m):
     first = separate_initial(pieces, see_people(pieces, CAMERAS), PatientChoice(np.zeros(2), "", sure=True))
     others = follow_bystanders(Bystanders(), first, CAMERAS, body_points(), 0.0)
     assert others.followed
-    again = label_by_bodies(pieces, first, others, CAMERAS)
+    patient = rough_person(first, CAMERAS, PixelLabel.PATIENT)
+    assert patient is not None
+    again = label_by_bodies(pieces, first, patient, others, CAMERAS)
 
     def wrong(views) -> int:
         return sum(

@@ -34,6 +34,8 @@ SIDES: Final = ("Left", "Right")
 NEIGHBOUR_M: Final = 0.05  # between thinned nodes of one piece: twice their spacing
 SMALLEST_M2: Final = 0.002  # a few fingers: smaller uncovered pieces are clothes
 MOST_PIECES: Final = 3  # two arms and a leg; what else is uncovered is looked at once those have been found
+TURNS: Final = 4  # of three steps: a limb may have half a circle to go
+SETTLED_M: Final = 0.01  # a proposal is registered afterwards
 REACH_SLACK_M: Final = 0.15  # by which a tip may be farther than the limb is long: the trunk leans, the shoulder moves
 
 
@@ -233,9 +235,13 @@ def _place(path: LimbPath, at_m: float, depth_m: float) -> np.ndarray:
 
 
 def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
-    found = start
-    for _ in range(4):
+    """The pose with joints where they are wanted, as far as a body can; from far off, so in several turns."""
+    found, joints = start, body.joints(start)
+    for _ in range(TURNS):
         found = pose_from_joints(body, found, wanted)
+        before, joints = joints, body.joints(found)
+        if np.abs(joints - before).max() < SETTLED_M:
+            break
     return found
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -86,11 +86,16 @@ def match_person(matches: Matches) -> MatchedPerson:
     """
     points, stature_m, pose = body_points(), MEAN_STATURE_M, None
     for _ in range(_SCALINGS):
-        body = build_body(points, shape_of_height(points.asset, stature_m))
+        body = _adult(points, round(100.0 * stature_m))
         pose = fit_matches(body, matches, pose)
-        stature_m = _stature_m(body, pose, matches, stature_m)
+        stature_m = _stature_m(body, pose, matches, round(stature_m, 2))
     assert pose is not None
     return MatchedPerson(matches, stature_m, pose)
+
+
+@lru_cache(maxsize=24)  # everybody in every sampled frame is asked for a few statures
+def _adult(points: SkinPoints, stature_cm: int) -> Body:
+    return build_body(points, shape_of_height(points.asset, stature_cm / 100.0))
 
 
 def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:

@@ -218,7 +218,7 @@ def _successive(recording: Recording) -> tuple[tuple[FrameSet, FrameSet], ...]:
 def _look_closely(frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[Scene]) -> SeenPatient:
     pieces = find_all_pieces(frame_set, scenes)
     cameras = [scene.camera for scene in scenes]
-    people, _ = see_people_apart(pieces, cameras)
+    people = see_people_apart(pieces, cameras).people
     person = min(people.people, key=lambda one: float(np.linalg.norm(one.ground_xz_m - choice.ground_xz_m)))
     views = separate_initial(pieces, people, choice)
     return SeenPatient(person, views, _hidden(views, cameras))

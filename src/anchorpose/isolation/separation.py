@@ -43,8 +43,13 @@ def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: Pa
 
     The patient is the person nearest to the chosen place.
     """
+    return label_people(pieces, people, by_distance(people, choice.ground_xz_m))
+
+
+def by_distance(people: People, ground_xz_m: np.ndarray) -> np.ndarray:
+    """(k,) int: the numbers of the people, the nearest to a place (2,) first."""
     axes = np.array([person.ground_xz_m for person in people.people]).reshape(-1, 2)
-    return label_people(pieces, people, np.argsort(np.linalg.norm(axes - choice.ground_xz_m, axis=1), kind="stable"))
+    return np.argsort(np.linalg.norm(axes - ground_xz_m, axis=1), kind="stable")
 
 
 def label_people(pieces: Sequence[Pieces | None], people: People, order: np.ndarray) -> tuple[View | None, ...]:

@@ -7,7 +7,7 @@ mistaken claims itself again; a body can, for an arm hangs on one of them only (
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -135,6 +135,17 @@ def bystanders_placed(
     return replace(bystanders, followed=tuple(moved))
 
 
+def first_bystanders(
+    fitted: Mapping[int, RoughPerson | None], views: Sequence[View | None], cameras: Sequence[Camera]
+) -> Bystanders:
+    """Everybody's body in a frame before which nothing is known, of the rough bodies by label."""
+    now = each(
+        lambda label: _begun(label, fitted[label], person_evidence(views, cameras, label)) or _failed(label),
+        _labels(views),
+    )
+    return _all_of(now)
+
+
 def follow_bystanders(
     before: Bystanders, views: Sequence[View | None], cameras: Sequence[Camera], points: SkinPoints, elapsed_s: float
 ) -> Bystanders:
@@ -151,24 +162,32 @@ def follow_bystanders(
             return replace(last, wait=last.wait - 1)
         evidence = person_evidence(views, cameras, label)
         found = _follow(known[label], evidence, points, elapsed_s) if label in known else None
-        found = found or _find(label, views, cameras, evidence)
-        return found or Search(label, last.pause, min(2 * last.pause, LONGEST_PAUSE))
+        found = found or _begun(label, rough_person(views, cameras, label), evidence)
+        return found or _failed(label, last.pause)
 
-    now = each(next_of, _labels(views))
+    return _all_of(each(next_of, _labels(views)))
+
+
+def _failed(label: int, pause: int = FIRST_PAUSE) -> Search:
+    return Search(label, pause, min(2 * pause, LONGEST_PAUSE))
+
+
+def _all_of(now: Sequence[Bystander | Search]) -> Bystanders:
     followed = tuple(one for one in now if isinstance(one, Bystander))
     return Bystanders(followed, tuple(one for one in now if isinstance(one, Search)))
 
 
 def label_by_bodies(
-    pieces: Sequence[Pieces | None], views: tuple[View | None, ...], bystanders: Bystanders, cameras: Sequence[Camera]
+    pieces: Sequence[Pieces | None],
+    views: tuple[View | None, ...],
+    patient: RoughPerson,
+    bystanders: Bystanders,
+    cameras: Sequence[Camera],
 ) -> tuple[View | None, ...]:
-    """The labels of a first frame once more, by the bodies that explain them; the same where the patient has none.
+    """The labels of a first frame once more, by the bodies that explain them.
 
     Arms and legs that grew over the surface of people who touch go back to the body that has them.
     """
-    patient = rough_person(views, cameras, PixelLabel.PATIENT)
-    if patient is None:
-        return views
     posed = Bystander(PixelLabel.PATIENT, patient.body, patient.found.belief, np.zeros(POSE_SIZE), 1.0)
     likelihood = bystander_likelihood(Bystanders((posed, *bystanders.followed)), body_points(), 0.0)
     return separate(pieces, update_memory(empty_memory(), pieces, views, cameras, 0.0), likelihood, 0.0, cameras)
@@ -246,8 +265,8 @@ def ordinary_body(points: SkinPoints, steps: int) -> Body:
     return build_body(points, child_belief(points.asset).standing(points.asset, height_m, HEIGHT_SIGMA_M).shape)
 
 
-def _find(label: int, views: Sequence[View | None], cameras: Sequence[Camera], evidence: Evidence) -> Bystander | None:
-    person = rough_person(views, cameras, label)
+def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystander | None:
+    """The person of whom a rough body was found; None where it does not explain the person."""
     if person is None:
         return None
     body, found = person

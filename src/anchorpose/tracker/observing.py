@@ -18,7 +18,7 @@ from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory,
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.people import IsolationConfig, PatientChoice
 from anchorpose.isolation.scene import Pieces, find_all_pieces
-from anchorpose.isolation.separation import separate, separate_initial
+from anchorpose.isolation.separation import by_distance, label_people, separate
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.border import Border, border
@@ -30,35 +30,42 @@ from anchorpose.tracker.bystanders import (
     Bystanders,
     bystander_likelihood,
     bystanders_placed,
+    first_bystanders,
     follow_bystanders,
     label_by_bodies,
 )
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import AnchorDistances, Expectation, Isolated, Observation, SeenSurface
 from anchorpose.tracker.room import FACING, UP, Run
-from anchorpose.tracker.sighting import IN_EACH_OTHER_M, see_people_apart
+from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
 LOOSEST_SKIN_M = 0.05  # half of a limb's width: skin predicted less precisely is left out of the likelihood
 UNFITTED_M = 0.04  # that skin may stray in each frame without a fit: 1.2 m/s at 30 Hz, a fast leg
 
 
-def observe_first(frame_set: FrameSet, choice: PatientChoice, height_m: float, run: Run) -> Observation:
-    """A frame in which nothing is expected except where the patient stands."""
-    isolated = isolate_first(frame_set, choice, run)
+def observe_first(
+    frame_set: FrameSet, choice: PatientChoice, height_m: float, run: Run, crowd: Crowd | None = None
+) -> Observation:
+    """A frame in which nothing is expected except where the patient stands; crowd: its people, where they are known."""
+    isolated = isolate_first(frame_set, choice, run, crowd)
     return observe(frame_set, isolated, None, height_m, run)
 
 
-def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isolated:
-    """Who is who where nothing is known but where the patient stands."""
+def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run, crowd: Crowd | None = None) -> Isolated:
+    """Who is who where nothing is known but where the patient stands; crowd: as in ``observe_first``."""
+    cameras, bystanders = run.room.cameras, Bystanders()
     with run.stage("isolation"):
-        pieces = find_all_pieces(frame_set, run.room.scenes)
-        views = separate_initial(pieces, see_people_apart(pieces, run.room.cameras)[0], choice)
-    bystanders = see_bystanders(Bystanders(), views, 0.0, run)
-    if bystanders.followed:
+        crowd = crowd or see_people_apart(find_all_pieces(frame_set, run.room.scenes), cameras)
+        order = by_distance(crowd.people, choice.ground_xz_m)
+        views = label_people(crowd.pieces, crowd.people, order)
+    if run.config.follow.bystanders:
         with run.stage("bystanders"):
-            views = label_by_bodies(pieces, views, bystanders, run.room.cameras)
-    return _isolated(pieces, views, empty_memory(), bystanders, 0.0, run)
+            fitted = {PixelLabel.PATIENT + k: crowd.bodies[number] for k, number in enumerate(order.tolist())}
+            bystanders, patient = first_bystanders(fitted, views, cameras), fitted.get(PixelLabel.PATIENT)
+            if bystanders.followed and patient is not None:
+                views = label_by_bodies(crowd.pieces, views, patient, bystanders, cameras)
+    return _isolated(crowd.pieces, views, empty_memory(), bystanders, 0.0, run)
 
 
 def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> tuple[Isolated, np.ndarray]:

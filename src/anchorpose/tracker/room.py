@@ -25,6 +25,7 @@ from anchorpose.results.corrections import Corrections, JointCorrection
 from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Start
+from anchorpose.tracker.sighting import Crowd
 from anchorpose.tracker.stopwatch import Stopwatch
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -37,7 +38,8 @@ class InitialFrame:
     """A frame (position in the recording) that shows the patient, and where the patient stands in it.
 
     score: 0 to 1, by how well the patient is seen there, and how far from others; whole: 0 to 1, the patient's visible
-    surface relative to the usual one; alone: nobody is there to be confused with; start: the patient as found there,
+    surface relative to the usual one; alone: nobody is there to be confused with; crowd: the people seen there, as long
+    as it may be needed; start: the patient as found there,
     None where no body was fitted yet.
     """
 
@@ -46,6 +48,7 @@ class InitialFrame:
     score: float
     whole: float
     alone: bool
+    crowd: Crowd | None = field(default=None, repr=False)
     start: Start | None = field(default=None, repr=False)
 
 

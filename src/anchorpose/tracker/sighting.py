@@ -28,6 +28,16 @@ _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Crowd:
+    """The people of one moment: pieces, the foreground of each camera (None without a frame); people, whose pixels it
+    shows; bodies, of each person (None where too little is seen)."""
+
+    pieces: tuple[Pieces | None, ...]
+    people: People
+    bodies: tuple[RoughPerson | None, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RoughBody:
     """place_xz_m (2,): the pelvis; facing_xz (2,): unit vector from the back to the front; explained: 0 to 1, share of
     the person's nodes that the body accounts for; past: 0 to 1, share of the trunk's skin that cameras see past."""
@@ -53,47 +63,52 @@ class SeenPerson:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
-    """Who is seen in the frame with a number; depths_m: each camera's depth image, None without a frame."""
+    """Who is seen in the frame with a number; depths_m: each camera's depth image, None without a frame; crowd: the
+    people with their pixels, in the order of ``people``."""
 
     frame: int
     people: tuple[SeenPerson, ...]
     depths_m: tuple[np.ndarray | None, ...]
+    crowd: Crowd
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
     """Return the people of one moment, each with a rough body."""
     pieces, cameras = find_all_pieces(frame_set, scenes), [scene.camera for scene in scenes]
-    people, bodies = see_people_apart(pieces, cameras)
+    crowd = see_people_apart(pieces, cameras)
+    people = crowd.people
     views = label_people(pieces, people, np.arange(len(people.people)))
     seen = tuple(
         SeenPerson(person, None if body is None else _rough_body(body, views, cameras))
-        for person, body in zip(people.people, bodies, strict=True)
+        for person, body in zip(people.people, crowd.bodies, strict=True)
     )
-    return Sighting(frame_set.frame, seen, tuple(frame_set.depths_m))
+    return Sighting(frame_set.frame, seen, tuple(frame_set.depths_m), crowd)
 
 
-def see_people_apart(
-    pieces: Sequence[Pieces | None], cameras: Sequence[Camera]
-) -> tuple[People, tuple[RoughPerson | None, ...]]:
+def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> Crowd:
     """Return the people of one moment with their rough bodies; whom another person's body covers is a part of them.
 
     Votes for a pelvis that is hidden may be half a metre off: then a trunk in one camera is a person beside the same
     person in another.
     """
     people = see_people(pieces, cameras)
-    bodies = _bodies(pieces, people, cameras)
+    bodies = _bodies(pieces, people, cameras, np.arange(len(people.people)))
     owner = _owners(pieces, people, bodies)
-    if (owner == np.arange(len(owner))).all():
-        return people, bodies
-    people = people.joined(owner)
-    return people, _bodies(pieces, people, cameras)
+    kept = np.flatnonzero(owner == np.arange(len(owner)))
+    if len(kept) < len(owner):
+        people = people.joined(owner)
+        grown = np.flatnonzero(np.bincount(owner)[kept] > 1)  # the others look as before
+        fitted = dict(zip(grown.tolist(), _bodies(pieces, people, cameras, grown), strict=True))
+        bodies = tuple(fitted.get(number, bodies[k]) for number, k in enumerate(kept.tolist()))
+    return Crowd(tuple(pieces), people, bodies)
 
 
 def _bodies(
-    pieces: Sequence[Pieces | None], people: People, cameras: Sequence[Camera]
+    pieces: Sequence[Pieces | None], people: People, cameras: Sequence[Camera], numbers: np.ndarray
 ) -> tuple[RoughPerson | None, ...]:
+    """The bodies of the people with some numbers."""
     views = label_people(pieces, people, np.arange(len(people.people)))
-    return tuple(rough_person(views, cameras, PixelLabel.PATIENT + number) for number in range(len(people.people)))
+    return tuple(rough_person(views, cameras, PixelLabel.PATIENT + number) for number in numbers.tolist())
 
 
 def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[RoughPerson | None]) -> np.ndarray:

@@ -37,7 +37,7 @@ from anchorpose.tracker.observing import observe_first
 from anchorpose.tracker.patient_choice import GIVEN_M, Patient, choose_patient, distance_m
 from anchorpose.tracker.prior_shape import is_human, known_beliefs, likeliest, ordinary_height_m, shapes_to_try
 from anchorpose.tracker.room import InitialFrame, Room, Run
-from anchorpose.tracker.sighting import SeenPerson, Sighting
+from anchorpose.tracker.sighting import Crowd, SeenPerson, Sighting
 
 SEEN = 0.3  # of the skin of a forearm or shank: half of it faces a camera
 USUAL = 60.0  # squared deviations of all joint ranges: right first poses have 15 to 60, wrong ones over 100
@@ -63,10 +63,15 @@ class NoStart(StrEnum):
     LIMBS_ALONE = "neither trunk nor head is in view, only limbs"
 
 
-def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: FittedShape | None) -> Start | NoStart:
-    """The patient in this frame, or why there is none. known: the learnt shape, if there is one already."""
+def find_start(
+    frame_set: FrameSet, run: Run, choice: PatientChoice, known: FittedShape | None, crowd: Crowd | None = None
+) -> Start | NoStart:
+    """The patient in this frame, or why there is none.
+
+    known: the learnt shape, if there is one already; crowd: the people of this frame, where they are known.
+    """
     points, room, config = body_points(), run.room, run.config
-    observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run)
+    observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
     matches = matches_of(observation.evidence.views, room.cameras, PixelLabel.PATIENT)
     if len(observation.surface) < config.registration.least_nodes or len(matches) < LEAST_MATCHES:
         return NoStart.TOO_LITTLE_SEEN
@@ -230,28 +235,28 @@ def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: f
     explained = 1.0 if one.body is None else one.body.explained
     score = explained * whole * apart * (1.0 if len(people) >= usual else MERGED)
     choice = PatientChoice(place, patient.reason, patient.sure, sighting.frame, patient.rival_xz_m)
-    return InitialFrame(shown.frame, choice, round(score, 1), whole, len(people) == 1)
+    return InitialFrame(shown.frame, choice, round(score, 1), whole, len(people) == 1, sighting.crowd)
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
     """The room with its best initial frame first. A person who is alone cannot be confused: no fit is needed."""
     candidates = room.initial_frames
     if all(one.alone for one in candidates):
-        return room
+        return replace(room, initial_frames=tuple(replace(one, crowd=None) for one in candidates))
 
     found = dict[int, Start]()
 
     def explained(candidate: InitialFrame) -> float:
         frame_set = without_other_places(read_frame(room.recording, candidate.frame), room.scenes)
-        start = find_start(frame_set, Run(room, config), candidate.choice, None)
+        start = find_start(frame_set, Run(room, config), candidate.choice, None, candidate.crowd)
         if isinstance(start, NoStart):
             return 0.0
         found[candidate.frame] = start
         return quality(start)
 
     best = best_of(candidates, explained)
-    others = (one for one in candidates if one is not best)
-    return replace(room, initial_frames=(replace(best, start=found.get(best.frame)), *others))
+    others = (replace(one, crowd=None) for one in candidates if one is not best)
+    return replace(room, initial_frames=(replace(best, crowd=None, start=found.get(best.frame)), *others))
 
 
 def best_of(candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], float]) -> InitialFrame:
