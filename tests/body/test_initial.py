@@ -85,7 +85,7 @@ def test_a_body_of_another_height_is_found_with_a_shape_that_gives_way():
 def test_the_same_evidence_gives_the_same_bits():
     first, again = (first_pose(STANDING) for _ in range(2))
     np.testing.assert_array_equal(first.pose.rotations, again.pose.rotations)
-    assert first.cost == again.cost
+    assert first.log == again.log
 
 
 def test_anchor_points_are_the_tips_of_the_body():

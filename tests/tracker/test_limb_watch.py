@@ -24,8 +24,8 @@ from anchorpose.tracker.limb_watch import (
     LONGEST_PAUSE,
     SEARCH_PAUSE,
     LimbWatch,
-    cheaper,
     is_doubtful,
+    likelier,
 )
 
 BODY = adult_body()
@@ -116,5 +116,5 @@ def test_a_claim_that_finds_nothing_waits_longer_before_the_next(monkeypatch):
 
 def test_of_two_registrations_the_one_that_was_found_is_better():
     lost = replace(FOUND, found=False)
-    assert cheaper(BODY, lost, FOUND, None, None) is FOUND
-    assert cheaper(BODY, FOUND, lost, None, None) is FOUND
+    assert likelier(BODY, lost, FOUND, None) is FOUND
+    assert likelier(BODY, FOUND, lost, None) is FOUND

@@ -35,11 +35,11 @@ _SIGMA_M: Final = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """The patient's nodes, and every camera's labelled depth frame with the patient's outline in it.
+    """A person's nodes, and every camera's labelled depth frame with the person's outline in it.
 
     surface: with edges where it is the whole seen surface; evidence needs its nodes only. views and outlines: None for
-    a camera without a frame; outlines also where the patient is not in the image. floor_m: height of the floor, None
-    where it is unknown.
+    a camera without a frame; outlines also where the person is not in the image. floor_m: height of the floor, None
+    where it is unknown. label: the person's, of the pixels.
     """
 
     surface: Nodes | Surface
@@ -47,6 +47,7 @@ class Evidence:
     outlines: tuple[np.ndarray | None, ...]
     cameras: tuple[Camera, ...]
     floor_m: float | None = None
+    label: int = PixelLabel.PATIENT
 
 
 def gather_evidence(

@@ -12,9 +12,10 @@ from typing import Final
 
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import surface_constraints
-from anchorpose.body.evidence import Evidence, evidence_cost, evidence_rows
+from anchorpose.body.evidence import Evidence, evidence_rows
 from anchorpose.body.fit import damped_step
 from anchorpose.body.learning import ShapeFrame, learn_shape_step
+from anchorpose.body.likelihood import log_probability
 from anchorpose.body.matched_places import MatchedPerson, fit_matches
 from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import ShapeBelief
@@ -29,11 +30,11 @@ _ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstPose:
-    """The best of several bodies; cost is per constraint, comparable between frames."""
+    """The best of several bodies; log: how probable pose and shape are by the images and the prior, nats."""
 
     pose: Pose
     belief: ShapeBelief
-    cost: float
+    log: float
 
     @property
     def shape(self) -> FittedShape:
@@ -56,7 +57,7 @@ class FirstShape:
 def find_first_pose(
     evidence: Evidence, person: MatchedPerson, shape: FirstShape, config: RegistrationConfig
 ) -> FirstPose:
-    """Fit each body to the matches, settle it on the surface, and keep the cheapest."""
+    """Fit each body to the matches, settle it on the surface, and keep the most probable."""
     points = body_points()
     found = [
         _settle(
@@ -68,7 +69,7 @@ def find_first_pose(
         )
         for tried in shape.tried
     ]
-    return min(found, key=lambda first: first.cost)
+    return max(found, key=lambda first: first.log)
 
 
 def _settle(
@@ -86,8 +87,8 @@ def _settle(
             body = build_body(body.points, shape)
         else:
             pose = damped_step(body, pose, rows, None, rows_per_observation)
-    cost = evidence_cost(body, pose, evidence, _REACHES_M[-1], config) + belief.cost(shape)
-    return FirstPose(pose, replace(belief, shape=shape), cost)
+    log = log_probability(body, pose, evidence) - 0.5 * belief.cost(shape)
+    return FirstPose(pose, replace(belief, shape=shape), log)
 
 
 def find_rough_pose(body: Body, evidence: Evidence, person: MatchedPerson, config: RegistrationConfig) -> Pose:

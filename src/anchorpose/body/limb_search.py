@@ -14,9 +14,10 @@ import numpy as np
 
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
-from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_cost
+from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.fit import prior_equations
+from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_proposals import anchor_poses, exchanged, limb_poses, uncovered_paths
 from anchorpose.body.matched_places import LEAST_MATCHES, fit_matches, matches_of
 from anchorpose.body.pose import UNSEEN_S, Pose, PoseBelief
@@ -36,8 +37,8 @@ SAME_M: Final = 0.04  # poses whose joints are nowhere farther apart lead to the
 APART_M: Final = 0.08  # poses whose joints are nowhere farther apart are one: as much as clothes and holds move
 MOST_TIES: Final = 2
 MOST_UNUSUAL: Final = 10.0  # squared deviations of all joint ranges by which a pose may be rarer than before
-MOST_LAG: Final = 6.0  # a pose that costs so much more is e^3 times less likely
-LEAST_GAIN: Final = 0.008  # share of the nodes that another pose must explain besides
+MOST_LAG: Final = 3.0  # nats: a pose that is so much less likely, one in twenty, is no rival
+LEAST_GAIN: Final = 3.0  # nats: limbs are where they were expected in more than nineteen of twenty searches
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +46,7 @@ class Search:
     """What a search found.
 
     registration: of the best pose. rounds: in which another pose was taken, 0: none. ties: beliefs in other poses that
-    explain the frame almost as well, and by how much worse (``evidence_cost``).
+    explain the frame almost as well, and by how much worse (``log_probability``, nats).
     """
 
     registration: Registration
@@ -56,7 +57,7 @@ class Search:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tried:
     pose: Pose
-    cost: float
+    log: float
 
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
@@ -84,7 +85,7 @@ def search_limbs(
     for number in range(ROUNDS):
         proposed = _proposals(body, pose, evidence, seen, whole_body=number == 0)
         tried = _register_all(body, _distinct(body, [pose, *proposed]), uncertain, evidence, trial)
-        better = _clearly_best(tried, evidence, trial)
+        better = _clearly_best(tried)
         if better is None:
             break
         pose, rounds = _refined(body, better, uncertain, evidence, config), rounds + 1
@@ -138,12 +139,12 @@ def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
 def _register_all(
     body: Body, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[_Tried]:
-    """The first pose as it is, the others after a short registration, and what each costs."""
+    """The first pose as it is, the others after a short registration, and how probable each is."""
 
     def settled(pose: Pose) -> _Tried:
         if pose is not poses[0]:
             pose = _settled(body, pose, uncertain, evidence, config)
-        return _Tried(pose, evidence_cost(body, pose, evidence, config.reaches_m[-1], config))
+        return _Tried(pose, log_probability(body, pose, evidence))
 
     return each(settled, poses)
 
@@ -161,12 +162,10 @@ def _refined(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, 
     return _settled(body, pose, uncertain, evidence, replace(config, reaches_m=REFINED_REACHES_M))
 
 
-def _clearly_best(tried: Sequence[_Tried], evidence: Evidence, config: RegistrationConfig) -> Pose | None:
-    """The cheapest of the other poses, None where it does not clearly explain more than the first."""
-    nodes = min(len(evidence.surface), config.node_count)
-    gain = LEAST_GAIN * nodes * unexplained_node_cost(config.reaches_m[-1], config)
-    best = min(tried[1:], key=lambda one: one.cost, default=tried[0])
-    return best.pose if best.cost < tried[0].cost - gain else None
+def _clearly_best(tried: Sequence[_Tried]) -> Pose | None:
+    """The most probable of the other poses, None where it does not clearly explain more than the first."""
+    best = max(tried[1:], key=lambda one: one.log, default=tried[0])
+    return best.pose if best.log > tried[0].log + LEAST_GAIN else None
 
 
 def _ties(
@@ -178,15 +177,13 @@ def _ties(
     config: RegistrationConfig,
 ) -> Iterator[tuple[PoseBelief, float]]:
     """Poses of the last round that the frame does not decide against; at most ``MOST_TIES``."""
-    reach_m = config.reaches_m[-1]
-    least = evidence_cost(body, found.belief.pose, evidence, reach_m, config)
-    cheapest = min(one.cost for one in tried)
+    most, best = log_probability(body, found.belief.pose, evidence), max(one.log for one in tried)
     others = [found.belief.pose]
-    for one in sorted(tried, key=lambda one: one.cost):
-        if one.cost > cheapest + MOST_LAG or len(others) > MOST_TIES:
+    for one in sorted(tried, key=lambda one: -one.log):
+        if one.log < best - MOST_LAG or len(others) > MOST_TIES:
             return
         pose = _refined(body, one.pose, uncertain, evidence, config)
-        lag = evidence_cost(body, pose, evidence, reach_m, config) - least
+        lag = most - log_probability(body, pose, evidence)
         if lag > MOST_LAG or any(farthest_joint_m(body, pose, other) <= APART_M for other in others):
             continue
         others.append(pose)
@@ -195,12 +192,12 @@ def _ties(
 
 
 MEMORY: Final = 0.8  # share of the lag that a frame passes on: three frames later half is forgotten
-DECIDED: Final = 12.0  # a lag so large makes a pose e^6 times less likely than the best
+DECIDED: Final = 6.0  # nats: a pose that is e^6 times less likely than the best
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rival:
-    """A pose besides the best; lag: by how much it explains the last frames worse, as ``evidence_cost``."""
+    """A pose besides the best; lag: by how much it explains the last frames worse, nats."""
 
     belief: PoseBelief
     lag: float
@@ -217,14 +214,14 @@ def follow_rivals(
     """The best registration of a frame and what is left of its rivals: one that explains more takes its place."""
     if not rivals:
         return best, ()
-    least = evidence_cost(body, best.belief.pose, evidence, config.reaches_m[-1], config)
+    most = log_probability(body, best.belief.pose, evidence)
     followed = [(best, 0.0)]
     for rival in rivals:
         expected = rival.belief.later(rival.belief.pose, elapsed_s)
         found = register(body, expected, evidence, no_constraints(), config)
         if found.found and _is_another(body, found, followed):
-            cost = evidence_cost(body, found.belief.pose, evidence, config.reaches_m[-1], config)
-            followed.append((found, MEMORY * rival.lag + cost - least))
+            lag = most - log_probability(body, found.belief.pose, evidence)
+            followed.append((found, MEMORY * rival.lag + lag))
     followed.sort(key=lambda one: one[1])  # stable: of equals the reported one stays
     first, lead = followed[0]
     left = [Rival(one.belief, lag - lead) for one, lag in followed[1:] if lag - lead < DECIDED]
@@ -241,7 +238,7 @@ def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: S
 
     A rival's weight is its likelihood by its lag. Its own spread is taken to be that of the best pose.
     """
-    weight = np.exp(-0.5 * np.array([0.0, *(rival.lag for rival in rivals)]))
+    weight = np.exp(-np.array([0.0, *(rival.lag for rival in rivals)]))
     weight /= weight.sum()
     variance = sigma_m**2
     for share, rival in zip(weight[1:], rivals, strict=True):

@@ -217,7 +217,7 @@ def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], lab
     pixels = sum(int(np.count_nonzero(mask)) for mask in masks if mask is not None)
     step = min(COARSE.step, max(1, math.isqrt(pixels // ROUGHLY.node_count)))
     surface = nodes_of_pixels(depths, masks, cameras, step)
-    return Evidence(surface, tuple(views), (None,) * len(views), tuple(cameras))
+    return Evidence(surface, tuple(views), (None,) * len(views), tuple(cameras), label=label)
 
 
 def _is_person(body: Body, pose: Pose, evidence: Evidence) -> bool:

@@ -20,6 +20,7 @@ from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_cost
 from anchorpose.body.explanation import Explanation, explain, limb_of_points
 from anchorpose.body.inverse_kinematics import exchange_crossed_legs, pose_from_joints
+from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_proposals import CHAINS, REACH_SLACK_M, Chain, contradicted_by, end_points, reaching
 from anchorpose.body.limb_search import MOST_UNUSUAL, TRIAL_NODES, Rival, needs_search, rarity, search_limbs
 from anchorpose.body.pose import TRUNK, UNSEEN_S, Pose, PoseBelief
@@ -358,7 +359,7 @@ class LimbWatch:
         if pose is None:
             return watched
         other = register(body, predicted.later(pose, UNSEEN_S), seen.evidence, no_constraints(), config)
-        better = cheaper(body, found, other, seen, self.run)
+        better = likelier(body, found, other, seen)
         return watched if better is found else replace(watched, registration=better, moved=True)
 
 
@@ -374,12 +375,9 @@ def is_doubtful(body: Body, found: Registration, explanation: Explanation, seen:
     return bool(contradicted_by(body, found.belief.pose, seen.anchors, ELSEWHERE_M)[LIMB_ENDS].any())
 
 
-def cheaper(body: Body, one: Registration, other: Registration, seen: Observation, run: Run) -> Registration:
+def likelier(body: Body, one: Registration, other: Registration, seen: Observation) -> Registration:
     """Which of two registrations explains the frame better; the first where they do so equally."""
     if not (one.found and other.found):
         return other if other.found else one
-    config = run.config.registration
-    costs = [
-        evidence_cost(body, tried.belief.pose, seen.evidence, config.reaches_m[-1], config) for tried in (one, other)
-    ]
-    return other if costs[1] < costs[0] else one
+    first, second = (log_probability(body, tried.belief.pose, seen.evidence) for tried in (one, other))
+    return other if second > first else one

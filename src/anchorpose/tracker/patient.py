@@ -32,7 +32,7 @@ from anchorpose.track_tree.global_hypothesis import GlobalHypothesis, held_by, j
 from anchorpose.tracker.bystanders import WALKING
 from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, displaced, estimate_of
-from anchorpose.tracker.limb_watch import LimbWatch, cheaper, explained_by, is_doubtful
+from anchorpose.tracker.limb_watch import LimbWatch, explained_by, is_doubtful, likelier
 from anchorpose.tracker.observation import Expectation, Isolated, Observation, Start
 from anchorpose.tracker.observing import Window, gather, isolate, observe, see_anchors, see_surface
 from anchorpose.tracker.room import Run
@@ -299,7 +299,7 @@ class PatientTracker:
         if always or self._leaves_doubt(found, explanation):
             hypothesis = self._search_tree()
             held = self._fit(predicted, self._held(hypothesis, poses[0]))
-            found = cheaper(self.body, found, held, self.window[1], self.run)
+            found = likelier(self.body, found, held, self.window[1])
             explanation = explained_by(self.body, found, self.window[1])
         if not found.found:
             watched = self.watch.look_for_whole(self.body, found, predicted, self.window[1])

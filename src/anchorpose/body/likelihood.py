@@ -1,0 +1,169 @@
+"""The likelihood of depth images where a body has a pose: one score for every decision between poses.
+
+The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or what
+is behind it; the score is the logarithm of how much more probable the readings are with the body than without it. Skin
+that something hides tells nothing, skin that a camera sees past costs, skin that explains a reading gains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from anchorpose.body.evidence import Evidence
+from anchorpose.body.explanation import limb_of_points
+from anchorpose.body.fit import prior_equations
+from anchorpose.body.pose import PARTS, Pose
+from anchorpose.body.skin_points import Body, SkinPoints, pose_points
+from anchorpose.body.visibility import Projection, projection_of
+from anchorpose.camera import Camera
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.lens import pixel_of_ray
+
+FOOTPRINT_M: Final = 0.02  # of a pixel at reduced resolution: half of a wrist's width
+SKIN_SIGMA_M: Final = 0.02  # between rendered skin and reading: clothes, and what a body of few points leaves out
+ALIKE_M: Final = 0.05  # side of the patch whose readings are off by one error: clothes and folds, not the sensor
+RANGE_M: Final = 4.0  # of a depth camera: something of which nothing is known is anywhere within it
+CLUTTER: Final = 0.1  # share of the pixels that show something of which nothing is known
+PAST: Final = 0.05  # share of the rendered skin that cameras see past where the pose is right: outlines are rough
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Likelihood:
+    """explained, past, hidden (PARTS,): independent observations of each limb by what its pixels show; log: nats, how
+    much more probable the readings are with the body than without it, of each limb (PARTS,)."""
+
+    log: np.ndarray
+    explained: np.ndarray
+    past: np.ndarray
+    hidden: np.ndarray
+
+    @property
+    def total(self) -> float:
+        """Of the whole body, nats."""
+        return float(self.log.sum())
+
+
+def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
+    """Return the likelihood of all cameras' readings of the evidence's person, for a body in a pose."""
+    skin_m = pose_points(body, pose).points_m
+    sums = np.zeros((4, PARTS))
+    for view, camera in zip(evidence.views, evidence.cameras, strict=True):
+        if view is not None:
+            sums += _of_camera(body.points, skin_m, view, camera, evidence.label)
+    return Likelihood(*sums)
+
+
+def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
+    """Return the likelihood together with the range of the joints, nats."""
+    return likelihood(body, pose, evidence).total - 0.5 * prior_equations(body.points, pose, None).cost
+
+
+def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
+    """(4, PARTS) as in ``Likelihood``, by one camera."""
+    projection = projection_of(camera)
+    focal_px = max(projection.lens[0], projection.lens[1])
+    placed = _placed(skin_m, projection)
+    ahead = placed[placed[:, 2] > 0.0, 2]
+    if not len(ahead):
+        return np.zeros((4, PARTS))
+    distance_m = float(np.median(ahead))
+    step = max(1, round(FOOTPRINT_M * focal_px / distance_m))
+    share = (step * distance_m / focal_px / ALIKE_M) ** 2
+    height, width = view.labels.shape
+    depth_m, part = _rendered(placed, skin_faces(points), limb_of_points(points), step, height, width)
+    return _scored(depth_m, part, view.depth_m, view.labels, label, step) * min(share, 1.0)
+
+
+@cache
+def skin_faces(points: SkinPoints) -> np.ndarray:
+    """(f, 3) triangles between skin points: each vertex of the asset's skin goes to the skin point nearest to it."""
+    from scipy.spatial import cKDTree
+
+    asset = points.asset
+    nearest = cKDTree(asset.vertices[points.vertex]).query(asset.vertices)[1]
+    faces = nearest[asset.faces]
+    corners = np.sort(faces, axis=1)
+    whole = (corners[:, 0] < corners[:, 1]) & (corners[:, 1] < corners[:, 2])
+    _, first = np.unique(corners[whole], axis=0, return_index=True)
+    return np.ascontiguousarray(faces[whole][np.sort(first)])
+
+
+@njit(cache=True, nogil=True)
+def _placed(skin_m: np.ndarray, projection: Projection) -> np.ndarray:
+    """(p, 3) column, row and depth of each skin point; depth 0 behind the camera."""
+    T, lens = projection.T_camera_world, projection.lens
+    placed, at = np.zeros((len(skin_m), 3)), np.empty(3)
+    for p in range(len(skin_m)):
+        for i in range(3):
+            at[i] = T[i, 3]
+            for j in range(3):
+                at[i] += T[i, j] * skin_m[p, j]
+        if at[2] > 1e-3:
+            placed[p, 0], placed[p, 1] = pixel_of_ray(at[0] / at[2], at[1] / at[2], lens)
+            placed[p, 2] = at[2]
+    return placed
+
+
+@njit(cache=True, nogil=True)
+def _rendered(
+    placed: np.ndarray, faces: np.ndarray, limb: np.ndarray, step: int, height: int, width: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Depth (h, w) of the nearest skin at every ``step``-th pixel, infinite without, and the limb there, -1 without."""
+    rows, columns = (height + step - 1) // step, (width + step - 1) // step
+    depth, part = np.full((rows, columns), np.inf), np.full((rows, columns), np.int64(-1))
+    for f in range(len(faces)):
+        a, b, c = placed[faces[f, 0]], placed[faces[f, 1]], placed[faces[f, 2]]
+        if a[2] == 0.0 or b[2] == 0.0 or c[2] == 0.0:
+            continue
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        if abs(area) < 1e-9:
+            continue
+        left, right = min(a[0], b[0], c[0]) / step, max(a[0], b[0], c[0]) / step
+        top, bottom = min(a[1], b[1], c[1]) / step, max(a[1], b[1], c[1]) / step
+        for r in range(max(0, int(np.ceil(top))), min(rows - 1, int(np.floor(bottom))) + 1):
+            for k in range(max(0, int(np.ceil(left))), min(columns - 1, int(np.floor(right))) + 1):
+                x, y = k * step, r * step
+                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
+                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
+                if u < 0.0 or v < 0.0 or u + v > 1.0:
+                    continue
+                z = u * a[2] + v * b[2] + (1.0 - u - v) * c[2]
+                if z < depth[r, k]:
+                    depth[r, k], part[r, k] = z, limb[faces[f, 0]]
+    return depth, part
+
+
+@njit(cache=True, nogil=True)
+def _scored(
+    skin_m: np.ndarray, part: np.ndarray, depth_m: np.ndarray, labels: np.ndarray, own: int, step: int
+) -> np.ndarray:
+    """(4, PARTS) log likelihood ratio, and pixels that are explained, seen past and hidden."""
+    sums = np.zeros((4, PARTS))
+    past = np.log(PAST)
+    for r in range(skin_m.shape[0]):
+        for k in range(skin_m.shape[1]):
+            limb = part[r, k]
+            if limb < 0:
+                continue
+            label, z = labels[r * step, k * step], np.float64(depth_m[r * step, k * step])
+            beyond = z - skin_m[r, k]
+            if label == PixelLabel.NO_READING:
+                sums[3, limb] += 1.0
+            elif label == own:
+                off = beyond / SKIN_SIGMA_M
+                skin = 1.0 / (np.pi * SKIN_SIGMA_M * (1.0 + off * off))
+                other = (CLUTTER if beyond < 0.0 else PAST) / RANGE_M
+                gain = np.log(((1.0 - CLUTTER) * skin + other) * RANGE_M / CLUTTER)
+                sums[0, limb] += gain
+                sums[1 if abs(off) < 3.0 else (3 if beyond < 0.0 else 2), limb] += 1.0
+            elif (label == PixelLabel.BACKGROUND and z <= 0.0) or beyond > 3.0 * SKIN_SIGMA_M:
+                sums[0, limb] += past
+                sums[2, limb] += 1.0
+            else:
+                sums[3, limb] += 1.0
+    return sums
