@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +15,7 @@ from anchorpose import __version__
 from anchorpose.agreement.evaluating import (
     ALL,
     AS_MEASURED,
+    AXES,
     COLUMNS,
     INFERRED,
     Agreement,
@@ -24,11 +24,12 @@ from anchorpose.agreement.evaluating import (
     quantities,
 )
 from anchorpose.agreement.matching import Match
+from anchorpose.agreement.reliability import csv_text
 from anchorpose.agreement.statistics import LEAST_UNITS
 from anchorpose.joints import JOINT_NAMES, JointState
-from anchorpose.recording.document import cell_text
 from anchorpose.report.chart import Axis, make_axis
 from anchorpose.results.folder import FolderKind, check_results_path, whole_or_nothing
+from anchorpose.results.run_record import as_json
 from anchorpose.results.web_page import render_page
 
 SHOWN_STATES: Final = (ALL, str(JointState.OBSERVED), INFERRED)
@@ -49,7 +50,6 @@ DISTANCE_HEAD: Final = ("", "mean, mm", "RMSE, mm", "largest, mm", "samples")
 
 def page_text(comparison: Comparison, alignments: Sequence[Sequence[str]], methods: Sequence[str]) -> str:
     """The page; alignments: sentences per recording."""
-    rows = comparison.rows
     named = [f"{match.results.name} against {match.reference.path.name}" for match in comparison.matches]
     return render_page(
         "anchorpose.agreement",
@@ -61,7 +61,7 @@ def page_text(comparison: Comparison, alignments: Sequence[Sequence[str]], metho
         distances=distance_rows(comparison),
         difference_head=DIFFERENCE_HEAD,
         differences=angle_rows(comparison),
-        joints=[_difference_cells(row) for row in rows if _joint_row(row)],
+        joints=[_difference_cells(row) for row in comparison.rows if row.axis in AXES and row.state == ALL],
         plots=_plots(comparison),
         methods=methods,
     )
@@ -69,16 +69,16 @@ def page_text(comparison: Comparison, alignments: Sequence[Sequence[str]], metho
 
 def distance_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
     """(title, cells of ``DISTANCE_HEAD``) of joints and of all of them."""
-    return [_distance_cells(row) for row in comparison.rows if row.axis == "distance" and row.state in SHOWN_STATES]
+    return [
+        (_title(row), [f"{row.mean_abs:.1f}", f"{row.rmse:.1f}", f"{row.largest:.0f}", str(row.samples)])
+        for row in comparison.rows
+        if row.axis == "distance" and row.state in SHOWN_STATES
+    ]
 
 
 def angle_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
     """(title, cells of ``DIFFERENCE_HEAD``) of angles."""
     return [_difference_cells(row) for row in comparison.rows if row.kind != "joint" and row.state in SHOWN_STATES]
-
-
-def _joint_row(row: Agreement) -> bool:
-    return row.kind == "joint" and row.axis != "distance" and row.state == ALL
 
 
 def _title(row: Agreement) -> str:
@@ -88,20 +88,11 @@ def _title(row: Agreement) -> str:
     return f"{row.name.replace('_', ' ')}{axis}{given} ({row.state}{removed})"
 
 
-def _distance_cells(row: Agreement) -> tuple[str, list[str]]:
-    return _title(row), [f"{row.mean_abs:.1f}", f"{row.rmse:.1f}", f"{row.largest:.0f}", str(row.samples)]
-
-
 def _difference_cells(row: Agreement) -> tuple[str, list[str]]:
-    limits = f"{_number(row.lower)} to {_number(row.upper)}"
-    if row.lower_low is not None:
-        limits += (
-            f" ({_number(row.lower_low)} to {_number(row.lower_high)}; "
-            f"{_number(row.upper_low)} to {_number(row.upper_high)})"
-        )
-    bias = _number(row.bias)
-    if row.bias_low is not None:
-        bias += f" ({_number(row.bias_low)} to {_number(row.bias_high)})"
+    bias, limits = _number(row.bias), _span(row.lower, row.upper)
+    if row.bias_low is not None:  # the limits have intervals, too
+        bias += f" ({_span(row.bias_low, row.bias_high)})"
+        limits += f" ({_span(row.lower_low, row.lower_high)}; {_span(row.upper_low, row.upper_high)})"
     return _title(row), [
         f"{bias} {row.unit}",
         limits,
@@ -116,6 +107,10 @@ def _difference_cells(row: Agreement) -> tuple[str, list[str]]:
 
 def _number(value: float | None, digits: int = 1) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _span(low: float | None, high: float | None) -> str:
+    return f"{_number(low)} to {_number(high)}"
 
 
 def _plots(comparison: Comparison) -> list[tuple[str, list[Markup]]]:
@@ -237,7 +232,7 @@ ALIGNMENT_FILE: Final = "alignment.json"
 METHODS_FILE: Final = "methods.txt"
 PAGE_FILE: Final = "agreement.html"
 COMPARISON: Final = FolderKind(
-    (AGREEMENT_FILE,), (AGREEMENT_FILE, OFFSETS_FILE, ALIGNMENT_FILE, METHODS_FILE, PAGE_FILE)
+    "a comparison", (AGREEMENT_FILE,), (AGREEMENT_FILE, OFFSETS_FILE, ALIGNMENT_FILE, METHODS_FILE, PAGE_FILE)
 )
 
 SOURCES: Final = (
@@ -263,9 +258,7 @@ def write_comparison(folder: Path, comparison: Comparison, overwrite: bool = Fal
     check_results_path(folder, None, overwrite, COMPARISON)
     methods = methods_sentences(comparison)
     with whole_or_nothing(folder, COMPARISON.own) as work:
-        _write(
-            work / AGREEMENT_FILE, _csv(COLUMNS, ([getattr(row, name) for name in COLUMNS] for row in comparison.rows))
-        )
+        _write(work / AGREEMENT_FILE, _csv(COLUMNS, map(astuple, comparison.rows)))
         _write(work / OFFSETS_FILE, _offsets(comparison))
         _write(work / ALIGNMENT_FILE, json.dumps([_alignment(match) for match in comparison.matches], indent=1) + "\n")
         _write(work / METHODS_FILE, "\n".join([*methods, "", "Sources", *SOURCES]) + "\n")
@@ -276,13 +269,8 @@ def _write(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    for row in rows:
-        writer.writerow([cell_text(f"{cell:.6g}" if isinstance(cell, float) else cell) for cell in row])
-    return text.getvalue()
+def _csv(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    return csv_text(head, ((f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row) for row in rows))
 
 
 def _offsets(comparison: Comparison) -> str:
@@ -296,35 +284,15 @@ def _offsets(comparison: Comparison) -> str:
     return _csv(("results", "joint", "forward_mm", "up_mm", "right_mm"), rows)
 
 
-def _alignment(match: Match) -> dict[str, Any]:
+def _alignment(match: Match) -> Any:
     clock, placement = match.clock, match.placement
-    frame = None
-    if placement is not None:
-        frame = {
-            "reference_to_world": placement.T_world_reference.tolist(),
-            "translation_sigma_mm": _finite(1000.0 * placement.translation_sigma_m),
-            "rotation_sigma_deg": _finite(placement.rotation_sigma_deg),
-        }
-    return {
-        "anchorpose": __version__,
-        "results": str(match.results),
-        "reference": str(match.reference.path),
-        "clock": {
-            "offset_s": clock.offset_s,
-            "offset_sigma_s": clock.offset_sigma_s,
-            "drift": clock.drift,
-            "drift_sigma": clock.drift_sigma,
-            "middle_s": clock.middle_s,
-            "correlation": clock.correlation,
-            "overlap_s": list(clock.overlap_s),
-        },
-        "frame": frame,
-        "understood": list(match.reference.notes),
+    frame = placement and {
+        "reference_to_world": placement.T_world_reference,
+        "translation_sigma_mm": 1000.0 * placement.translation_sigma_m,
+        "rotation_sigma_deg": placement.rotation_sigma_deg,
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+    about = {"anchorpose": __version__, "results": match.results, "reference": match.reference.path}
+    return as_json({**about, "clock": clock, "frame": frame, "understood": match.reference.notes})
 
 
 def alignment_sentences(match: Match) -> list[str]:

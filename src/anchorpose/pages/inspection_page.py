@@ -27,7 +27,7 @@ PAGE_FILE: Final = "index.html"
 FACTS_FILE: Final = "inspect.json"
 """The same in numbers."""
 
-INSPECTION: Final = FolderKind((FACTS_FILE, PAGE_FILE), (FACTS_FILE, PAGE_FILE, "*/*.png"))
+INSPECTION: Final = FolderKind("an inspection", (FACTS_FILE, PAGE_FILE), (FACTS_FILE, PAGE_FILE, "*/*.png"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

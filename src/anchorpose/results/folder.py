@@ -29,10 +29,11 @@ from anchorpose.recording.writable import check_place, new_folder, whole_file
 class FolderKind:
     """How a folder that a verb writes is recognised, and which files in it are the verb's own.
 
-    marks: files by which it is known, so that it may be replaced; own: patterns of paths in it, as of ``fnmatch``.
-    Files that match none of them are the user's: they are kept when the folder is replaced.
+    name: for messages. marks: files by which it is known, so that it may be replaced; own: patterns of paths in it, as
+    of ``fnmatch``. Files that match none of them are the user's: they are kept when the folder is replaced.
     """
 
+    name: str
     marks: tuple[str, ...]
     own: tuple[str, ...]
 
@@ -45,11 +46,12 @@ class FolderKind:
         return is_own(file, self.own)
 
 
-CALIBRATION: Final = FolderKind(("calibration.json",), ("calibration.json", "*.png"))
+CALIBRATION: Final = FolderKind("a calibration", ("calibration.json",), ("calibration.json", "*.png"))
 
 DISK_ERRORS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 
 RESULTS: Final = FolderKind(
+    "a results folder",
     ("run.json", "joints.parquet"),
     ("run.json", "*.parquet", "report.html", "pictures/*", "log.jsonl", ".log.jsonl.lock", "earlier-patient-*/*"),
 )
@@ -174,13 +176,13 @@ def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind
     if not path.is_symlink():
         _restore_replaced(target, kind)
     if path.is_symlink() or (path.exists() and not path.is_dir()):
-        raise InputError(path, "is a file or a link", "choose another name for the results folder")
+        raise InputError(path, "is a file or a link", "choose another name")
     if os.path.ismount(target):
         raise InputError(path, "is where a disk is mounted", "choose a folder in it")
     if not path.exists() or not any(path.iterdir()):
         return
     if not kind.is_at(path):
-        raise InputError(path, "exists and is not a results folder", "choose another name; nothing in it was touched")
+        raise InputError(path, f"exists and is not {kind.name}", "choose another name; nothing in it was touched")
     if not overwrite:
         raise InputError(path, "exists already", "choose another name, or give --overwrite to replace it")
 
