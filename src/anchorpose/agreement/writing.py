@@ -29,6 +29,7 @@ from anchorpose.agreement.statistics import LEAST_UNITS
 from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.report.chart import Axis, make_axis
 from anchorpose.results.folder import FolderKind, check_results_path, whole_or_nothing
+from anchorpose.results.frame_time import runs_of
 from anchorpose.results.run_record import as_json
 from anchorpose.results.web_page import render_page
 
@@ -187,23 +188,19 @@ def _down(axis: Axis, value: np.ndarray) -> np.ndarray:
 
 def _line(x: np.ndarray, y: np.ndarray) -> str:
     """A path that is broken where a value is missing."""
-    parts, pen = list[str](), False
-    for a, b in zip(x, y, strict=True):
-        if np.isfinite(b):
-            parts.append(f"{'L' if pen else 'M'}{a:.1f} {b:.1f}")
-        pen = bool(np.isfinite(b))
-    return "".join(parts)
+    return "".join("M" + "L".join(_places(x[run], y[run])) for run in runs_of(np.isfinite(y)))
 
 
 def _band(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
-    known = np.isfinite(low) & np.isfinite(high)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
     paths = []
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
-        there = [f"{a:.1f} {b:.1f}" for a, b in zip(x[first:end], low[first:end], strict=True)]
-        back = [f"{a:.1f} {b:.1f}" for a, b in zip(x[first:end][::-1], high[first:end][::-1], strict=True)]
-        paths.append("M" + "L".join([*there, *back]) + "Z")
+    for run in runs_of(np.isfinite(low) & np.isfinite(high)):
+        across, down = np.append(x[run], x[run][::-1]), np.append(low[run], high[run][::-1])
+        paths.append("M" + "L".join(_places(across, down)) + "Z")
     return "".join(paths)
+
+
+def _places(x: np.ndarray, y: np.ndarray) -> list[str]:
+    return [f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True)]
 
 
 def _picture(title: str, across: Axis, up: Axis, shapes: str, words: tuple[str, str]) -> Markup:

@@ -13,6 +13,7 @@ from anchorpose.body.contact_regions import REGION_BONES, REGIONS
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.recording import half_period_s, nearest_within
+from anchorpose.results.frame_time import runs_of
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.sides import WRONG_M, require_same_world
@@ -106,14 +107,9 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInV
 
 def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, float]:
     """When the longest unbroken run of True begins, None without one, and how long it lasts; flags, time_s (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
     period_s = 2.0 * half_period_s(time_s)
-    start_s, seconds = None, 0.0
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
-        lasted = float(time_s[end - 1] - time_s[first] + period_s)
-        if lasted > seconds:
-            start_s, seconds = float(time_s[first]), lasted
-    return start_s, seconds
+    found = [(float(time_s[run.start]), float(np.ptp(time_s[run]) + period_s)) for run in runs_of(flags)]
+    return max(found, key=lambda run: run[1], default=(None, 0.0))
 
 
 LEAST_SHARE: Final = 0.1
