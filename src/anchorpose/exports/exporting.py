@@ -33,60 +33,12 @@ from anchorpose.results.folder import FolderKind, check_results_path, whole_or_n
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.parquet import opened_parquet, pieces
 from anchorpose.results.run_record import hash_files
+from anchorpose.results.web_page import read_words
 
-_STATE_MEANING: Final = f"how it is known: {', '.join(STATES)}; or, of intervals, seen or inferred"
-
-# Column: unit and meaning, the same in every table that has it.
 _MEANING: Final = {
-    "frame": ("", "frame of the first camera, counted from 0"),
-    "time_s": ("s", "time on the clock of the first camera"),
-    "joint": ("", "one of the 21 joints; Left and Right are the patient's"),
-    "x_m": ("m", "forward"),
-    "y_m": ("m", "up"),
-    "z_m": ("m", "to the patient's right"),
-    "state": ("", _STATE_MEANING),
-    "sigma_m": ("m", "one standard deviation of the error along each axis"),
-    "angle": ("", "name of the angle; docs/angles.md of anchorpose defines it"),
-    "degrees": ("deg", "the angle"),
-    "sigma_deg": ("deg", "one standard deviation of the angle's error"),
-    "processing": ("", "measured, smoothed or filled"),
-    "part": ("", "region of the patient's body"),
-    "person": ("", "who touches; the same name as long as this person is followed"),
-    "first_frame": ("", "first frame of the interval; it belongs to it"),
-    "last_frame": ("", "last frame of the interval; it belongs to it"),
-    "start_s": ("s", "time of the first frame"),
-    "end_s": ("s", "time of the last frame"),
-    "seen_share": ("1", "share of the touching skin that a camera saw"),
-    "area_cm2": ("cm2", "skin of the patient in reach, mean over the frames"),
-    "gap_mm": ("mm", "least distance of the two skins"),
-    "bone": ("", "bone of the learnt body"),
-    "qw": ("1", "quaternion of the turn from the upright rest pose to the world, real part"),
-    "qx": ("1", "the same, part along X"),
-    "qy": ("1", "the same, part along Y"),
-    "qz": ("1", "the same, part along Z"),
-    "axial_sigma_rad": ("rad", "one standard deviation of the turn about the bone's own long axis"),
-    "uncovered_cm2": ("cm2", "surface of the patient that a camera sees and no part of the posed body covers"),
-    "trunk_seen_past": ("1", "share of the skin of trunk and head with something farther away seen in its place"),
-    "arm_left_seen_past": ("1", "the same, patient's left arm"),
-    "leg_left_seen_past": ("1", "the same, patient's left leg"),
-    "arm_right_seen_past": ("1", "the same, patient's right arm"),
-    "leg_right_seen_past": ("1", "the same, patient's right leg"),
-    "anchor": ("", "geodesic extremum: head, hands or feet"),
-    "com_x_m": ("m", "estimated centre of mass of the body, forward"),
-    "com_y_m": ("m", "estimated centre of mass of the body, up"),
-    "com_z_m": ("m", "estimated centre of mass of the body, to the patient's right"),
-    "com_sigma_m": ("m", "one standard deviation of the centre of mass along each axis"),
-    "upright": ("", "whether the patient stands upright"),
-    "kind": ("", "what the interval is: upright, sit_to_stand, stand_to_sit, step_left or step_right"),
-    "measure": ("", "name of the measure; docs/measures.md of anchorpose defines it"),
-    "side": ("", "left or right, the patient's"),
-    "value": ("see column unit", "the measure"),
-    "unit": ("", "unit of value and sigma"),
-    "sigma": ("see column unit", "one standard deviation of the value"),
-    "frames": ("", "how many frames the value rests on"),
-    "inferred_share": ("1", "share of those frames in which a joint was inferred"),
-    "why": ("", "why there is no value"),
+    row["column"]: (row["unit"], row["meaning"]) for row in read_words("anchorpose.exports", "columns.csv")
 }
+"""Unit and meaning of each column, the same in every table that has it."""
 
 DICTIONARY_FILE: Final = "data_dictionary.csv"
 DICTIONARY_HEAD: Final = ("file", "column", "type", "unit", "meaning", "missing")

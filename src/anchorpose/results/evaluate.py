@@ -16,9 +16,8 @@ from anchorpose.recording.recording import half_period_s, nearest_within
 from anchorpose.results.frame_time import runs_of
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
-from anchorpose.results.sides import WRONG_M, require_same_world
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
-from anchorpose.results.truth import TrueTouch, Truth, read_true_touch, read_truth
+from anchorpose.results.truth import WRONG_M, TrueTouch, Truth, read_true_touch, read_truth, require_same_world
 from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 

@@ -10,7 +10,7 @@ from anchorpose.joints import JOINT_COUNT
 from anchorpose.results.evaluate import CONFIDENT_SIGMAS, FAR_M, ContactEvaluation, ErrorSummary, Evaluation
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import as_json
-from anchorpose.results.sides import WRONG_M
+from anchorpose.results.truth import WRONG_M
 
 MARK: Final = '"matched_frames"'
 """Stands in the beginning of every file of this kind."""

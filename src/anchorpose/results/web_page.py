@@ -1,8 +1,10 @@
-"""Self-contained web pages from Jinja templates, which lie beside the modules that fill them."""
+"""Self-contained web pages from Jinja templates, and tables of words: files beside the modules that use them."""
 
 from __future__ import annotations
 
+import csv
 from functools import cache
+from importlib import resources
 from typing import Final
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
@@ -29,3 +31,8 @@ def _environment(package: str) -> Environment:
     )
     environment.globals["inline"] = lambda name: Markup(loader.get_source(environment, name)[0])
     return environment
+
+
+def read_words(package: str, name: str) -> list[dict[str, str]]:
+    """The rows of a CSV of ``package``, by the names of their columns."""
+    return list(csv.DictReader(resources.files(package).joinpath(name).read_text("utf-8").splitlines()))
