@@ -26,6 +26,7 @@ from anchorpose.recording.writable import check_place
 from anchorpose.results.corrections import corrections_beside, corrections_of_run
 from anchorpose.results.run_record import RUN_FILE, as_json
 from anchorpose.threads import one_thread
+from anchorpose.viewer import payloads
 from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.guarded_server import (
     BYTES,
@@ -35,16 +36,6 @@ from anchorpose.viewer.guarded_server import (
     Response,
     describe_error,
     json_response,
-)
-from anchorpose.viewer.payloads import (
-    body_skin,
-    curves_payload,
-    motion_payload,
-    overview_payload,
-    pack,
-    points_payload,
-    rays_payload,
-    surface_payload,
 )
 from anchorpose.viewer.review import CorrectionFile, Review, describe, open_review, valid_corrections
 
@@ -153,10 +144,8 @@ def hypotheses_of(
         "frames": [found.frame_set.frame, found.next.observation.frame_set.frame],
     }
     arrays = {"nodes": nodes, "reached": reached.astype(np.float32), "best": best, "asked": asked}
-    how = (
-        "With a first estimate of the body, from this frame on; 'anchorpose inspect --as-tracked' repeats the tracking."
-    )
-    return pack(meta, arrays), (how,)
+    how = "With a first estimate of the body, from this frame on; 'anchorpose inspect --as-tracked' repeats tracking."
+    return payloads.pack(meta, arrays), (how,)
 
 
 def _work(pipe: Connection, recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None) -> None:
@@ -183,16 +172,16 @@ class ViewerApi:
             "description": lambda query: json_response(
                 {**describe(self.review), "who": self.who, "corrections_file": self.corrections.path.name}
             ),
-            "overview": lambda query: Response(overview_payload(self.review), BYTES),
-            "motion": lambda query: self._rows(motion_payload, query),
-            "curves": lambda query: self._rows(curves_payload, query),
-            "rays": lambda query: Response(rays_payload(self._depth_frames()), BYTES),
+            "overview": lambda query: Response(payloads.overview_payload(self.review), BYTES),
+            "motion": lambda query: self._rows(payloads.motion_payload, query),
+            "curves": lambda query: self._rows(payloads.curves_payload, query),
+            "rays": lambda query: Response(payloads.rays_payload(self._depth_frames()), BYTES),
             "body": lambda query: self._body(),
             "points": self._points,
             "surface": self._surface,
             "place": self._place,
             "corrections": lambda query: json_response(valid_corrections(self.corrections.current())),
-            "hypotheses": lambda query: json_response(as_json(self.worker.status)),
+            "hypotheses": lambda query: self._progress(),
             "hypotheses/found": lambda query: self._hypotheses(),
         }
         self._post: dict[str, Callable[[dict[str, Any]], Response]] = {
@@ -201,6 +190,9 @@ class ViewerApi:
             "hypotheses/start": self._start,
             "hypotheses/cancel": lambda body: self._cancel(),
         }
+
+    def _progress(self) -> Response:
+        return json_response(as_json(self.worker.status))
 
     def get(self, name: str, query: Mapping[str, str]) -> Response:
         """Answer a request that changes nothing."""
@@ -226,11 +218,13 @@ class ViewerApi:
 
     def _points(self, query: Mapping[str, str]) -> Response:
         first, count = int(query["first"]), int(query["count"])
-        return Response(points_payload(self._depth_frames(), first, count, query.get("room") == "1"), BYTES)
+        return Response(payloads.points_payload(self._depth_frames(), first, count, query.get("room") == "1"), BYTES)
 
     def _surface(self, query: Mapping[str, str]) -> Response:
         with self._compiling:  # the first call compiles; two at once would compile twice
-            return Response(surface_payload(self._depth_frames(), int(query["first"]), int(query["count"])), BYTES)
+            return Response(
+                payloads.surface_payload(self._depth_frames(), int(query["first"]), int(query["count"])), BYTES
+            )
 
     def _place(self, query: Mapping[str, str]) -> Response:
         frames, position = self._depth_frames(), self._position(query["position"])
@@ -238,21 +232,21 @@ class ViewerApi:
         return json_response({"position_m": None if place_m is None else place_m.round(4).tolist(), "why": why})
 
     def _body(self) -> Response:
-        arrays = body_skin(self.review.run)
+        arrays = payloads.body_skin(self.review.run)
         if arrays is None:
             raise ValueError("no body was learnt in this run")
-        return Response(pack({}, arrays), BYTES)
+        return Response(payloads.pack({}, arrays), BYTES)
 
     def _start(self, body: dict[str, Any]) -> Response:
         position, frames = self._position(body["position"]), self._depth_frames()
         place = self.review.joints.position_m[position, JOINT_INDEX["SpineBase"]]
         xz_m = (float(place[0]), float(place[2])) if np.isfinite(place).all() else None
         self.worker.start(position, frames.recording, int(frames.frame[position]), xz_m)
-        return json_response(as_json(self.worker.status))
+        return self._progress()
 
     def _cancel(self) -> Response:
         self.worker.cancel()
-        return json_response(as_json(self.worker.status))
+        return self._progress()
 
     def _hypotheses(self) -> Response:
         if not self.worker.data:
@@ -289,11 +283,10 @@ class _Handler(GuardedHandler):
 def open_viewer(
     results: Path, recording: Path | None, corrections: Path | None, who: str, host: str, port: int
 ) -> ViewerServer:
-    """A server that listens.
+    """Return a server that listens; corrections: the file to extend, by default ``corrections_beside`` the results.
 
-    corrections: the file to extend; None = beside the results (``corrections_beside``). A new file begins with the
-    corrections that the results were tracked with. Raises InputError where results, recording or corrections cannot be
-    used, AnchorposeError where it cannot listen on ``host`` and ``port``.
+    A new file begins with the corrections that the results were tracked with. Raises InputError where results,
+    recording or corrections cannot be used, AnchorposeError where it cannot listen on ``host`` and ``port``.
     """
     if not results.is_dir():
         raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
