@@ -131,8 +131,13 @@ def _plots(comparison: Comparison) -> list[tuple[str, list[Markup]]]:
     return found
 
 
-WIDTH, HEIGHT = 420, 240
-LEFT, BOTTOM, TOP, RIGHT = 52, 34, 10, 12
+class Plot:
+    """Where a plot lies in its picture, in units of the picture."""
+
+    WIDTH, HEIGHT = 420, 240
+    LEFT, END, TOP, BASE = 52, 408, 10, 206
+
+
 MOST_POINTS: Final = 400
 """Of a recording; more would only darken the same cloud."""
 
@@ -151,7 +156,7 @@ def difference_plot(series: Sequence[Compared], row: Agreement) -> Markup:
     for kind, value in (("bias", row.bias), ("limit", row.lower), ("limit", row.upper)):
         if value is not None:
             height = float(_down(up, np.array(value)))
-            shapes.append(f'<path class="{kind}" d="M{LEFT} {height:.1f}H{WIDTH - RIGHT}"/>')
+            shapes.append(f'<path class="{kind}" d="M{Plot.LEFT} {height:.1f}H{Plot.END}"/>')
     title = f"{row.name}: ours minus theirs against the mean, {row.unit}"
     return _picture(title, across, up, "".join(shapes), (f"mean, {row.unit}", f"ours − theirs, {row.unit}"))
 
@@ -179,11 +184,11 @@ def _cloud(each: Compared) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _along(axis: Axis, value: np.ndarray) -> np.ndarray:
-    return LEFT + (WIDTH - LEFT - RIGHT) * (value - axis.low) / (axis.high - axis.low)
+    return Plot.LEFT + (Plot.END - Plot.LEFT) * (value - axis.low) / (axis.high - axis.low)
 
 
 def _down(axis: Axis, value: np.ndarray) -> np.ndarray:
-    return TOP + (HEIGHT - TOP - BOTTOM) * np.clip((axis.high - value) / (axis.high - axis.low), -0.1, 1.1)
+    return Plot.TOP + (Plot.BASE - Plot.TOP) * np.clip((axis.high - value) / (axis.high - axis.low), -0.1, 1.1)
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> str:
@@ -204,22 +209,23 @@ def _places(x: np.ndarray, y: np.ndarray) -> list[str]:
 
 
 def _picture(title: str, across: Axis, up: Axis, shapes: str, words: tuple[str, str]) -> Markup:
-    base, end = HEIGHT - BOTTOM, WIDTH - RIGHT
+    left, end, top, base = Plot.LEFT, Plot.END, Plot.TOP, Plot.BASE
     ticks = [
-        f'<text x="{LEFT - 5}" y="{TOP + (base - TOP) * share + 4:.1f}" text-anchor="end">{text}</text>'
-        f'<path class="grid" d="M{LEFT} {TOP + (base - TOP) * share:.1f}H{end}"/>'
+        f'<text x="{left - 5}" y="{top + (base - top) * share + 4:.1f}" text-anchor="end">{text}</text>'
+        f'<path class="grid" d="M{left} {top + (base - top) * share:.1f}H{end}"/>'
         for share, text in up.labels()
     ]
     ticks += [
-        f'<text x="{end - (end - LEFT) * share:.1f}" y="{base + 14}" text-anchor="middle">{text}</text>'
+        f'<text x="{end - (end - left) * share:.1f}" y="{base + 14}" text-anchor="middle">{text}</text>'
         for share, text in across.labels()
     ]
     names = (
-        f'<text x="{(LEFT + end) / 2:.0f}" y="{HEIGHT - 4}" text-anchor="middle">{words[0]}</text>'
-        f'<text transform="translate(11 {(TOP + base) / 2:.0f}) rotate(-90)" text-anchor="middle">{words[1]}</text>'
+        f'<text x="{(left + end) / 2:.0f}" y="{Plot.HEIGHT - 4}" text-anchor="middle">{words[0]}</text>'
+        f'<text transform="translate(11 {(top + base) / 2:.0f}) rotate(-90)" text-anchor="middle">{words[1]}</text>'
     )
     return Markup(
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{{}}">{"".join(ticks)}{shapes}{names}</svg>'
+        f'<svg viewBox="0 0 {Plot.WIDTH} {Plot.HEIGHT}" role="img" aria-label="{{}}">'
+        f"{''.join(ticks)}{shapes}{names}</svg>"
     ).format(title)
 
 

@@ -22,7 +22,7 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.bids import write_bids
 from anchorpose.exports.bvh import write_bvh
 from anchorpose.exports.c3d import write_c3d
-from anchorpose.exports.formats import STATES, Format, Product, Source, number_text, read_source
+from anchorpose.exports.formats import STATES, Format, Product, Source, number_text, read_source, write_text
 from anchorpose.exports.opensim_coordinates import write_mot
 from anchorpose.exports.opensim_trc import write_trc
 from anchorpose.joints import JOINT_NAMES
@@ -218,14 +218,10 @@ def _write_record(folder: Path, kind: Format, sha256: tuple[tuple[str, str], ...
         "version": 1,
         "to": str(kind),
         "versions": {"anchorpose": __version__, **{name: metadata.version(name) for name in product.tools}},
-        "axes": product.axes,
-        "units": product.units,
-        "time": product.time,
-        "missing": product.missing,
+        **{name: getattr(product, name) for name in ("axes", "units", "time", "missing")},
         "counts": dict(product.counts),
-        "notes": list(product.notes),
+        "notes": product.notes,
         "files": files,
         "sources_sha256": dict(sha256),
     }
-    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / RECORD_FILE).write_text(text + "\n", encoding="utf-8", newline="\n")
+    write_text(folder / RECORD_FILE, json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")

@@ -43,7 +43,8 @@ def measure_body(position_m: np.ndarray) -> Places | None:
     def away(start: str, end: str) -> np.ndarray:
         return joint(position_m, end) - joint(position_m, start)
 
-    found = {end: _median(in_axes(axes[base], away(start, end))) for end, (base, start) in _IN_TRUNK.items()}
+    found = {"SpineBase": np.zeros(3)}
+    found |= {end: _median(in_axes(axes[base], away(start, end))) for end, (base, start) in _IN_TRUNK.items()}
     for side, _, _ in SIDES:
         length = {
             end: float(_median(np.linalg.norm(away(f"{start}{side}", f"{end}{side}"), axis=1, keepdims=True))[0])
@@ -111,9 +112,6 @@ def segments(body: Places, model: CoordinateModel) -> tuple[OsimBody, ...]:
     return (_pelvis(body), *_trunk(body), *sided)
 
 
-_ZERO: Final = np.zeros(3)
-
-
 def _some(body: Places, *names: str) -> Places:
     """Markers at these joints."""
     return {name: body[name] for name in names}
@@ -128,13 +126,13 @@ def _pelvis(body: Places) -> OsimBody:
         OsimCoordinate(f"pelvis_t{name}", axis, (-50.0, 50.0), 0.95 if name == "y" else 0.0, moves=True)
         for name, axis in (("x", X), ("y", Y), ("z", Z))
     )
-    markers = {"SpineBase": _ZERO, **_some(body, "SpineMid", "HipRight", "HipLeft")}
-    rods = ((_ZERO, body["SpineMid"]), (body["HipRight"], body["HipLeft"]))
-    return OsimBody("pelvis", "ground", "ground_pelvis", _ZERO, turns + moves, markers, rods)
+    markers, base = _some(body, "SpineBase", "SpineMid", "HipRight", "HipLeft"), body["SpineBase"]
+    rods = ((base, body["SpineMid"]), (body["HipRight"], body["HipLeft"]))
+    return OsimBody("pelvis", "ground", "ground_pelvis", base, turns + moves, markers, rods)
 
 
 def _trunk(body: Places) -> tuple[OsimBody, OsimBody]:
-    quarter = np.pi / 2
+    quarter, zero = np.pi / 2, np.zeros(3)
     back, neck = (
         tuple(OsimCoordinate(f"{name}_{move}", axis, (-quarter, quarter)) for move, axis in moves)
         for name, moves in (
@@ -144,15 +142,15 @@ def _trunk(body: Places) -> tuple[OsimBody, OsimBody]:
     )
     # the shoulder girdle moves on the chest, for which this model has no joint: shoulders are markers of the arms
     top, markers = body["SpineShoulder"], _some(body, "SpineShoulder", "Neck")
-    rods = ((_ZERO, top), (top, body["Neck"]), (body["ShoulderRight"], body["ShoulderLeft"]))
+    rods = ((zero, top), (top, body["Neck"]), (body["ShoulderRight"], body["ShoulderLeft"]))
     return (
         OsimBody("torso", "pelvis", "back", body["SpineMid"], back, markers, rods),
-        OsimBody("head", "torso", "neck", body["Neck"], neck, _some(body, "Head"), ((_ZERO, body["Head"]),)),
+        OsimBody("head", "torso", "neck", body["Neck"], neck, _some(body, "Head"), ((zero, body["Head"]),)),
     )
 
 
 def _leg(body: Places, side: str, end: str, sign: int, model: CoordinateModel) -> tuple[OsimBody, OsimBody, OsimBody]:
-    bent, straight = np.radians(150.0), np.radians(10.0)
+    bent, straight, zero = np.radians(150.0), np.radians(10.0), np.zeros(3)
     axis, limits = (Z, (-bent, straight))
     if model is CoordinateModel.RAJAGOPAL:
         axis, limits = (0.0, 0.0, -1.0), (-straight, bent)
@@ -161,22 +159,22 @@ def _leg(body: Places, side: str, end: str, sign: int, model: CoordinateModel) -
     ankle = OsimCoordinate(f"ankle_angle_{end}", Z, (-np.pi / 3, np.pi / 3))
     femur, tibia = f"femur_{end}", f"tibia_{end}"
     at_hip, at_knee, at_ankle, toe = (body[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle", "Foot"))
-    on_foot = {f"Ankle{side}": _ZERO, f"Foot{side}": toe}
+    on_foot = {f"Ankle{side}": zero, f"Foot{side}": toe}
     return (
-        OsimBody(femur, "pelvis", f"hip_{end}", at_hip, hip, {}, ((_ZERO, at_knee),)),
-        OsimBody(tibia, femur, f"walker_knee_{end}", at_knee, (knee,), {f"Knee{side}": _ZERO}, ((_ZERO, at_ankle),)),
-        OsimBody(f"calcn_{end}", tibia, f"ankle_{end}", at_ankle, (ankle,), on_foot, ((_ZERO, toe),)),
+        OsimBody(femur, "pelvis", f"hip_{end}", at_hip, hip, {}, ((zero, at_knee),)),
+        OsimBody(tibia, femur, f"walker_knee_{end}", at_knee, (knee,), {f"Knee{side}": zero}, ((zero, at_ankle),)),
+        OsimBody(f"calcn_{end}", tibia, f"ankle_{end}", at_ankle, (ankle,), on_foot, ((zero, toe),)),
     )
 
 
 def _arm(body: Places, side: str, end: str, sign: int) -> tuple[OsimBody, OsimBody]:
-    shoulder, elbow, hand = (body[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Hand"))
+    zero, (shoulder, elbow, hand) = np.zeros(3), (body[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Hand"))
     turns = _ball(("arm_flex", "arm_add", "arm_rot"), end, sign, (-90.0, 180.0, 180.0, 120.0))
     bend = OsimCoordinate(f"elbow_flex_{end}", Z, (0.0, np.radians(160.0)))
-    upper, on_forearm = f"humerus_{end}", {f"Elbow{side}": _ZERO, **_some(body, f"Wrist{side}", f"Hand{side}")}
+    upper, on_forearm = f"humerus_{end}", {f"Elbow{side}": zero, **_some(body, f"Wrist{side}", f"Hand{side}")}
     return (
-        OsimBody(upper, "torso", f"acromial_{end}", shoulder, turns, {f"Shoulder{side}": _ZERO}, ((_ZERO, elbow),)),
-        OsimBody(f"ulna_{end}", upper, f"elbow_{end}", elbow, (bend,), on_forearm, ((_ZERO, hand),)),
+        OsimBody(upper, "torso", f"acromial_{end}", shoulder, turns, {f"Shoulder{side}": zero}, ((zero, elbow),)),
+        OsimBody(f"ulna_{end}", upper, f"elbow_{end}", elbow, (bend,), on_forearm, ((zero, hand),)),
     )
 
 
@@ -288,7 +286,7 @@ def _joint(part: OsimBody) -> ElementTree.Element:
     owner = "/ground" if part.parent == "ground" else f"/bodyset/{part.parent}"
     frames = (
         _offset_frame(ends[0], owner, part.place_m, "0 0 0"),
-        _offset_frame(ends[1], f"/bodyset/{part.name}", _ZERO, "0 0 0"),
+        _offset_frame(ends[1], f"/bodyset/{part.name}", np.zeros(3), "0 0 0"),
     )
     return xml(
         "CustomJoint",

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from anchorpose.exports.formats import Product, Samples, Source, number_text, rounded_text, write_rows
+from anchorpose.exports.formats import Product, Samples, Source, number_text, rounded_text, write_rows, write_text
 from anchorpose.exports.opensim_coordinates import DIGITS
 from anchorpose.exports.opensim_model import document, measure_body, model_xml, xml, xml_set, xml_texts
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, runs_where, stretch_name, stretches_of
@@ -175,7 +175,7 @@ def write_osim_files(folder: Path, samples: Samples, model: CoordinateModel) -> 
     body = measure_body(samples.position_m)
     if body is None:
         return (f"No {MODEL_FILE}: some bone of the patient was never seen with both its ends.",)
-    _write(folder / MODEL_FILE, model_xml(body, model))
+    write_text(folder / MODEL_FILE, model_xml(body, model))
     known = np.isfinite(samples.position_m).all(axis=2)
     return (
         f"{MODEL_FILE} has this patient's bone lengths and joints; its masses are those of a 75 kg adult, for "
@@ -183,10 +183,6 @@ def write_osim_files(folder: Path, samples: Samples, model: CoordinateModel) -> 
         *_write_ik(folder, samples.time_s, known),
         *_write_scale(folder, samples.time_s, known),
     )
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _write_ik(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
@@ -199,7 +195,7 @@ def _write_ik(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
     for number, (first, last) in enumerate(stretches.runs):
         name, result = stretch_name("joints", "", number, count), stretch_name("ik_result", ".mot", number, count)
         text = ik_setup_xml(name, result, markers, time_s[[first, last - 1]])
-        _write(folder / stretch_name("ik_setup", ".xml", number, count), text)
+        write_text(folder / stretch_name("ik_setup", ".xml", number, count), text)
     if not count:
         return ["No ik_setup.xml: trunk and legs are nowhere known together for two frames."]
     inside = np.concatenate([np.arange(*run) for run in stretches.runs])
@@ -220,5 +216,5 @@ def _write_scale(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[st
     if not runs:
         return [f"No {SCALE_FILE}: all joints are nowhere known together for two frames."]
     first, last = max(runs, key=lambda run: run[1] - run[0])
-    _write(folder / SCALE_FILE, scale_setup_xml(time_s[first:last]))
+    write_text(folder / SCALE_FILE, scale_setup_xml(time_s[first:last]))
     return []

@@ -66,7 +66,6 @@ def _up(place: int) -> int:
     return place + -place % ALIGNED
 
 
-MILLIMETRES: Final = 1000.0
 MOST_FRAMES: Final = 32  # in one answer
 SAMPLED: Final = 2000  # frames that the middle of the view is taken from
 MOST_ROWS: Final = 512  # frames of the tables in one answer: some hundred kilobytes
@@ -207,7 +206,7 @@ def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
     ]
     meta = {"first": first, "counts": [[len(vertices), len(faces)] for vertices, faces in frames]}
     limits = np.iinfo(np.int16)
-    vertices_mm = np.rint(MILLIMETRES * np.concatenate([vertices for vertices, _ in frames]))
+    vertices_mm = np.rint(1000.0 * np.concatenate([vertices for vertices, _ in frames]))
     return pack(
         meta,
         {

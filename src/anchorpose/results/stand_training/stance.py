@@ -220,9 +220,6 @@ class Session:
         return found
 
 
-NO_FRAME: Final = np.empty(0, dtype=np.int8)
-
-
 def known(
     measure: str, unit: str, value: float, state_code: np.ndarray, sigma: float | None = None, side: str | None = None
 ) -> Measure:
@@ -230,9 +227,12 @@ def known(
     return _measure(measure, unit, state_code, value=value, sigma=sigma, side=side)
 
 
-def unknown(measure: str, unit: str, why: str, side: str | None = None, state_code: np.ndarray = NO_FRAME) -> Measure:
+def unknown(
+    measure: str, unit: str, why: str, side: str | None = None, state_code: np.ndarray | None = None
+) -> Measure:
     """Return a measure without a value, and why there is none; state_code: as in ``known``."""
-    return _measure(measure, unit, state_code, value=None, why=why, side=side)
+    codes = np.empty(0) if state_code is None else state_code
+    return _measure(measure, unit, codes, value=None, why=why, side=side)
 
 
 def _measure(measure: str, unit: str, state_code: np.ndarray, **values: Any) -> Measure:
