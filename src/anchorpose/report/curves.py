@@ -27,6 +27,7 @@ from anchorpose.report.chart import (
     Row,
     cells,
     envelope,
+    lowest_and_highest,
     make_axis,
     worst,
 )
@@ -91,17 +92,13 @@ def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
 
 def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_state: bool = True) -> Reading:
     """What the slider reads of a curve; one state serves several curves of a joint."""
-    line, name = envelope(curve.value, bins), f"{curve.key}_{{}}_{quantity.unit_name}"
-    sigma = np.fmax.reduceat(curve.sigma, bins.start)
-    states = [_STATES[code] for code in worst(curve.state_code, bins)]
-    return Reading(
-        label=label,
-        unit=quantity.unit,
-        low=Column(name.format("lowest"), cells(line.low, quantity.decimals)),
-        high=Column(name.format("highest"), cells(line.high, quantity.decimals)),
-        sigma=Column(name.format("sigma"), cells(sigma, quantity.decimals + 1)) if with_state else None,
-        state=Column(f"{curve.key}_state", [state.replace(",", ";") for state in states]) if with_state else None,
-    )
+    name = f"{curve.key}_{{}}_{quantity.unit_name}"
+    columns = lowest_and_highest(name, curve.value, bins, quantity.decimals)
+    if with_state:
+        sigma, states = np.fmax.reduceat(curve.sigma, bins.start), worst(curve.state_code, bins)
+        columns["sigma"] = Column(name.format("sigma"), cells(sigma, quantity.decimals + 1))
+        columns["state"] = Column(f"{curve.key}_state", [_STATES[code].replace(",", ";") for code in states])
+    return Reading(label=label, unit=quantity.unit, **columns)
 
 
 def _band(curve: Curve, bins: Bins) -> tuple[np.ndarray, np.ndarray]:
