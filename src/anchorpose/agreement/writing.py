@@ -28,10 +28,10 @@ from anchorpose.agreement.reliability import csv_text
 from anchorpose.agreement.statistics import LEAST_UNITS
 from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.report.chart import Axis, make_axis
+from anchorpose.report.words import render_page
 from anchorpose.results.folder import FolderKind, check_results_path, whole_or_nothing
 from anchorpose.results.frame_time import runs_of
 from anchorpose.results.run_record import as_json
-from anchorpose.results.web_page import render_page
 
 SHOWN_STATES: Final = (ALL, str(JointState.OBSERVED), INFERRED)
 

@@ -29,11 +29,11 @@ from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import ExportConfig
 from anchorpose.recording.document import cell_text, read_json
 from anchorpose.recording.writable import check_place
+from anchorpose.report.words import read_words
 from anchorpose.results.folder import FolderKind, check_results_path, whole_or_nothing
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.parquet import opened_parquet, pieces
 from anchorpose.results.run_record import hash_files
-from anchorpose.results.web_page import read_words
 
 _MEANING: Final = {
     row["column"]: (row["unit"], row["meaning"]) for row in read_words("anchorpose.exports", "columns.csv")

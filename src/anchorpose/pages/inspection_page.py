@@ -17,8 +17,8 @@ from anchorpose.pages import inspection_drawing
 from anchorpose.pages.canvas import Ink, as_hex, as_png
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import with_height
+from anchorpose.report.words import render_page
 from anchorpose.results.folder import FolderKind, write_text_whole
-from anchorpose.results.web_page import render_page
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import InspectedCamera, Inspection, inspect_frame

@@ -14,10 +14,9 @@ from typing import Final, NamedTuple
 from markupsafe import Markup
 
 from anchorpose.report.session import Session
-from anchorpose.report.words import PERCENT, Form, decimals_for, figure, named_part, spaced
+from anchorpose.report.words import PERCENT, Form, decimals_for, figure, named_part, read_words, spaced
 from anchorpose.results.records import Measure
 from anchorpose.results.uncertainty import NORMAL_95
-from anchorpose.results.web_page import read_words
 
 
 class Words(NamedTuple):

@@ -21,10 +21,9 @@ from anchorpose.report.motion_section import angle_section, joint_charts, state_
 from anchorpose.report.session import Session, read_session
 from anchorpose.report.summary import moment_section, summary
 from anchorpose.report.timeline import timeline
-from anchorpose.report.words import STATE_WORDS, counted, named_part, spaced
+from anchorpose.report.words import STATE_WORDS, counted, named_part, render_page, spaced
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import RUN_FILE
-from anchorpose.results.web_page import render_page
 
 MOST_LINES: Final = 60
 """More are counted and left to run.json: a page full of them is of no use to a reader."""
