@@ -20,7 +20,7 @@ from urllib.request import url2pathname
 
 import pytest
 from recording_builder import edit_json
-from viewer_builder import viewer_of
+from viewer_builder import unpack, viewer_of
 
 from anchorpose.cli import main
 from anchorpose.results.corrections import CorrectionsRecord, corrections_beside, read_corrections
@@ -28,7 +28,6 @@ from anchorpose.results.run_record import as_json
 from anchorpose.viewer import review
 from anchorpose.viewer.access import Guard, is_loopback
 from anchorpose.viewer.guarded_server import opened_page
-from anchorpose.viewer.payloads import unpack
 from anchorpose.viewer.server import ViewerServer
 
 INTERVAL = {"first_frame": 2, "last_frame": 8, "reason": "a curtain", "who": "AB"}

@@ -166,8 +166,7 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
 @_of_surface
 def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
     """Under how many subsets of the anchors each node has a match in the next frame; None without a next frame."""
-    following = one.inspection.next
-    if following is None:
+    if (following := one.inspection.next) is None:
         return None
     picture, _ = _canvas(one)
     matched = (following.links.match >= 0).sum(axis=1).astype(np.float64)
@@ -180,8 +179,7 @@ def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) ->
 @_of_surface
 def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
     """Where the skin moves according to the best branches; None without a next frame."""
-    following = one.inspection.next
-    if following is None:
+    if (following := one.inspection.next) is None:
         return None
     picture, to_pixel = _canvas(one)
     chosen = own[following.hypothesis.node]
