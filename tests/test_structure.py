@@ -122,6 +122,7 @@ OPENING = {
 OPENS_ITSELF = {
     "recording/regular_file.py": "the one place",
     "results/parquet.py": "pyarrow, of a path that refuse_unreadable asked about",
+    "report/words.py": "a file of the package",
     "batch/summary.py": "pyarrow, of a path that refuse_unreadable asked about, and of a table that was just written",
     "research/benchmark/answers.py": "pyarrow, of a file that open_regular opened",
     "research/benchmark/truth.py": "np.loadtxt, of a text that read_text read",

@@ -15,7 +15,7 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
-from anchorpose.pages.canvas import GREEN, projector, scale_of, whole, write
+from anchorpose.pages.canvas import Ink, projector, scale_of, whole, write
 from anchorpose.pages.overlay import OverlayScene, draw_scene
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.results.records import PEOPLE_FILE, decode_labels, read_people
@@ -62,7 +62,7 @@ def _with_truth(picture: np.ndarray, camera: Camera, true_m: np.ndarray) -> np.n
     pixels = projector(camera, scale_of(camera))(true_m)
     for start, end in LIMBS:
         if np.isfinite(pixels[[start, end]]).all():
-            cv2.line(picture, whole(pixels[start]), whole(pixels[end]), GREEN, 2, cv2.LINE_AA)
+            cv2.line(picture, whole(pixels[start]), whole(pixels[end]), Ink.GREEN, 2, cv2.LINE_AA)
     return picture
 
 

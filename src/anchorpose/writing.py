@@ -20,7 +20,7 @@ from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pages.overlay import draw_chosen, save_pictures
-from anchorpose.recording.recording import CameraGaps, CoveredPart, find_gaps
+from anchorpose.recording.recording import CameraGaps, find_gaps
 from anchorpose.report.page import REPORT_FILE, write_report
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.corrections import CorrectionsRecord, JointCorrection
@@ -191,8 +191,7 @@ def account_of(
             *room.calibration.notes,
             *clock_notes(room.clocks),
             *(camera.sentence for camera in gaps if camera.sentence),
-            *_coarse_cameras(room),
-            *_unmeasured_cameras(room),
+            *_about_depth(room),
             *room.notes,
             *_notes(room, learnt),
             *written.association.sentences,
@@ -217,14 +216,9 @@ def _depth(scene: Scene) -> DepthRecord:
 
 
 def _pose_residuals(calibration: Calibration) -> list[Residual]:
-    floors = [
-        Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
-        for floor in calibration.residuals
-    ]
-    return floors + [
-        Residual(pose.camera, figure.what, figure.value, figure.unit)
-        for pose in calibration.poses
-        for figure in pose.figures
+    floor = "floor, rms distance to the plane"
+    return [Residual(one.camera, floor, one.residual_m, "m") for one in calibration.residuals] + [
+        Residual(pose.camera, each.what, each.value, each.unit) for pose in calibration.poses for each in pose.figures
     ]
 
 
@@ -248,23 +242,20 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
     return found
 
 
-def _coarse_cameras(room: Room) -> list[str]:
-    """A sentence on each camera whose filters draw edges out."""
-    return [
-        f"camera {scene.camera.name}: its filters draw depth edges out over {detail.edge_px:.0f} pixels: farther than "
-        f"{detail.limbs_until_m:.1f} m from it an arm cannot be told from what is beside it"
-        for scene in room.scenes
-        if (detail := scene.background.sensor).filtered
+def _about_depth(room: Room) -> list[str]:
+    """A sentence on each camera whose filters draw edges out, then on each that shows no still background."""
+    sensors = [(f"camera {scene.camera.name}", scene.background.sensor) for scene in room.scenes]
+    coarse = [
+        f"{camera}: its filters draw depth edges out over {sensor.edge_px:.0f} pixels: farther than "
+        f"{sensor.limbs_until_m:.1f} m from it an arm cannot be told from what is beside it"
+        for camera, sensor in sensors
+        if sensor.filtered
     ]
-
-
-def _unmeasured_cameras(room: Room) -> list[str]:
-    """A sentence on each camera that shows no still background."""
-    return [
-        f"camera {scene.camera.name}: no still background is seen to measure its noise on; what neighbouring readings "
-        "differ by is used, without the errors that they share, so sigma may be too small"
-        for scene in room.scenes
-        if not scene.background.sensor.noise.measured
+    return coarse + [
+        f"{camera}: no still background is seen to measure its noise on; what neighbouring readings differ by is used, "
+        "without the errors that they share, so sigma may be too small"
+        for camera, sensor in sensors
+        if not sensor.noise.measured
     ]
 
 
@@ -302,22 +293,15 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
         notes.append(f"thickness of the learnt clothes: {thick}")
         if learnt.contradiction:
             notes.append(learnt.contradiction)
-        notes += [_standing_off_note(part, away_m) for part, away_m in _unstated(room, learnt).items()]
+        stated = room.recording.subject.covered
+        notes += [
+            f"what is seen of the patient's {part.replace('_', ' ')} is {1000 * away_m:.0f} mm off a human one, more "
+            "than clothes are, so joints there are less certain: if a brace covers it, add "
+            f'"covered": ["{part}"] to "subject" in recording.json'
+            for part, away_m in standing_off(body_points(), learnt.shape).items()
+            if part not in stated
+        ]
     return notes
-
-
-def _unstated(room: Room, learnt: LearntPatient) -> dict[CoveredPart, float]:
-    """Segments that stand off the learnt body although nothing is stated to cover them."""
-    found = standing_off(body_points(), learnt.shape)
-    return {part: away_m for part, away_m in found.items() if part not in room.recording.subject.covered}
-
-
-def _standing_off_note(part: CoveredPart, away_m: float) -> str:
-    where, off_mm = part.replace("_", " "), 1000 * away_m
-    return (
-        f"what is seen of the patient's {where} is {off_mm:.0f} mm off a human one, more than clothes are, so joints "
-        f'there are less certain: if a brace covers it, add "covered": ["{part}"] to "subject" in recording.json'
-    )
 
 
 def _record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, seconds: float) -> BodyRecord:

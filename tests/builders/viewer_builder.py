@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import struct
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -38,6 +40,7 @@ from anchorpose.results.tables import (
     write_joints,
     write_poses,
 )
+from anchorpose.viewer.payloads import ALIGNED, MAGIC
 from anchorpose.viewer.server import ViewerServer, open_viewer
 
 WIDTH, HEIGHT, FRAMES, PERIOD_S = 96, 128, 45, 1.0 / 15.0
@@ -224,3 +227,17 @@ def _pose(frame: int) -> BodyPose:
     turn = np.tile(BODY_TURN.as_quat(scalar_first=True), (len(MOVING_BONES), 1))
     gone = np.nan if frame == LOST_FRAME else 0.0
     return BodyPose(frame, frame * PERIOD_S, heads + gone, turn + gone, np.full(len(MOVING_BONES), np.nan))
+
+
+def unpack(data: bytes) -> tuple[Any, dict[str, np.ndarray]]:
+    """The meta and the arrays of ``pack``: the counterpart in Python of what the page does in JavaScript."""
+    if data[:4] != MAGIC:
+        raise ValueError("these bytes were not made by pack")
+    (length,) = struct.unpack_from("<I", data, 4)
+    head, first = json.loads(data[8 : 8 + length]), 8 + length + -(8 + length) % ALIGNED
+    arrays = {}
+    for entry in head["arrays"]:
+        kind = np.dtype(entry["type"]).newbyteorder("<")
+        count = int(np.prod(entry["shape"], dtype=np.int64))
+        arrays[entry["name"]] = np.frombuffer(data, kind, count, first + entry["start"]).reshape(entry["shape"])
+    return head["meta"], arrays

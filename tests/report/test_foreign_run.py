@@ -17,7 +17,7 @@ from report_builder import squats, write_session
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import differences
-from anchorpose.report.page import corrections, kept_frames, problems, provenance, settings, write_report
+from anchorpose.report.page import corrections, kept_frames, problems, provenance, write_report
 from anchorpose.report.session import Session, input_hashes, read_session
 from anchorpose.report.summary import summary
 from anchorpose.report.timeline import kept_rows, matched_percent
@@ -88,7 +88,7 @@ def places(value: Any) -> Iterator[tuple[str | int, ...]]:
 
 def use(session: Session) -> None:
     """Everything on the page that comes from run.json."""
-    for part in (provenance, problems, corrections, settings, kept_frames, kept_rows, matched_percent, summary):
+    for part in (provenance, problems, corrections, kept_frames, kept_rows, matched_percent, summary):
         part(session)
     differences((session, session), ("a", "b"))
 

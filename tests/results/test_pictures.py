@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-import cv2
 import numpy as np
 from results_builder import standing_joints
 
@@ -15,7 +14,7 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 from anchorpose.lens import Intrinsics
-from anchorpose.pages.overlay import OverlayScene, draw_frame
+from anchorpose.pages.overlay import OverlayScene, draw_scene
 from anchorpose.results.run_record import as_json, hash_files
 
 FACING = np.array([[0.0, 0, -1, 2.5], [0, -1, 0, 1.0], [-1, 0, 0, 0], [0, 0, 0, 1]])  # looks along -X
@@ -54,10 +53,6 @@ def test_hashes_are_those_of_the_bytes(tmp_path):
     assert hash_files([tmp_path / "a" / "b.txt"], tmp_path) == (("a/b.txt", known),)
 
 
-def _decode(png: bytes) -> np.ndarray:
-    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR).astype(int)
-
-
 def _pixel(picture: np.ndarray, point_m: np.ndarray) -> np.ndarray:
     in_camera = np.linalg.inv(FACING) @ [*point_m, 1.0]
     scale = picture.shape[1] / CAMERA.width
@@ -71,9 +66,7 @@ def test_a_seen_joint_is_filled_and_an_inferred_one_hollow_where_it_is():
     states[JOINT_INDEX["HandLeft"]] = JointState.HIDDEN_BY_PERSON
     joints = standing_joints()
     joints[JOINT_INDEX["FootRight"]] = np.nan  # lost: not drawn, and no limb to it
-    picture = _decode(
-        draw_frame(OverlayScene(camera=CAMERA, depth_m=depth, joints_m=joints, joint_states=tuple(states)))
-    )
+    picture = draw_scene(OverlayScene(camera=CAMERA, depth_m=depth, joints_m=joints, joint_states=tuple(states)))
     assert _pixel(picture, joints[JOINT_INDEX["HandRight"]]).min() > 200
     assert _pixel(picture, joints[JOINT_INDEX["HandLeft"]]).max() < 60
 
@@ -83,7 +76,7 @@ def test_an_anchor_is_a_vermillion_dot_and_a_missed_one_is_not_drawn():
     head = standing_joints()[JOINT_INDEX["Head"]]
     anchors = np.array([head, [np.nan] * 3])
     scene = OverlayScene(camera=CAMERA, depth_m=depth, anchors_m=anchors, anchor_names=("Head", "HandLeft"))
-    blue, green, red = _pixel(_decode(draw_frame(scene)), head)
+    blue, green, red = _pixel(draw_scene(scene), head)
     assert (red > 180, green < 130, blue < 60) == (True, True, True)
 
 
@@ -91,10 +84,10 @@ def test_people_and_equipment_are_tinted_and_nothing_at_all_can_be_drawn():
     depth = np.full((212, 256), 2.0, np.float32)
     labels = np.full((212, 256), PixelLabel.BACKGROUND, np.uint8)
     labels[:, :80], labels[:, 80:160] = PixelLabel.PATIENT, PixelLabel.OTHER_PERSON + 1
-    picture = _decode(draw_frame(OverlayScene(camera=CAMERA, depth_m=depth, labels=labels)))
+    picture = draw_scene(OverlayScene(camera=CAMERA, depth_m=depth, labels=labels))
     patient, person, wall = picture[400, 100], picture[400, 500], picture[400, 900]
     assert wall[0] == wall[1] == wall[2]
     assert patient[0] > patient[2]
     assert tuple(person) not in (tuple(patient), tuple(wall))
-    empty = draw_frame(OverlayScene(camera=CAMERA, depth_m=np.zeros((212, 256), np.float32)))
-    assert _decode(empty).shape[0] > 0
+    empty = draw_scene(OverlayScene(camera=CAMERA, depth_m=np.zeros((212, 256), np.float32)))
+    assert empty.shape[0] > 0

@@ -16,6 +16,7 @@ from viewer_builder import (
     UNSURE_FRAME,
     depth_mm,
     labels_of,
+    unpack,
     write_small_recording,
     write_small_results,
 )
@@ -39,7 +40,6 @@ from anchorpose.viewer.payloads import (
     points_payload,
     rays_payload,
     surface_payload,
-    unpack,
 )
 from anchorpose.viewer.review import APART_S, Review, open_review, worst_frames
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from viewer_builder import viewer_of, write_small_recording, write_small_results
+from viewer_builder import unpack, viewer_of, write_small_recording, write_small_results
 from viewer_page import opened, until
 
 from anchorpose.pipeline import track_recording
@@ -19,9 +19,7 @@ from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import inspect_frame
-from anchorpose.viewer.hypotheses import HypothesisWorker, Progress
-from anchorpose.viewer.payloads import unpack
-from anchorpose.viewer.server import ViewerServer
+from anchorpose.viewer.server import HypothesisWorker, Progress, ViewerServer
 
 PATIENCE_S = 240.0
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from long_results_builder import repeat_results
-from viewer_builder import viewer_of, write_small_recording, write_small_results
+from viewer_builder import unpack, viewer_of, write_small_recording, write_small_results
 from viewer_page import opened, position, until
 
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.tables import read_angles, read_joints
-from anchorpose.viewer.payloads import INTERVALS, KEPT, MOST_ROWS, curves_payload, motion_payload, thinned, unpack
+from anchorpose.viewer.payloads import INTERVALS, KEPT, MOST_ROWS, curves_payload, motion_payload, thinned
 from anchorpose.viewer.review import open_review
 from anchorpose.viewer.server import ViewerServer
 

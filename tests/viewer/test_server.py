@@ -20,15 +20,14 @@ from urllib.request import url2pathname
 
 import pytest
 from recording_builder import edit_json
-from viewer_builder import viewer_of
+from viewer_builder import unpack, viewer_of
 
 from anchorpose.cli import main
 from anchorpose.results.corrections import CorrectionsRecord, corrections_beside, read_corrections
 from anchorpose.results.run_record import as_json
-from anchorpose.viewer import correction_file
+from anchorpose.viewer import review
 from anchorpose.viewer.access import Guard, is_loopback
 from anchorpose.viewer.guarded_server import opened_page
-from anchorpose.viewer.payloads import unpack
 from anchorpose.viewer.server import ViewerServer
 
 INTERVAL = {"first_frame": 2, "last_frame": 8, "reason": "a curtain", "who": "AB"}
@@ -298,8 +297,8 @@ def test_two_viewers_of_the_same_results_lose_nothing(server: ViewerServer, smal
 
 
 def test_a_lock_that_is_never_released_is_reported(server: ViewerServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(correction_file, "PATIENCE_S", 0.05)
-    with correction_file.locked(server.api.corrections.path):
+    monkeypatch.setattr(review, "PATIENCE_S", 0.05)
+    with review.locked(server.api.corrections.path):
         status, answer = tell(server, "corrections/add", INTERVAL)
     assert status == 400
     assert "another program" in answer["error"]

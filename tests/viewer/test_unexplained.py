@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from results_builder import explained_frames
-from viewer_builder import FRAMES, LOST_FRAME, PERIOD_S, viewer_of, write_small_recording, write_small_results
+from viewer_builder import FRAMES, LOST_FRAME, PERIOD_S, unpack, viewer_of, write_small_recording, write_small_results
 from viewer_page import opened, position
 
 from anchorpose.errors import InputError
 from anchorpose.results.explained import EXPLAINED_FILE
-from anchorpose.viewer.payloads import overview_payload, unpack
+from anchorpose.viewer.payloads import overview_payload
 from anchorpose.viewer.review import describe, open_review
 from anchorpose.viewer.server import ViewerServer
 

@@ -5,8 +5,10 @@ Each joint, axis, angle and state gets a row of agreement.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,14 +19,13 @@ from anchorpose.agreement.reference import exchanged, read_reference
 from anchorpose.agreement.statistics import (
     LEAST_SAMPLES,
     LEAST_UNITS,
-    Limits,
     calibration_error,
     coverage_95,
     limits_of_agreement,
     waveform_correlation,
 )
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.joints import JOINT_NAMES, LOST, JointState
+from anchorpose.joints import JOINT_NAMES, LOST, STATE_CODE, JointState
 from anchorpose.options import ReferenceSettings
 from anchorpose.recording.document import read_json, require_rigid
 from anchorpose.settings import Unfit
@@ -32,6 +33,7 @@ from anchorpose.settings import Unfit
 AXES: Final = ("x", "y", "z")
 AS_MEASURED, OFFSET_REMOVED = "as_measured", "offset_removed"
 ALL, INFERRED = "all", "inferred"
+STATES: Final = (ALL, INFERRED, *(str(state) for state in JointState if state is not JointState.LOST))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +93,15 @@ class Compared:
     state_code: np.ndarray
     time_s: np.ndarray
 
+    def chosen(self, state: str) -> np.ndarray:
+        """(n,) bool: the frames in which all is known and the joint, or the angle's worst joint, is in a state."""
+        known = np.isfinite(self.ours + self.theirs + self.offset) & (self.state_code != LOST)
+        return np.asarray(known & in_state(self.state_code, state))
+
+    def their_values(self, offset: str) -> np.ndarray:
+        """(n,) theirs, with or without the difference of the definitions."""
+        return self.theirs + self.offset if offset == OFFSET_REMOVED else self.theirs
+
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
@@ -104,24 +115,17 @@ class Quantity:
 
 
 def quantities(matches: Sequence[Match]) -> list[Quantity]:
-    """Joint centres by axis, angles from joints, angles as the other system gives them: those that any match has."""
-    found = [
-        Quantity("joint", name, axis, "mm", lambda match, j=joint, k=column: _joint(match, j, k))  # type: ignore[misc]
-        for joint, name in enumerate(JOINT_NAMES)
-        for column, axis in enumerate(AXES)
-        if any(np.isfinite(match.theirs_m[:, joint]).any() for match in matches)
+    """Joint centres by axis, angles from joints, angles as the other system gives them."""
+    given = dict.fromkeys(name for match in matches for name in match.given_names)
+    return [
+        *(
+            Quantity("joint", name, axis, "mm", partial(_joint, joint=joint, axis=column))
+            for joint, name in enumerate(JOINT_NAMES)
+            for column, axis in enumerate(AXES)
+        ),
+        *(Quantity("angle", name, "degrees", "deg", partial(_angle, name=name)) for name in matches[0].ours.names),
+        *(Quantity("given_angle", name, "degrees", "deg", partial(_given, name=name)) for name in given),
     ]
-    names = matches[0].ours.names
-    found += [
-        Quantity("angle", name, "degrees", "deg", lambda match, n=name: _angle(match, n))  # type: ignore[misc]
-        for name in names
-        if any(match.theirs is not None and np.isfinite(_theirs(match, name)).any() for match in matches)
-    ]
-    found += [
-        Quantity("given_angle", name, "degrees", "deg", lambda match, n=name: _given(match, n))  # type: ignore[misc]
-        for name in dict.fromkeys(name for match in matches for name in match.given_names)
-    ]
-    return found
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
@@ -130,69 +134,70 @@ def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Ag
     for quantity in quantities(matches):
         taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]
         series = [(each, subject) for each, subject in taken if each is not None]
-        for offset in (AS_MEASURED, OFFSET_REMOVED):
-            rows += [row for row in _of_states(quantity, series, offset) if row is not None]
+        for offset, state in product((AS_MEASURED, OFFSET_REMOVED), STATES):
+            parts = [(each, subject, each.chosen(state)) for each, subject in series]
+            parts = [part for part in parts if part[2].any()]
+            if sum(int(chosen.sum()) for _, _, chosen in parts) >= LEAST_SAMPLES:
+                rows.append(_row(quantity, parts, state, offset))
     return rows
 
 
-def _of_states(quantity: Quantity, series: Sequence[tuple[Compared, str]], offset: str) -> Iterator[Agreement | None]:
-    for state in (ALL, INFERRED, *(each for each in JointState if each is not JointState.LOST)):
-        parts = [(each, subject, _known(each) & in_state(each.state_code, state)) for each, subject in series]
-        parts = [part for part in parts if part[2].any()]
-        if sum(int(chosen.sum()) for _, _, chosen in parts) >= LEAST_SAMPLES:
-            yield _row(quantity, parts, str(state), offset)
+Parts = Sequence[tuple[Compared, str, np.ndarray]]
+"""Of one recording each: what is compared, the subject, and the frames (n,) bool that are chosen."""
 
 
-def _row(
-    quantity: Quantity, parts: Sequence[tuple[Compared, str, np.ndarray]], state: str, offset: str
-) -> Agreement | None:
+def _row(quantity: Quantity, parts: Parts, state: str, offset: str) -> Agreement:
     differences = [_difference(each, offset)[chosen] for each, _, chosen in parts]
     units = [_units(each.time_s[chosen], d) for (each, _, chosen), d in zip(parts, differences, strict=True)]
     repeated, unit = _repeated([subject for _, subject, _ in parts], units)
     error = np.concatenate(differences)
     sigma = np.concatenate([each.sigma[chosen] for each, _, chosen in parts])
-    extra = _shape(parts, offset) if state == ALL else {}
-    return Agreement(
-        kind=quantity.kind,
-        name=quantity.name,
-        axis=quantity.axis,
+    limits = limits_of_agreement(error, unit)
+    ends = {"bias": limits.bias, "lower": limits.lower, "upper": limits.upper}
+    return _error_row(
+        (quantity.kind, quantity.name, quantity.axis, quantity.unit),
+        error,
         state=state,
         offset=offset,
-        unit=quantity.unit,
-        samples=len(error),
         repeated=repeated,
-        **_numbers(limits_of_agreement(error, unit)),
-        rmse=float(np.sqrt(np.mean(error**2))),
-        mean_abs=float(np.abs(error).mean()),
-        largest=float(np.abs(error).max()),
+        units=limits.units,
+        within_sd=limits.within_sd,
+        between_sd=limits.between_sd,
         coverage_95=coverage_95(error, sigma),
         calibration_error=calibration_error(error, sigma),
-        **extra,
+        **{name: end.value for name, end in ends.items()},
+        **{f"{name}_low": end.low for name, end in ends.items()},
+        **{f"{name}_high": end.high for name, end in ends.items()},
+        **(_shape(parts, offset) if state == ALL else {}),
     )
 
 
-def _numbers(found: Limits) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"units": found.units, "within_sd": found.within_sd, "between_sd": found.between_sd}
-    for name in ("bias", "lower", "upper"):
-        estimate = getattr(found, name)
-        numbers |= {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
-    return numbers
+def _error_row(about: tuple[str, str, str, str], error: np.ndarray, **values: Any) -> Agreement:
+    """about: kind, name, axis and unit."""
+    size, (kind, name, axis, unit) = np.abs(error), about
+    return Agreement(
+        kind=kind,
+        name=name,
+        axis=axis,
+        unit=unit,
+        samples=len(error),
+        rmse=float(np.sqrt(np.mean(error**2))),
+        mean_abs=float(size.mean()),
+        largest=float(size.max()),
+        **values,
+    )
 
 
-def _shape(parts: Sequence[tuple[Compared, str, np.ndarray]], offset: str) -> dict[str, Any]:
-    """CMC and ranges, each the mean over recordings; the range error that of its absolute values."""
-    cmc, ranges = list[float](), list[tuple[float, float]]()
-    for each, _, chosen in parts:
-        theirs = each.theirs[chosen] + (each.offset[chosen] if offset == OFFSET_REMOVED else 0.0)
-        found = waveform_correlation(each.ours[chosen], theirs)
-        if found is not None:
-            cmc.append(found)
-        ranges.append((float(np.ptp(each.ours[chosen])), float(np.ptp(theirs))))
-    ours, theirs_range = np.mean(ranges, axis=0)
+def _shape(parts: Parts, offset: str) -> dict[str, Any]:
+    """CMC and ranges, each the mean over recordings."""
+    pairs = [(each.ours[chosen], each.their_values(offset)[chosen]) for each, _, chosen in parts]
+    cmc = [waveform_correlation(*pair) for pair in pairs]
+    ranges = [tuple(float(np.ptp(values)) for values in pair) for pair in pairs]
+    ours, theirs = np.mean(ranges, axis=0)
     return {
-        "cmc": float(np.mean(cmc)) if len(cmc) == len(parts) else None,
+        "cmc": None if None in cmc else float(np.mean(np.array(cmc, dtype=np.float64))),
         "range_ours": float(ours),
-        "range_theirs": float(theirs_range),
+        "range_theirs": float(theirs),
         "range_error": float(np.mean([a - b for a, b in ranges])),
     }
 
@@ -229,16 +234,13 @@ def _difference(each: Compared, offset: str) -> np.ndarray:
     return difference - each.offset if offset == OFFSET_REMOVED else difference
 
 
-def _known(each: Compared) -> np.ndarray:
-    return np.asarray(np.isfinite(each.ours + each.theirs + each.offset) & (each.state_code != LOST))
-
-
 def in_state(state_code: np.ndarray, state: str) -> np.ndarray:
+    """(...) bool: which codes are of one of ``STATES``."""
     if state == ALL:
-        return np.ones(len(state_code), dtype=bool)
+        return np.ones(state_code.shape, dtype=bool)
     if state == INFERRED:
         return np.asarray((state_code > 0) & (state_code < LOST))
-    return np.asarray(state_code == [str(each) for each in JointState].index(str(state)))
+    return np.asarray(state_code == STATE_CODE[JointState(state)])
 
 
 def _joint(match: Match, joint: int, axis: int) -> Compared | None:
@@ -257,18 +259,13 @@ def _joint(match: Match, joint: int, axis: int) -> Compared | None:
 
 
 def _angle(match: Match, name: str) -> Compared | None:
-    return None if match.theirs is None else _of_angle(match, name, _theirs(match, name))
+    theirs = match.theirs
+    return None if theirs is None else _of_angle(match, name, theirs.degrees[:, theirs.column(name)])
 
 
 def _given(match: Match, name: str) -> Compared | None:
-    return (
-        _of_angle(match, name, match.given_deg[:, match.given_names.index(name)]) if name in match.given_names else None
-    )
-
-
-def _theirs(match: Match, name: str) -> np.ndarray:
-    assert match.theirs is not None
-    return match.theirs.degrees[:, match.theirs.column(name)]
+    names = match.given_names
+    return _of_angle(match, name, match.given_deg[:, names.index(name)]) if name in names else None
 
 
 def _of_angle(match: Match, name: str, theirs: np.ndarray) -> Compared | None:
@@ -340,41 +337,24 @@ def read_transform(path: Path) -> np.ndarray:
 
 def distance_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
     """Of each joint, and of all; mean, root mean square and largest in millimetres."""
-    rows = list[Agreement]()
-    for offset in (AS_MEASURED, OFFSET_REMOVED):
-        for column, name in (*enumerate(JOINT_NAMES), (None, "all joints")):
-            for state in (ALL, INFERRED, *(each for each in JointState if each is not JointState.LOST)):
-                found = [_distance(match, column, state, offset) for match in matches]
-                distance = np.concatenate(found)
-                if len(distance) >= LEAST_SAMPLES:
-                    rows.append(_distance_row(name, str(state), offset, distance, len(set(subjects))))
+    rows, named = list[Agreement](), [(name, slice(k, k + 1)) for k, name in enumerate(JOINT_NAMES)]
+    for offset, (name, column), state in product(
+        (AS_MEASURED, OFFSET_REMOVED), (*named, ("all joints", slice(None))), STATES
+    ):
+        distance = np.concatenate([_distance(match, column, state, offset) for match in matches])
+        if len(distance) >= LEAST_SAMPLES:
+            people = {"repeated": "subject", "units": len(set(subjects))}
+            about = ("joint", name, "distance", "mm")
+            rows.append(_error_row(about, distance, state=state, offset=offset, **people))
     return rows
 
 
-def _distance(match: Match, column: int | None, state: str, offset: str) -> np.ndarray:
+def _distance(match: Match, column: slice, state: str, offset: str) -> np.ndarray:
     if match.placement is None:
         return np.empty(0)
     away = match.joints.position_m - match.theirs_m
     if offset == OFFSET_REMOVED:
         away = away - np.einsum("njik,jk->nji", match.axes, match.placement.offset_m)
     length = 1000.0 * np.linalg.norm(away, axis=2)
-    chosen = np.isfinite(length) & in_state(match.joints.state_code.ravel(), state).reshape(length.shape)
-    picked = slice(None) if column is None else slice(column, column + 1)
-    return np.asarray(length[:, picked][chosen[:, picked]])
-
-
-def _distance_row(name: str, state: str, offset: str, distance: np.ndarray, subjects: int) -> Agreement:
-    return Agreement(
-        kind="joint",
-        name=name,
-        axis="distance",
-        state=state,
-        offset=offset,
-        unit="mm",
-        samples=len(distance),
-        repeated="subject",
-        units=subjects,
-        rmse=float(np.sqrt(np.mean(distance**2))),
-        mean_abs=float(distance.mean()),
-        largest=float(distance.max()),
-    )
+    chosen = np.isfinite(length) & in_state(match.joints.state_code, state)
+    return np.asarray(length[:, column][chosen[:, column]])

@@ -24,8 +24,8 @@ from anchorpose.camera import transform_points
 from anchorpose.errors import DegenerateGeometry, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.joint_angles import joint_angles
-from anchorpose.results.sides import Sides, require_as_is
 from anchorpose.results.tables import JOINTS_FILE, AngleTable, JointTable, read_joints
+from anchorpose.results.truth import Sides, require_as_is
 from anchorpose.results.verify import require_own
 from anchorpose.rotations import fit_rigid_transform
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import Final
 
@@ -47,6 +47,11 @@ class Reliability:
     sem: float | None = None
     mdc95: float | None = None
     why: str | None = None
+
+    def without(self, why: str) -> Reliability:
+        """The same measure without values, and why."""
+        about = (self.measure, self.side, self.unit, self.subjects, self.repeats)
+        return Reliability(**dict(zip(COLUMNS, about, strict=False)), why=why)  # type: ignore[arg-type]
 
 
 COLUMNS: Final = tuple(each.name for each in fields(Reliability))
@@ -111,8 +116,7 @@ def reliability_of(measure: str, side: str | None, unit: str, values: np.ndarray
     whole = values[np.isfinite(values).all(axis=1)]
     subjects, repeats = whole.shape
     empty = Reliability(measure=measure, side=side, unit=unit, subjects=subjects, repeats=repeats)
-    why = _why_not(whole)
-    if why is not None:
+    if (why := _why_not(whole)) is not None:
         return replace(empty, why=why)
     ms = mean_squares(whole)
     if ms.rest <= 1e-12 * ms.subjects:
@@ -129,19 +133,8 @@ def reliability_of(measure: str, side: str | None, unit: str, values: np.ndarray
         icc_3_1_low=same.low,
         icc_3_1_high=same.high,
         sem=sem,
-        mdc95=minimal_detectable_change(sem),
+        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # that errors alone exceed only 5 times in 100
     )
-
-
-def without_values(row: Reliability, why: str) -> Reliability:
-    """The same measure without a value, and why."""
-    kept = {name: getattr(row, name) for name in ("measure", "side", "unit", "subjects", "repeats")}
-    return Reliability(**kept, why=why)
-
-
-def minimal_detectable_change(sem: float) -> float:
-    """The least difference of two values that errors alone exceed only 5 times in 100."""
-    return float(NORMAL_95 * np.sqrt(2.0) * sem)
 
 
 def _why_not(whole: np.ndarray) -> str | None:
@@ -162,6 +155,7 @@ OTHER_UNIT: Final = 100.0
 """Ratio of values from which on they are in another unit: metres and centimetres. No person changes by as much."""
 
 Key = tuple[str, str | None, str]  # measure, side, unit
+Values = dict[tuple[str, str], dict[Key, float]]  # by subject and repeat
 
 
 def session_reliability(path: Path) -> tuple[Reliability, ...]:
@@ -177,9 +171,9 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
     found = []
     for key in dict.fromkeys(key for each in values.values() for key in each):
         grid = np.array([[values.get((s, r), {}).get(key, np.nan) for r in repeats] for s in subjects])
-        row = reliability_of(key[0], key[1], key[2], grid)
+        row = reliability_of(*key, grid)
         doubt = _other_unit(grid, subjects, repeats) if row.why is None else None
-        found.append(row if doubt is None else without_values(row, f"{doubt} of the others: is it in another unit?"))
+        found.append(row if doubt is None else row.without(f"{doubt} of the others: is it in another unit?"))
     return tuple(found)
 
 
@@ -211,14 +205,13 @@ def _times(some: np.ndarray, others: np.ndarray) -> float:
 
 def reliability_text(rows: Sequence[Reliability]) -> str:
     """As CSV; empty cells where there is no value."""
+    return csv_text(COLUMNS, (astuple(row) for row in rows))
+
+
+def csv_text(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    """A table as CSV."""
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for row in rows:
-        cells = [getattr(row, name) for name in COLUMNS]
-        writer.writerow(
-            ["" if cell is None else repr(cell) if isinstance(cell, float) else cell_text(str(cell)) for cell in cells]
-        )
+    csv.writer(text, lineterminator="\n").writerows([head, *([cell_text(cell) for cell in row] for row in rows)])
     return text.getvalue()
 
 
@@ -237,8 +230,8 @@ def _read(path: Path) -> list[dict[str, str]]:
     return [dict(zip(head, line, strict=True)) for _, line in lines[1:]]
 
 
-def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[tuple[str, str], dict[Key, float]]:
-    found = dict[tuple[str, str], dict[Key, float]]()
+def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> Values:
+    found: Values = {}
     first = None
     for row in rows:
         file = path.parent / row["results"] / MEASURES_FILE
@@ -248,7 +241,9 @@ def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[t
         measures = read_measures(file)
         if definition != first:
             raise InputError(file, "has measures of another version or definition", "run 'anchorpose measure' on all")
-        key = _own_key(path, found, row, repeated)
+        key = (row["subject"], row[repeated])
+        if key in found:
+            raise InputError(path, f"has subject '{key[0]}' with {repeated} '{key[1]}' twice", "name each session once")
         found[key] = {
             (m.measure, m.side, m.unit): float("nan") if m.value is None else m.value
             for m in measures
@@ -257,17 +252,8 @@ def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[t
     return found
 
 
-def _own_key(
-    path: Path, found: dict[tuple[str, str], dict[Key, float]], row: dict[str, str], repeated: str
-) -> tuple[str, str]:
-    key = (row["subject"], row[repeated])
-    if key in found:
-        raise InputError(path, f"has subject '{key[0]}' with {repeated} '{key[1]}' twice", "name each session once")
-    return key
-
-
-def _of_numbers(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[tuple[str, str], dict[Key, float]]:
-    found = dict[tuple[str, str], dict[Key, float]]()
+def _of_numbers(path: Path, rows: list[dict[str, str]], repeated: str) -> Values:
+    found: Values = {}
     for row in rows:
         key = (row["measure"], row.get("side") or None, row.get("unit", ""))
         try:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +15,7 @@ from anchorpose import __version__
 from anchorpose.agreement.evaluating import (
     ALL,
     AS_MEASURED,
+    AXES,
     COLUMNS,
     INFERRED,
     Agreement,
@@ -24,12 +24,14 @@ from anchorpose.agreement.evaluating import (
     quantities,
 )
 from anchorpose.agreement.matching import Match
+from anchorpose.agreement.reliability import csv_text
 from anchorpose.agreement.statistics import LEAST_UNITS
 from anchorpose.joints import JOINT_NAMES, JointState
-from anchorpose.recording.document import cell_text
 from anchorpose.report.chart import Axis, make_axis
+from anchorpose.report.words import render_page
 from anchorpose.results.folder import FolderKind, check_results_path, whole_or_nothing
-from anchorpose.results.web_page import render_page
+from anchorpose.results.frame_time import runs_of
+from anchorpose.results.run_record import as_json
 
 SHOWN_STATES: Final = (ALL, str(JointState.OBSERVED), INFERRED)
 
@@ -49,7 +51,6 @@ DISTANCE_HEAD: Final = ("", "mean, mm", "RMSE, mm", "largest, mm", "samples")
 
 def page_text(comparison: Comparison, alignments: Sequence[Sequence[str]], methods: Sequence[str]) -> str:
     """The page; alignments: sentences per recording."""
-    rows = comparison.rows
     named = [f"{match.results.name} against {match.reference.path.name}" for match in comparison.matches]
     return render_page(
         "anchorpose.agreement",
@@ -61,7 +62,7 @@ def page_text(comparison: Comparison, alignments: Sequence[Sequence[str]], metho
         distances=distance_rows(comparison),
         difference_head=DIFFERENCE_HEAD,
         differences=angle_rows(comparison),
-        joints=[_difference_cells(row) for row in rows if _joint_row(row)],
+        joints=[_difference_cells(row) for row in comparison.rows if row.axis in AXES and row.state == ALL],
         plots=_plots(comparison),
         methods=methods,
     )
@@ -69,16 +70,16 @@ def page_text(comparison: Comparison, alignments: Sequence[Sequence[str]], metho
 
 def distance_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
     """(title, cells of ``DISTANCE_HEAD``) of joints and of all of them."""
-    return [_distance_cells(row) for row in comparison.rows if row.axis == "distance" and row.state in SHOWN_STATES]
+    return [
+        (_title(row), [f"{row.mean_abs:.1f}", f"{row.rmse:.1f}", f"{row.largest:.0f}", str(row.samples)])
+        for row in comparison.rows
+        if row.axis == "distance" and row.state in SHOWN_STATES
+    ]
 
 
 def angle_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
     """(title, cells of ``DIFFERENCE_HEAD``) of angles."""
     return [_difference_cells(row) for row in comparison.rows if row.kind != "joint" and row.state in SHOWN_STATES]
-
-
-def _joint_row(row: Agreement) -> bool:
-    return row.kind == "joint" and row.axis != "distance" and row.state == ALL
 
 
 def _title(row: Agreement) -> str:
@@ -88,20 +89,11 @@ def _title(row: Agreement) -> str:
     return f"{row.name.replace('_', ' ')}{axis}{given} ({row.state}{removed})"
 
 
-def _distance_cells(row: Agreement) -> tuple[str, list[str]]:
-    return _title(row), [f"{row.mean_abs:.1f}", f"{row.rmse:.1f}", f"{row.largest:.0f}", str(row.samples)]
-
-
 def _difference_cells(row: Agreement) -> tuple[str, list[str]]:
-    limits = f"{_number(row.lower)} to {_number(row.upper)}"
-    if row.lower_low is not None:
-        limits += (
-            f" ({_number(row.lower_low)} to {_number(row.lower_high)}; "
-            f"{_number(row.upper_low)} to {_number(row.upper_high)})"
-        )
-    bias = _number(row.bias)
-    if row.bias_low is not None:
-        bias += f" ({_number(row.bias_low)} to {_number(row.bias_high)})"
+    bias, limits = _number(row.bias), _span(row.lower, row.upper)
+    if row.bias_low is not None:  # the limits have intervals, too
+        bias += f" ({_span(row.bias_low, row.bias_high)})"
+        limits += f" ({_span(row.lower_low, row.lower_high)}; {_span(row.upper_low, row.upper_high)})"
     return _title(row), [
         f"{bias} {row.unit}",
         limits,
@@ -116,6 +108,10 @@ def _difference_cells(row: Agreement) -> tuple[str, list[str]]:
 
 def _number(value: float | None, digits: int = 1) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _span(low: float | None, high: float | None) -> str:
+    return f"{_number(low)} to {_number(high)}"
 
 
 def _plots(comparison: Comparison) -> list[tuple[str, list[Markup]]]:
@@ -135,8 +131,13 @@ def _plots(comparison: Comparison) -> list[tuple[str, list[Markup]]]:
     return found
 
 
-WIDTH, HEIGHT = 420, 240
-LEFT, BOTTOM, TOP, RIGHT = 52, 34, 10, 12
+class Plot:
+    """Where a plot lies in its picture, in units of the picture."""
+
+    WIDTH, HEIGHT = 420, 240
+    LEFT, END, TOP, BASE = 52, 408, 10, 206
+
+
 MOST_POINTS: Final = 400
 """Of a recording; more would only darken the same cloud."""
 
@@ -155,7 +156,7 @@ def difference_plot(series: Sequence[Compared], row: Agreement) -> Markup:
     for kind, value in (("bias", row.bias), ("limit", row.lower), ("limit", row.upper)):
         if value is not None:
             height = float(_down(up, np.array(value)))
-            shapes.append(f'<path class="{kind}" d="M{LEFT} {height:.1f}H{WIDTH - RIGHT}"/>')
+            shapes.append(f'<path class="{kind}" d="M{Plot.LEFT} {height:.1f}H{Plot.END}"/>')
     title = f"{row.name}: ours minus theirs against the mean, {row.unit}"
     return _picture(title, across, up, "".join(shapes), (f"mean, {row.unit}", f"ours − theirs, {row.unit}"))
 
@@ -183,51 +184,48 @@ def _cloud(each: Compared) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _along(axis: Axis, value: np.ndarray) -> np.ndarray:
-    return LEFT + (WIDTH - LEFT - RIGHT) * (value - axis.low) / (axis.high - axis.low)
+    return Plot.LEFT + (Plot.END - Plot.LEFT) * (value - axis.low) / (axis.high - axis.low)
 
 
 def _down(axis: Axis, value: np.ndarray) -> np.ndarray:
-    return TOP + (HEIGHT - TOP - BOTTOM) * np.clip((axis.high - value) / (axis.high - axis.low), -0.1, 1.1)
+    return Plot.TOP + (Plot.BASE - Plot.TOP) * np.clip((axis.high - value) / (axis.high - axis.low), -0.1, 1.1)
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> str:
     """A path that is broken where a value is missing."""
-    parts, pen = list[str](), False
-    for a, b in zip(x, y, strict=True):
-        if np.isfinite(b):
-            parts.append(f"{'L' if pen else 'M'}{a:.1f} {b:.1f}")
-        pen = bool(np.isfinite(b))
-    return "".join(parts)
+    return "".join("M" + "L".join(_places(x[run], y[run])) for run in runs_of(np.isfinite(y)))
 
 
 def _band(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
-    known = np.isfinite(low) & np.isfinite(high)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
     paths = []
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
-        there = [f"{a:.1f} {b:.1f}" for a, b in zip(x[first:end], low[first:end], strict=True)]
-        back = [f"{a:.1f} {b:.1f}" for a, b in zip(x[first:end][::-1], high[first:end][::-1], strict=True)]
-        paths.append("M" + "L".join([*there, *back]) + "Z")
+    for run in runs_of(np.isfinite(low) & np.isfinite(high)):
+        across, down = np.append(x[run], x[run][::-1]), np.append(low[run], high[run][::-1])
+        paths.append("M" + "L".join(_places(across, down)) + "Z")
     return "".join(paths)
 
 
+def _places(x: np.ndarray, y: np.ndarray) -> list[str]:
+    return [f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True)]
+
+
 def _picture(title: str, across: Axis, up: Axis, shapes: str, words: tuple[str, str]) -> Markup:
-    base, end = HEIGHT - BOTTOM, WIDTH - RIGHT
+    left, end, top, base = Plot.LEFT, Plot.END, Plot.TOP, Plot.BASE
     ticks = [
-        f'<text x="{LEFT - 5}" y="{TOP + (base - TOP) * share + 4:.1f}" text-anchor="end">{text}</text>'
-        f'<path class="grid" d="M{LEFT} {TOP + (base - TOP) * share:.1f}H{end}"/>'
+        f'<text x="{left - 5}" y="{top + (base - top) * share + 4:.1f}" text-anchor="end">{text}</text>'
+        f'<path class="grid" d="M{left} {top + (base - top) * share:.1f}H{end}"/>'
         for share, text in up.labels()
     ]
     ticks += [
-        f'<text x="{end - (end - LEFT) * share:.1f}" y="{base + 14}" text-anchor="middle">{text}</text>'
+        f'<text x="{end - (end - left) * share:.1f}" y="{base + 14}" text-anchor="middle">{text}</text>'
         for share, text in across.labels()
     ]
     names = (
-        f'<text x="{(LEFT + end) / 2:.0f}" y="{HEIGHT - 4}" text-anchor="middle">{words[0]}</text>'
-        f'<text transform="translate(11 {(TOP + base) / 2:.0f}) rotate(-90)" text-anchor="middle">{words[1]}</text>'
+        f'<text x="{(left + end) / 2:.0f}" y="{Plot.HEIGHT - 4}" text-anchor="middle">{words[0]}</text>'
+        f'<text transform="translate(11 {(top + base) / 2:.0f}) rotate(-90)" text-anchor="middle">{words[1]}</text>'
     )
     return Markup(
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{{}}">{"".join(ticks)}{shapes}{names}</svg>'
+        f'<svg viewBox="0 0 {Plot.WIDTH} {Plot.HEIGHT}" role="img" aria-label="{{}}">'
+        f"{''.join(ticks)}{shapes}{names}</svg>"
     ).format(title)
 
 
@@ -237,7 +235,7 @@ ALIGNMENT_FILE: Final = "alignment.json"
 METHODS_FILE: Final = "methods.txt"
 PAGE_FILE: Final = "agreement.html"
 COMPARISON: Final = FolderKind(
-    (AGREEMENT_FILE,), (AGREEMENT_FILE, OFFSETS_FILE, ALIGNMENT_FILE, METHODS_FILE, PAGE_FILE)
+    "a comparison", (AGREEMENT_FILE,), (AGREEMENT_FILE, OFFSETS_FILE, ALIGNMENT_FILE, METHODS_FILE, PAGE_FILE)
 )
 
 SOURCES: Final = (
@@ -263,9 +261,7 @@ def write_comparison(folder: Path, comparison: Comparison, overwrite: bool = Fal
     check_results_path(folder, None, overwrite, COMPARISON)
     methods = methods_sentences(comparison)
     with whole_or_nothing(folder, COMPARISON.own) as work:
-        _write(
-            work / AGREEMENT_FILE, _csv(COLUMNS, ([getattr(row, name) for name in COLUMNS] for row in comparison.rows))
-        )
+        _write(work / AGREEMENT_FILE, _csv(COLUMNS, map(astuple, comparison.rows)))
         _write(work / OFFSETS_FILE, _offsets(comparison))
         _write(work / ALIGNMENT_FILE, json.dumps([_alignment(match) for match in comparison.matches], indent=1) + "\n")
         _write(work / METHODS_FILE, "\n".join([*methods, "", "Sources", *SOURCES]) + "\n")
@@ -276,13 +272,8 @@ def _write(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    for row in rows:
-        writer.writerow([cell_text(f"{cell:.6g}" if isinstance(cell, float) else cell) for cell in row])
-    return text.getvalue()
+def _csv(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    return csv_text(head, ((f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row) for row in rows))
 
 
 def _offsets(comparison: Comparison) -> str:
@@ -296,35 +287,15 @@ def _offsets(comparison: Comparison) -> str:
     return _csv(("results", "joint", "forward_mm", "up_mm", "right_mm"), rows)
 
 
-def _alignment(match: Match) -> dict[str, Any]:
+def _alignment(match: Match) -> Any:
     clock, placement = match.clock, match.placement
-    frame = None
-    if placement is not None:
-        frame = {
-            "reference_to_world": placement.T_world_reference.tolist(),
-            "translation_sigma_mm": _finite(1000.0 * placement.translation_sigma_m),
-            "rotation_sigma_deg": _finite(placement.rotation_sigma_deg),
-        }
-    return {
-        "anchorpose": __version__,
-        "results": str(match.results),
-        "reference": str(match.reference.path),
-        "clock": {
-            "offset_s": clock.offset_s,
-            "offset_sigma_s": clock.offset_sigma_s,
-            "drift": clock.drift,
-            "drift_sigma": clock.drift_sigma,
-            "middle_s": clock.middle_s,
-            "correlation": clock.correlation,
-            "overlap_s": list(clock.overlap_s),
-        },
-        "frame": frame,
-        "understood": list(match.reference.notes),
+    frame = placement and {
+        "reference_to_world": placement.T_world_reference,
+        "translation_sigma_mm": 1000.0 * placement.translation_sigma_m,
+        "rotation_sigma_deg": placement.rotation_sigma_deg,
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+    about = {"anchorpose": __version__, "results": match.results, "reference": match.reference.path}
+    return as_json({**about, "clock": clock, "frame": frame, "understood": match.reference.notes})
 
 
 def alignment_sentences(match: Match) -> list[str]:

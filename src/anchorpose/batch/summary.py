@@ -26,13 +26,13 @@ from anchorpose.recording.regular_file import is_there
 from anchorpose.recording.writable import whole_file
 from anchorpose.report.measure_section import title_of, value_form
 from anchorpose.report.page import REPORT_FILE
+from anchorpose.report.words import render_page
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.parquet import RecordTable, refuse_unreadable
 from anchorpose.results.records import MEASURES_FILE, Measure, read_measures
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
-from anchorpose.results.web_page import render_page
 
 DONE, FAILED, OPEN = "done", "failed", "open"
 STATES: Final = (DONE, FAILED, OPEN)

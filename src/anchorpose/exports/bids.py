@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose import __version__
-from anchorpose.exports.formats import STATES, Product, Samples, Source, rounded_text, write_rows
+from anchorpose.exports.formats import STATES, Product, Samples, Source, rounded_text, write_rows, write_text
 from anchorpose.exports.regular_time import nominal_rate_hz, without_gaps
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import ExportConfig
@@ -28,7 +28,7 @@ _STATE_CODES: Final = ", ".join(f"{code} {state}" for code, state in enumerate(S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel:
-    """A column: its row in channels.tsv and its values (n,), NaN where missing; digits after the point."""
+    """A column: its row in channels.tsv and its values (n,), NaN where missing."""
 
     name: str
     component: str
@@ -37,7 +37,6 @@ class Channel:
     units: str
     description: str
     values: np.ndarray
-    digits: int
 
     @property
     def row(self) -> tuple[str, ...]:
@@ -48,61 +47,39 @@ class Channel:
 
 def channels_of(samples: Samples) -> list[Channel]:
     """Latency, then joints, angles, and the sigma and state code of each."""
-    latency = Channel(
-        "latency", "n/a", "LATENCY", "n/a", "s", "time since the first frame", samples.time_s - samples.time_s[0], 6
-    )
+    since_s = samples.time_s - samples.time_s[0]
+    latency = Channel("latency", "n/a", "LATENCY", "n/a", "s", "time since the first frame", since_s)
     places = [
-        Channel(
-            f"{name}_{axis}", axis, "POS", name, "m", f"joint centre, {way}", samples.position_m[:, number, index], 6
-        )
+        Channel(f"{name}_{axis}", axis, "POS", name, "m", f"joint centre, {way}", samples.position_m[:, number, index])
         for number, name in enumerate(JOINT_NAMES)
         for index, (axis, way) in enumerate((("x", "forward"), ("y", "up"), ("z", "to the right")))
     ]
     angles = [
-        Channel(name, "n/a", "JNTANG", name, "deg", "joint angle", samples.degrees[:, number], 6)
+        Channel(name, "n/a", "JNTANG", name, "deg", "joint angle", samples.degrees[:, number])
         for number, name in enumerate(samples.angles)
     ]
-    joints = _quality(JOINT_NAMES, "m", samples.joint_sigma_m, samples.joint_state_code)
-    return [
-        latency,
-        *places,
-        *angles,
-        *joints,
-        *_quality(samples.angles, "deg", samples.sigma_deg, samples.angle_state_code),
-    ]
+    of_joints = _quality(JOINT_NAMES, "m", samples.joint_sigma_m, samples.joint_state_code)
+    of_angles = _quality(samples.angles, "deg", samples.sigma_deg, samples.angle_state_code)
+    return [latency, *places, *angles, *of_joints, *of_angles]
 
 
 def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, state_code: np.ndarray) -> list[Channel]:
-    meaning = "one standard deviation of the error" + (" along each axis" if units == "m" else "")
+    kinds = (
+        ("sigma", units, "one standard deviation of the error" + (" along each axis" if units == "m" else ""), sigma),
+        ("state", "n/a", f"how it is known: {_STATE_CODES}", state_code),
+    )
     return [
-        channel
+        Channel(f"{name}_{kind}", "n/a", "MISC", name, unit, meaning, values[:, number])
         for number, name in enumerate(names)
-        for channel in (
-            Channel(f"{name}_sigma", "n/a", "MISC", name, units, meaning, sigma[:, number], 6),
-            Channel(
-                f"{name}_state",
-                "n/a",
-                "MISC",
-                name,
-                "n/a",
-                f"how it is known: {_STATE_CODES}",
-                state_code[:, number],
-                0,
-            ),
-        )
+        for kind, unit, meaning, values in kinds
     ]
 
 
 def motion_rows(channels: Sequence[Channel]) -> Iterator[tuple[str, ...]]:
     """The lines of motion.tsv: a cell per channel."""
     for rows in blocks(len(channels[0].values)):
-        yield from zip(
-            *(
-                [rounded_text(value, channel.digits, MISSING) for value in channel.values[rows].tolist()]
-                for channel in channels
-            ),
-            strict=True,
-        )
+        columns = (channel.values[rows].tolist() for channel in channels)
+        yield from zip(*([rounded_text(value, 6, MISSING) for value in column] for column in columns), strict=True)
 
 
 EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "part", "person", "state")
@@ -201,9 +178,9 @@ def _dataset(folder: Path, config: ExportConfig) -> None:
         "GeneratedBy": [{"Name": "anchorpose", "Version": __version__}],
     }
     _write_json(folder / "dataset_description.json", description)
-    (folder / ".bidsignore").write_text("export.json\n", encoding="utf-8", newline="\n")
-    (folder / "README").write_text(_README.format(version=__version__, missing=MISSING), encoding="utf-8", newline="\n")
-    (folder / "participants.tsv").write_text(f"participant_id\nsub-{config.subject}\n", encoding="utf-8", newline="\n")
+    write_text(folder / ".bidsignore", "export.json\n")
+    write_text(folder / "README", _README.format(version=__version__, missing=MISSING))
+    write_text(folder / "participants.tsv", f"participant_id\nsub-{config.subject}\n")
     _write_json(folder / "participants.json", {"participant_id": {"Description": "pseudonym of the person"}})
 
 
@@ -242,5 +219,4 @@ def _channels_sidecar() -> dict[str, Any]:
 
 
 def _write_json(path: Path, document: dict[str, Any]) -> None:
-    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8", newline="\n")
+    write_text(path, json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")

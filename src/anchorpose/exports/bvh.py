@@ -70,15 +70,12 @@ def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
     rotate pelvis and chest.
     """
     rest = shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None]
-    nodes, index = list[Node](), dict[str, int]()
-    nodes.append(Node(ROOT, -1, np.zeros(3), np.zeros(3), pelvis_axes(position_m)))
-    index[ROOT] = 0
+    nodes, index = [Node(ROOT, -1, np.zeros(3), np.zeros(3), pelvis_axes(position_m))], {ROOT: 0}
     for name, (above, at, to) in _TREE.items():
         parent, points = nodes[index[above]], _along(rest, at, to)[0]
         start = torso_axes(position_m) if name == "SpineMid" else parent.axes
-        axes = (
-            _swing(start @ points, _along(position_m, at, to)) @ start
-        )  # the shortest way from the parent's direction
+        # the shortest way from the parent's direction
+        axes = _swing(start @ points, _along(position_m, at, to)) @ start
         nodes.append(Node(name, index[above], parent.end_m, points * _length(position_m, at, to), axes))
         index[name] = len(index)
     return nodes
@@ -254,25 +251,19 @@ def _hierarchy(nodes: list[Node], kept: list[int]) -> tuple[list[int], list[str]
     order, lines = list[int](), list[str]()
 
     def visit(place: int, depth: int) -> None:
-        node, indent = nodes[place], "\t" * depth
-        children = [child for child in kept if nodes[child].parent == place]
+        node, children = nodes[place], [child for child in kept if nodes[child].parent == place]
         order.append(place)
-        lines.append(f"{indent}{'ROOT' if depth == 0 else 'JOINT'} {node.name}")
-        lines.append(f"{indent}{{")
-        lines.append(f"{indent}\tOFFSET {_centimetres(node.offset_m)}")
-        lines.append(f"{indent}\tCHANNELS {f'6 {_PLACE} {_TURN}' if depth == 0 else f'3 {_TURN}'}")
+        add(depth, f"{'JOINT' if depth else 'ROOT'} {node.name}", "{")
+        channels = f"3 {_TURN}" if depth else f"6 {_PLACE} {_TURN}"
+        add(depth + 1, f"OFFSET {_centimetres(node.offset_m)}", f"CHANNELS {channels}")
         for child in children:
             visit(child, depth + 1)
         if not children:
-            lines.extend(
-                [
-                    f"{indent}\tEnd Site",
-                    f"{indent}\t{{",
-                    f"{indent}\t\tOFFSET {_centimetres(node.end_m)}",
-                    f"{indent}\t}}",
-                ]
-            )
-        lines.append(f"{indent}}}")
+            add(depth + 1, "End Site", "{", f"\tOFFSET {_centimetres(node.end_m)}", "}")
+        add(depth, "}")
+
+    def add(depth: int, *texts: str) -> None:
+        lines.extend("\t" * depth + text for text in texts)
 
     visit(kept[0], 0)
     return order, lines

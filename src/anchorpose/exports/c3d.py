@@ -94,24 +94,26 @@ def _new_file() -> Any:
 
 
 def _describe_points(file: Any, angles: tuple[str, ...], rate_hz: float) -> None:
-    group = file["parameters"]["POINT"]
-    group["RATE"]["value"] = [rate_hz]
-    group["LABELS"]["value"] = [*JOINT_NAMES, *angles]
-    group["DESCRIPTIONS"]["value"] = [
-        *(f"joint centre {name}" for name in JOINT_NAMES),
-        *(f"{name}: degrees in X" for name in angles),
-    ]
-    group["UNITS"]["value"] = ["mm"]
+    about = [*(f"joint centre {name}" for name in JOINT_NAMES), *(f"{name}: degrees in X" for name in angles)]
+    _set(file, "POINT", RATE=[rate_hz], LABELS=[*JOINT_NAMES, *angles], DESCRIPTIONS=about, UNITS=["mm"])
 
 
 def _describe_channels(file: Any, angles: tuple[str, ...], rate_hz: float) -> None:
     units = [*((name, "mm") for name in JOINT_NAMES), *((name, "deg") for name in angles)]
     labels = [f"{name}.{what}" for name, _ in units for what in ("sigma", "state")]
-    group = file["parameters"]["ANALOG"]
-    group["RATE"]["value"] = [rate_hz]
-    group["LABELS"]["value"] = labels
-    group["UNITS"]["value"] = [each for _, unit in units for each in (unit, "")]
-    group["DESCRIPTIONS"]["value"] = [label.replace(".", ": ") for label in labels]
+    about = [label.replace(".", ": ") for label in labels]
+    per_channel = [each for _, unit in units for each in (unit, "")]
+    _set(file, "ANALOG", RATE=[rate_hz], LABELS=labels, UNITS=per_channel, DESCRIPTIONS=about)
+
+
+def _set(file: Any, group: str, **values: list[Any]) -> None:
+    for name, value in values.items():
+        file["parameters"][group][name]["value"] = value
+
+
+def _add(file: Any, group: str, **values: Any) -> None:
+    for name, value in values.items():
+        file.add_parameter(group, name, value)
 
 
 def _add_frames(file: Any, samples: Samples) -> None:
@@ -132,14 +134,10 @@ def _add_frames(file: Any, samples: Samples) -> None:
 
 
 def _about(file: Any, samples: Samples) -> None:
-    file.add_parameter("POINT", "X_SCREEN", ["+X"])
-    file.add_parameter("POINT", "Y_SCREEN", ["+Y"])
+    _add(file, "POINT", X_SCREEN=["+X"], Y_SCREEN=["+Y"])
     if samples.angles:
-        file.add_parameter("POINT", "ANGLES", list(samples.angles))
-        file.add_parameter("POINT", "ANGLE_UNITS", ["deg"])
-        file.add_parameter("POINT", "TYPE_GROUPS", ["ANGLES"])
-    file.add_parameter("ANCHORPOSE", "START_TIME", [float(samples.time_s[0])])
-    file.add_parameter("ANCHORPOSE", "STATES", list(STATES))
+        _add(file, "POINT", ANGLES=list(samples.angles), ANGLE_UNITS=["deg"], TYPE_GROUPS=["ANGLES"])
+    _add(file, "ANCHORPOSE", START_TIME=[float(samples.time_s[0])], STATES=list(STATES))
 
 
 MOST_EVENTS: Final = 255
@@ -195,12 +193,8 @@ def add_events(file: Any, events: tuple[Event, ...], time_s: np.ndarray) -> int:
     if not kept:
         return 0
     seconds = np.array([event.time_s for event in kept]) - time_s[0]
-    file.add_parameter("EVENT", "USED", [len(kept)])
-    file.add_parameter("EVENT", "CONTEXTS", [event.context for event in kept])
-    file.add_parameter("EVENT", "LABELS", [event.label for event in kept])
-    file.add_parameter("EVENT", "DESCRIPTIONS", [event.description for event in kept])
-    file.add_parameter("EVENT", "SUBJECTS", ["" for _ in kept])
-    file.add_parameter("EVENT", "TIMES", np.stack([np.floor(seconds / 60.0), seconds % 60.0]))
-    file.add_parameter("EVENT", "ICON_IDS", [0 for _ in kept])
-    file.add_parameter("EVENT", "GENERIC_FLAGS", [0 for _ in kept])
+    contexts, labels, about = ([getattr(event, name) for event in kept] for name in ("context", "label", "description"))
+    times, zeros = np.stack([np.floor(seconds / 60.0), seconds % 60.0]), [0] * len(kept)
+    _add(file, "EVENT", USED=[len(kept)], CONTEXTS=contexts, LABELS=labels, DESCRIPTIONS=about)
+    _add(file, "EVENT", SUBJECTS=[""] * len(kept), TIMES=times, ICON_IDS=zeros, GENERIC_FLAGS=zeros)
     return len(kept)

@@ -22,110 +22,32 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.bids import write_bids
 from anchorpose.exports.bvh import write_bvh
 from anchorpose.exports.c3d import write_c3d
-from anchorpose.exports.formats import STATES, Format, Product, Source, number_text, read_source
+from anchorpose.exports.formats import STATES, Format, Product, Source, number_text, read_source, write_text
 from anchorpose.exports.opensim_coordinates import write_mot
 from anchorpose.exports.opensim_trc import write_trc
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import ExportConfig
 from anchorpose.recording.document import cell_text, read_json
 from anchorpose.recording.writable import check_place
-from anchorpose.results.folder import whole_or_nothing
+from anchorpose.report.words import read_words
+from anchorpose.results.folder import FolderKind, check_results_path, whole_or_nothing
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.parquet import opened_parquet, pieces
 from anchorpose.results.run_record import hash_files
 
-_STATE_MEANING: Final = f"how it is known: {', '.join(STATES)}; or, of intervals, seen or inferred"
-
-# Column: unit and meaning, the same in every table that has it.
 _MEANING: Final = {
-    "frame": ("", "frame of the first camera, counted from 0"),
-    "time_s": ("s", "time on the clock of the first camera"),
-    "joint": ("", "one of the 21 joints; Left and Right are the patient's"),
-    "x_m": ("m", "forward"),
-    "y_m": ("m", "up"),
-    "z_m": ("m", "to the patient's right"),
-    "state": ("", _STATE_MEANING),
-    "sigma_m": ("m", "one standard deviation of the error along each axis"),
-    "angle": ("", "name of the angle; docs/angles.md of anchorpose defines it"),
-    "degrees": ("deg", "the angle"),
-    "sigma_deg": ("deg", "one standard deviation of the angle's error"),
-    "processing": ("", "measured, smoothed or filled"),
-    "part": ("", "region of the patient's body"),
-    "person": ("", "who touches; the same name as long as this person is followed"),
-    "first_frame": ("", "first frame of the interval; it belongs to it"),
-    "last_frame": ("", "last frame of the interval; it belongs to it"),
-    "start_s": ("s", "time of the first frame"),
-    "end_s": ("s", "time of the last frame"),
-    "seen_share": ("1", "share of the touching skin that a camera saw"),
-    "area_cm2": ("cm2", "skin of the patient in reach, mean over the frames"),
-    "gap_mm": ("mm", "least distance of the two skins"),
-    "bone": ("", "bone of the learnt body"),
-    "qw": ("1", "quaternion of the turn from the upright rest pose to the world, real part"),
-    "qx": ("1", "the same, part along X"),
-    "qy": ("1", "the same, part along Y"),
-    "qz": ("1", "the same, part along Z"),
-    "axial_sigma_rad": ("rad", "one standard deviation of the turn about the bone's own long axis"),
-    "uncovered_cm2": ("cm2", "surface of the patient that a camera sees and no part of the posed body covers"),
-    "trunk_seen_past": ("1", "share of the skin of trunk and head with something farther away seen in its place"),
-    "arm_left_seen_past": ("1", "the same, patient's left arm"),
-    "leg_left_seen_past": ("1", "the same, patient's left leg"),
-    "arm_right_seen_past": ("1", "the same, patient's right arm"),
-    "leg_right_seen_past": ("1", "the same, patient's right leg"),
-    "anchor": ("", "geodesic extremum: head, hands or feet"),
-    "com_x_m": ("m", "estimated centre of mass of the body, forward"),
-    "com_y_m": ("m", "estimated centre of mass of the body, up"),
-    "com_z_m": ("m", "estimated centre of mass of the body, to the patient's right"),
-    "com_sigma_m": ("m", "one standard deviation of the centre of mass along each axis"),
-    "upright": ("", "whether the patient stands upright"),
-    "kind": ("", "what the interval is: upright, sit_to_stand, stand_to_sit, step_left or step_right"),
-    "measure": ("", "name of the measure; docs/measures.md of anchorpose defines it"),
-    "side": ("", "left or right, the patient's"),
-    "value": ("see column unit", "the measure"),
-    "unit": ("", "unit of value and sigma"),
-    "sigma": ("see column unit", "one standard deviation of the value"),
-    "frames": ("", "how many frames the value rests on"),
-    "inferred_share": ("1", "share of those frames in which a joint was inferred"),
-    "why": ("", "why there is no value"),
+    row["column"]: (row["unit"], row["meaning"]) for row in read_words("anchorpose.exports", "columns.csv")
 }
-
-_WIDE: Final = (
-    ("_sigma_m", "sigma_m"),
-    ("_sigma_deg", "sigma_deg"),
-    ("_x_m", "x_m"),
-    ("_y_m", "y_m"),
-    ("_z_m", "z_m"),
-    ("_state", "state"),
-    ("_deg", "degrees"),
-)
-
-MISSING: Final = "empty cell"
-
-
-def describe_column(name: str, kind: str) -> tuple[str, str, str, str, str]:
-    """Name, type, unit, meaning and the sign for missing; an unknown column has no unit and no meaning."""
-    unit, meaning = _MEANING.get(name, ("", ""))
-    return name, kind, unit, meaning, MISSING
-
-
-def describe_wide_column(name: str) -> tuple[str, str, str, str, str]:
-    """The same for a column of a wide table, whose name begins with the joint or angle."""
-    for ending, column in _WIDE:
-        if name.endswith(ending):
-            unit, meaning = _MEANING[column]
-            return (
-                name,
-                "text" if column == "state" else "number",
-                unit,
-                f"{name.removesuffix(ending)}: {meaning}",
-                MISSING,
-            )
-    return describe_column(name, "whole number" if name == "frame" else "number")
-
+"""Unit and meaning of each column, the same in every table that has it."""
 
 DICTIONARY_FILE: Final = "data_dictionary.csv"
 DICTIONARY_HEAD: Final = ("file", "column", "type", "unit", "meaning", "missing")
 
-Column = tuple[str, np.ndarray]
+
+def _described(file: str, name: str, kind: str, column: str, thing: str = "") -> tuple[str, ...]:
+    """A row of the dictionary. An unknown column has no unit and no meaning; thing: what a wide one is about."""
+    unit, meaning = _MEANING.get(column, ("", ""))
+    return file, name, kind, unit, f"{thing}: {meaning}" if thing else meaning, "empty cell"
 
 
 def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
@@ -139,24 +61,22 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
         name = f"{path.stem}.csv"
         rows += count
         _write(folder / name, schema.names, _rows(path))
-        dictionary += [(name, *describe_column(field.name, _kind(field.type))) for field in schema]
+        dictionary += [_described(name, field.name, _kind(field.type), field.name) for field in schema]
         notes += _metadata(name, schema)
-    for name, columns in (("joints_wide.csv", _wide_joints(source)), ("angles_wide.csv", _wide_angles(source))):
-        if columns:
-            names = [column for column, _ in columns]
-            _write(folder / name, names, _wide_rows([values for _, values in columns]))
-            dictionary += [(name, *describe_wide_column(column)) for column in names]
+    samples = source.samples
+    joints = {f"{axis}_m": samples.position_m[..., place] for place, axis in enumerate("xyz")}
+    joints |= {"sigma_m": samples.joint_sigma_m, "state": samples.joint_state_code}
+    angles = {"degrees": samples.degrees, "sigma_deg": samples.sigma_deg, "state": samples.angle_state_code}
+    dictionary += _write_wide(folder / "joints_wide.csv", source, JOINT_NAMES, joints)
+    if samples.angles:
+        dictionary += _write_wide(folder / "angles_wide.csv", source, samples.angles, angles)
     _write(folder / DICTIONARY_FILE, DICTIONARY_HEAD, dictionary)
-    return _product(len(source.frame), rows, notes)
-
-
-def _product(frames: int, rows: int, notes: list[str]) -> Product:
     return Product(
         axes="X forward, Y up, Z to the patient's right",
         units="in the names of the columns (_m metres, _s seconds, _deg and degrees) and in the data dictionary",
         time="as recorded",
         missing="an empty cell; state says why",
-        counts=(("frames", frames), ("rows_of_long_tables", rows)),
+        counts=(("frames", len(source.frame)), ("rows_of_long_tables", rows)),
         notes=(
             f"{DICTIONARY_FILE} says what each column means.",
             "UTF-8, commas, decimal points, one line of names.",
@@ -200,36 +120,28 @@ def _rows(path: Path) -> Iterator[tuple[str, ...]]:
             yield from zip(*(_cells(column) for column in piece.columns), strict=True)
 
 
+def _write_wide(
+    path: Path, source: Source, things: Sequence[str], parts: dict[str, np.ndarray]
+) -> list[tuple[str, ...]]:
+    """A row per frame with the parts (n, things) of each thing; returns the dictionary of the columns."""
+    columns = {"frame": source.frame, "time_s": source.samples.time_s}
+    dictionary = [_described(path.name, "frame", "whole number", "frame")]
+    dictionary.append(_described(path.name, "time_s", "number", "time_s"))
+    for number, thing in enumerate(things):
+        for part, values in parts.items():
+            name, kind = f"{thing}_{'deg' if part == 'degrees' else part}", "text" if part == "state" else "number"
+            columns[name] = values[:, number]
+            dictionary.append(_described(path.name, name, kind, part, thing))
+    _write(path, list(columns), _wide_rows(list(columns.values())))
+    return dictionary
+
+
 def _wide_rows(columns: Sequence[np.ndarray]) -> Iterator[tuple[str, ...]]:
     """Of columns (n,): numbers, and state codes (int8), which become their texts."""
     for rows in blocks(len(columns[0])):
-        yield from zip(*(_wide_cells(values[rows]) for values in columns), strict=True)
-
-
-def _wide_cells(values: np.ndarray) -> list[str]:
-    return [STATES[value] if values.dtype == np.int8 else _cell(value) for value in values.tolist()]
-
-
-def _wide_joints(source: Source) -> list[Column]:
-    samples = source.samples
-    columns: list[Column] = [("frame", source.frame), ("time_s", samples.time_s)]
-    for number, name in enumerate(JOINT_NAMES):
-        columns += [(f"{name}_{axis}_m", samples.position_m[:, number, place]) for place, axis in enumerate("xyz")]
-        columns.append((f"{name}_sigma_m", samples.joint_sigma_m[:, number]))
-        columns.append((f"{name}_state", samples.joint_state_code[:, number]))
-    return columns
-
-
-def _wide_angles(source: Source) -> list[Column]:
-    samples = source.samples
-    if not samples.angles:
-        return []
-    columns: list[Column] = [("frame", source.frame), ("time_s", samples.time_s)]
-    for number, name in enumerate(samples.angles):
-        columns.append((f"{name}_deg", samples.degrees[:, number]))
-        columns.append((f"{name}_sigma_deg", samples.sigma_deg[:, number]))
-        columns.append((f"{name}_state", samples.angle_state_code[:, number]))
-    return columns
+        some = (values[rows] for values in columns)
+        texts = ([STATES[v] if each.dtype == np.int8 else _cell(v) for v in each.tolist()] for each in some)
+        yield from zip(*texts, strict=True)
 
 
 def _write(path: Path, names: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -240,6 +152,7 @@ def _write(path: Path, names: Sequence[str], rows: Iterable[Sequence[str]]) -> N
 
 
 RECORD_FILE: Final = "export.json"
+EXPORT: Final = FolderKind("an export", (RECORD_FILE,), (RECORD_FILE,))
 EXPORTS_FOLDER: Final = "exports"
 
 _WRITERS: Final[dict[Format, Callable[[Path, Source, ExportConfig], Product]]] = {
@@ -266,7 +179,9 @@ def export_results(
     check_place(target)
     sha256 = hash_files(sorted(results.glob("*.parquet")), results)
     for kind in formats:
-        _check_place(target / kind, results, overwrite)
+        if (target / kind).resolve() == results.resolve():
+            raise InputError(target / kind, "is the results folder itself", "choose another folder with -o")
+        check_results_path(target / kind, None, overwrite, EXPORT)
     done = []
     with ExitStack() as places:
         for kind in formats:
@@ -288,22 +203,6 @@ def parse_formats(text: str) -> tuple[Format, ...]:
     return tuple(dict.fromkeys(Format(name) for name in names))
 
 
-def _check_place(folder: Path, results: Path, overwrite: bool) -> None:
-    check_place(folder)
-    if folder.resolve() == results.resolve():
-        raise InputError(folder, "is the results folder itself", "choose another folder with -o")
-    if folder.exists() and not folder.is_dir():
-        raise InputError(folder, "is a file", "choose another folder with -o")
-    if not folder.exists() or not any(folder.iterdir()):
-        return
-    if not (folder / RECORD_FILE).is_file():
-        raise InputError(
-            folder, "exists and is not an export", "choose another folder with -o; nothing in it was touched"
-        )
-    if not overwrite:
-        raise InputError(folder, "exists already", "choose another folder with -o, or give --overwrite to replace it")
-
-
 def _own_files(folder: Path) -> tuple[str, ...]:
     """The files of an earlier export in this folder, which may be replaced; none where there is none."""
     record = folder / RECORD_FILE
@@ -319,14 +218,10 @@ def _write_record(folder: Path, kind: Format, sha256: tuple[tuple[str, str], ...
         "version": 1,
         "to": str(kind),
         "versions": {"anchorpose": __version__, **{name: metadata.version(name) for name in product.tools}},
-        "axes": product.axes,
-        "units": product.units,
-        "time": product.time,
-        "missing": product.missing,
+        **{name: getattr(product, name) for name in ("axes", "units", "time", "missing")},
         "counts": dict(product.counts),
-        "notes": list(product.notes),
+        "notes": product.notes,
         "files": files,
         "sources_sha256": dict(sha256),
     }
-    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / RECORD_FILE).write_text(text + "\n", encoding="utf-8", newline="\n")
+    write_text(folder / RECORD_FILE, json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")

@@ -139,6 +139,11 @@ def rounded_text(value: float, digits: int, missing: str) -> str:
     return "0" if text == "-0" else text
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text with the same bytes on every system."""
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
 def write_rows(path: Path, separator: str, *parts: Iterable[Iterable[str]]) -> None:
     """Writes the rows of all parts as lines of cells, each ended by a line feed, as they come."""
     with path.open("w", encoding="utf-8", newline="\n") as stream:

@@ -150,7 +150,10 @@ def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: 
     (doi:10.1109/10.102791) for gait2392, in which a bent knee is negative.
     """
     pelvis, torso = pelvis_axes(position_m), torso_axes(position_m)
-    named = _root(position_m, pelvis) | _back(pelvis, torso)
+    place, back = joint(position_m, "SpineBase"), np.einsum("nji,njk->nik", pelvis, torso)
+    named = dict(zip(("pelvis_tilt", "pelvis_list", "pelvis_rotation"), rotations_deg(pelvis), strict=True))
+    named |= {name: place[:, index] for index, name in enumerate(SHIFTS)}
+    named |= zip(("lumbar_extension", "lumbar_bending", "lumbar_rotation"), rotations_deg(back), strict=True)
     for index, (side, end, sign) in enumerate(SIDES):
         named |= _leg(position_m, pelvis, side, end, sign, model) | _arm(position_m, torso, side, end, sign)
         if hinges is not None:
@@ -159,22 +162,6 @@ def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: 
             named[f"hip_rotation_{end}"] = _axial_rotation_deg(pelvis, thigh, hinges.knee[:, index], sign)
             named[f"arm_rot_{end}"] = _axial_rotation_deg(torso, upper_arm, hinges.elbow[:, index], sign)
     return Coordinates(tuple(named), np.stack(list(named.values()), axis=1))
-
-
-def _root(position_m: np.ndarray, pelvis: np.ndarray) -> dict[str, np.ndarray]:
-    tilt, obliquity, rotation = rotations_deg(pelvis)
-    place = joint(position_m, "SpineBase")
-    return {
-        "pelvis_tilt": tilt,
-        "pelvis_list": obliquity,
-        "pelvis_rotation": rotation,
-        **{name: place[:, index] for index, name in enumerate(SHIFTS)},
-    }
-
-
-def _back(pelvis: np.ndarray, torso: np.ndarray) -> dict[str, np.ndarray]:
-    extension, bending, rotation = rotations_deg(np.einsum("nji,njk->nik", pelvis, torso))
-    return {"lumbar_extension": extension, "lumbar_bending": bending, "lumbar_rotation": rotation}
 
 
 def _leg(

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
 import numpy as np
 
-from anchorpose.exports.formats import Product, Samples, Source, number_text, rounded_text, write_rows
+from anchorpose.exports.formats import Product, Samples, Source, number_text, rounded_text, write_rows, write_text
 from anchorpose.exports.opensim_coordinates import DIGITS
-from anchorpose.exports.opensim_model import OSIM_VERSION, as_text, measure_body, model_xml
+from anchorpose.exports.opensim_model import document, measure_body, model_xml, xml, xml_set, xml_texts
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, runs_where, stretch_name, stretches_of
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import CoordinateModel, ExportConfig
@@ -29,7 +28,6 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
     regular = regular_samples(source.samples)
     samples = regular.samples
     write_rows(folder / TRC_FILE, "\t", trc_head(regular), trc_body(samples))
-    notes = write_osim_files(folder, TRC_FILE, samples, config.model)
     return Product(
         axes="OpenSim's and ours: X forward, Y up, Z to the patient's right",
         units="metres, seconds",
@@ -41,8 +39,11 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
             ("recorded_frames", int(regular.interpolation.recorded.sum())),
             ("missing_markers", int(np.isnan(samples.position_m[..., 0]).sum())),
         ),
-        notes=notes,
+        notes=write_osim_files(folder, samples, config.model),
     )
+
+
+_ORIGINAL: Final = ("OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")
 
 
 def trc_head(regular: RegularSamples) -> list[list[str]]:
@@ -51,16 +52,7 @@ def trc_head(regular: RegularSamples) -> list[list[str]]:
     markers = range(1, len(JOINT_NAMES) + 1)
     return [
         ["PathFileType", "4", "(X/Y/Z)", TRC_FILE],
-        [
-            "DataRate",
-            "CameraRate",
-            "NumFrames",
-            "NumMarkers",
-            "Units",
-            "OrigDataRate",
-            "OrigDataStartFrame",
-            "OrigNumFrames",
-        ],
+        ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", *_ORIGINAL],
         [rate, rate, str(count), str(len(JOINT_NAMES)), "m", rate, "1", str(count)],
         ["Frame#", "Time", *(cell for name in JOINT_NAMES for cell in (name, "", ""))],
         ["", "", *(f"{axis}{marker}" for marker in markers for axis in "XYZ")],
@@ -83,15 +75,15 @@ _MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 _FREE: Final = ("hip_rotation", "arm_rot")
 _FREE_WEIGHT: Final = 1e-4  # too weak to shift what markers determine
 
-# Name: the two markers whose distance is measured, the bodies that it scales, and along which of their axes.
+# Name: the two markers whose distance is measured, the body that it scales, and along which of its axes.
 _MEASUREMENTS: Final = {
-    "pelvis_width": (("HipLeft", "HipRight"), ("pelvis",), "Z"),
-    "lower_spine": (("SpineBase", "SpineMid"), ("pelvis",), "X Y"),
-    "upper_spine": (("SpineMid", "SpineShoulder"), ("torso",), "X Y"),
-    "shoulder_width": (("ShoulderLeft", "ShoulderRight"), ("torso",), "Z"),
-    "head": (("Neck", "Head"), ("head",), "X Y Z"),
+    "pelvis_width": (("HipLeft", "HipRight"), "pelvis", "Z"),
+    "lower_spine": (("SpineBase", "SpineMid"), "pelvis", "X Y"),
+    "upper_spine": (("SpineMid", "SpineShoulder"), "torso", "X Y"),
+    "shoulder_width": (("ShoulderLeft", "ShoulderRight"), "torso", "Z"),
+    "head": (("Neck", "Head"), "head", "X Y Z"),
     **{
-        f"{name}_{end}": ((f"{first}{side}", f"{second}{side}"), (f"{name}_{end}",), "X Y Z")
+        f"{name}_{end}": ((f"{first}{side}", f"{second}{side}"), f"{name}_{end}", "X Y Z")
         for side, end in (("Right", "r"), ("Left", "l"))
         for name, first, second in (
             ("femur", "Hip", "Knee"),
@@ -104,101 +96,70 @@ _MEASUREMENTS: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class IkSetup:
-    """Inverse kinematics of a stretch: its files, the markers that are used, and the first and last time in seconds.
+MODEL_FILE, SCALE_FILE = "model.osim", "scale_setup.xml"
+
+
+def ik_setup_xml(name: str, result: str, markers: Sequence[str], period_s: Iterable[float]) -> str:
+    """A set-up file of OpenSim's inverse kinematics tool for a stretch of frames; markers: those that are used.
 
     result: the motion, written beside the set-up file; OpenSim writes marker errors to name_ik_marker_errors.sto.
+    period_s: the first and the last time.
     """
-
-    name: str
-    result: str
-    model: str
-    trc: str
-    markers: tuple[str, ...]
-    first_s: float
-    last_s: float
-
-
-def ik_setup_xml(setup: IkSetup) -> str:
-    """A set-up file of OpenSim's inverse kinematics tool."""
-    document = ElementTree.Element("OpenSimDocument", Version=OSIM_VERSION)
-    tool = ElementTree.SubElement(document, "InverseKinematicsTool", name=setup.name)
-    _texts(
-        tool,
+    settings = xml_texts(
         results_directory=".",
-        model_file=setup.model,
+        model_file=MODEL_FILE,
         constraint_weight="Inf",
         accuracy="1e-6",
-        marker_file=setup.trc,
-        output_motion_file=setup.result,
-        time_range=f"{setup.first_s!r} {setup.last_s!r}",
+        marker_file=TRC_FILE,
+        output_motion_file=result,
+        time_range=_range(period_s),
         report_errors="true",
         report_marker_locations="false",
     )
-    objects = _objects(tool, "IKTaskSet", "tasks")
-    for name in setup.markers:
-        limb = name.removesuffix("Left").removesuffix("Right")
-        task = ElementTree.SubElement(objects, "IKMarkerTask", name=name)
-        _texts(task, apply="true", weight=f"{_MARKER_WEIGHT.get(limb, 1.0):g}")
-    for name in _FREE:
-        for end in "rl":
-            task = ElementTree.SubElement(objects, "IKCoordinateTask", name=f"{name}_{end}")
-            _texts(task, apply="true", weight=f"{_FREE_WEIGHT:g}", value_type="default_value")
-    return as_text(document)
+    tasks = []
+    for marker in markers:
+        weight = _MARKER_WEIGHT.get(marker.removesuffix("Left").removesuffix("Right"), 1.0)
+        tasks.append(xml("IKMarkerTask", *xml_texts(apply="true", weight=f"{weight:g}"), name=marker))
+    for coordinate in (f"{free}_{end}" for free in _FREE for end in "rl"):
+        texts = xml_texts(apply="true", weight=f"{_FREE_WEIGHT:g}", value_type="default_value")
+        tasks.append(xml("IKCoordinateTask", *texts, name=coordinate))
+    return document(xml("InverseKinematicsTool", *settings, xml_set("IKTaskSet", "tasks", tasks), name=name))
 
 
-def scale_setup_xml(model: str, markers: str, time_s: np.ndarray) -> str:
+def scale_setup_xml(time_s: np.ndarray) -> str:
     """Scales a model whose markers are named like our joints, by the distances between them in the first of
     ``time_s`` (n,), a second at most, in which all of them are known.
 
     The model beside it has the patient's lengths already, so its factors come out near one; name another model in
     ``model_file`` to scale that.
     """
-    document = ElementTree.Element("OpenSimDocument", Version=OSIM_VERSION)
-    tool = ElementTree.SubElement(document, "ScaleTool", name="anchorpose")
-    _texts(tool, mass="-1", height="-1", age="-1")
-    maker = ElementTree.SubElement(tool, "GenericModelMaker")
-    _texts(maker, model_file=model, marker_set_file="Unassigned")
-    scaler = ElementTree.SubElement(tool, "ModelScaler")
-    first_s, last_s = float(time_s[0]), float(min(time_s[0] + 1.0, time_s[-1]))
-    period = f"{first_s!r} {last_s!r}"
-    _texts(scaler, apply="true", scaling_order="measurements")
-    measured = _objects(scaler, "MeasurementSet", "measurements")
-    for name, (pair, bodies, axes) in _MEASUREMENTS.items():
-        _measurement(measured, name, pair, bodies, axes)
-    _texts(
-        scaler,
-        marker_file=markers,
-        time_range=period,
+    files = xml_texts(
+        marker_file=TRC_FILE,
+        time_range=_range((time_s[0], min(time_s[0] + 1.0, time_s[-1]))),
         preserve_mass_distribution="true",
         output_model_file=SCALED_MODEL,
     )
-    return as_text(document)
+    measured = (_measurement(name, *measurement) for name, measurement in _MEASUREMENTS.items())
+    scaler = xml(
+        "ModelScaler",
+        *xml_texts(apply="true", scaling_order="measurements"),
+        xml_set("MeasurementSet", "measurements", measured),
+        *files,
+    )
+    maker = xml("GenericModelMaker", *xml_texts(model_file=MODEL_FILE, marker_set_file="Unassigned"))
+    return document(xml("ScaleTool", *xml_texts(mass="-1", height="-1", age="-1"), maker, scaler, name="anchorpose"))
 
 
-def _measurement(
-    parent: ElementTree.Element, name: str, pair: tuple[str, str], bodies: tuple[str, ...], axes: str
-) -> None:
-    measurement = ElementTree.SubElement(parent, "Measurement", name=name)
-    _texts(measurement, apply="true")
-    pairs = _objects(measurement, "MarkerPairSet", f"{name}_pairs")
-    _texts(ElementTree.SubElement(pairs, "MarkerPair", name=f"{name}_pair"), markers=" ".join(pair))
-    scales = _objects(measurement, "BodyScaleSet", f"{name}_bodies")
-    for body in bodies:
-        _texts(ElementTree.SubElement(scales, "BodyScale", name=body), axes=axes)
+def _range(period_s: Iterable[float]) -> str:
+    return " ".join(repr(float(second)) for second in period_s)
 
 
-def _objects(parent: ElementTree.Element, tag: str, name: str) -> ElementTree.Element:
-    return ElementTree.SubElement(ElementTree.SubElement(parent, tag, name=name), "objects")
+def _measurement(name: str, pair: tuple[str, str], body: str, axes: str) -> ElementTree.Element:
+    markers = xml("MarkerPair", xml("markers", " ".join(pair)), name=f"{name}_pair")
+    pairs = xml_set("MarkerPairSet", f"{name}_pairs", [markers])
+    scales = xml_set("BodyScaleSet", f"{name}_bodies", [xml("BodyScale", xml("axes", axes), name=body)])
+    return xml("Measurement", xml("apply", "true"), pairs, scales, name=name)
 
-
-def _texts(parent: ElementTree.Element, **texts: str) -> None:
-    for tag, text in texts.items():
-        ElementTree.SubElement(parent, tag).text = text
-
-
-MODEL_FILE, SCALE_FILE = "model.osim", "scale_setup.xml"
 
 # OpenSim's inverse kinematics stops at a frame with fewer than three markers, and repeats a coordinate's last value
 # where its markers are missing. So it gets only frames in which all of trunk and legs is known; an arm or the head that
@@ -206,7 +167,7 @@ MODEL_FILE, SCALE_FILE = "model.osim", "scale_setup.xml"
 _MAY_BE_MISSING: Final = ("Head", "Shoulder", "Elbow", "Wrist", "Hand")
 
 
-def write_osim_files(folder: Path, trc: str, samples: Samples, model: CoordinateModel) -> tuple[str, ...]:
+def write_osim_files(folder: Path, samples: Samples, model: CoordinateModel) -> tuple[str, ...]:
     """Writes model.osim, ik_setup.xml and scale_setup.xml as far as the joints allow; returns notes for people.
 
     Where trunk or legs are missing for a while there are several set-ups: ik_setup_001.xml and so on.
@@ -214,17 +175,17 @@ def write_osim_files(folder: Path, trc: str, samples: Samples, model: Coordinate
     body = measure_body(samples.position_m)
     if body is None:
         return (f"No {MODEL_FILE}: some bone of the patient was never seen with both its ends.",)
-    (folder / MODEL_FILE).write_text(model_xml(body, model), encoding="utf-8", newline="\n")
+    write_text(folder / MODEL_FILE, model_xml(body, model))
     known = np.isfinite(samples.position_m).all(axis=2)
     return (
         f"{MODEL_FILE} has this patient's bone lengths and joints; its masses are those of a 75 kg adult, for "
         "kinematics only.",
-        *_write_ik(folder, trc, samples.time_s, known),
-        *_write_scale(folder, trc, samples.time_s, known),
+        *_write_ik(folder, samples.time_s, known),
+        *_write_scale(folder, samples.time_s, known),
     )
 
 
-def _write_ik(folder: Path, trc: str, time_s: np.ndarray, known: np.ndarray) -> list[str]:
+def _write_ik(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
     core = np.array([not name.startswith(_MAY_BE_MISSING) for name in JOINT_NAMES])
     stretches = stretches_of(known[:, core])
     used = ~core & known.any(axis=0)
@@ -232,43 +193,28 @@ def _write_ik(folder: Path, trc: str, time_s: np.ndarray, known: np.ndarray) -> 
     markers = tuple(name for name, use in zip(JOINT_NAMES, used, strict=True) if use)
     count = len(stretches.runs)
     for number, (first, last) in enumerate(stretches.runs):
-        setup = IkSetup(
-            name=stretch_name("joints", "", number, count),
-            result=stretch_name("ik_result", ".mot", number, count),
-            model=MODEL_FILE,
-            trc=trc,
-            markers=markers,
-            first_s=float(time_s[first]),
-            last_s=float(time_s[last - 1]),
-        )
-        (folder / stretch_name("ik_setup", ".xml", number, count)).write_text(
-            ik_setup_xml(setup), encoding="utf-8", newline="\n"
-        )
+        name, result = stretch_name("joints", "", number, count), stretch_name("ik_result", ".mot", number, count)
+        text = ik_setup_xml(name, result, markers, time_s[[first, last - 1]])
+        write_text(folder / stretch_name("ik_setup", ".xml", number, count), text)
     if not count:
         return ["No ik_setup.xml: trunk and legs are nowhere known together for two frames."]
     inside = np.concatenate([np.arange(*run) for run in stretches.runs])
     missing = int((~known[inside][:, used]).any(axis=1).sum())
     files = "ik_setup.xml" if count == 1 else f"ik_setup_001.xml to ik_setup_{count:03d}.xml, one for each stretch"
-    return [
+    notes = [
         f"In OpenSim: open {MODEL_FILE}, then Tools, Inverse Kinematics, Load {files}, Run.",
         f"Inverse kinematics is set up for {len(inside)} of {len(time_s)} frames: those with all of trunk and legs.",
-        *(
-            [
-                f"In {missing} of these a marker of head or arms is missing, and OpenSim repeats the last value of what"
-                " hangs on it."
-            ]
-            if missing
-            else []
-        ),
+        f"In {missing} of these a marker of head or arms is missing, and OpenSim repeats the last value of what hangs "
+        "on it.",
     ]
+    return notes if missing else notes[:2]
 
 
-def _write_scale(folder: Path, trc: str, time_s: np.ndarray, known: np.ndarray) -> list[str]:
+def _write_scale(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
     """Uses a second in which all markers are known: where one is not, OpenSim skips its measurements with a warning."""
     runs = runs_where(np.asarray(known.all(axis=1)))
     if not runs:
         return [f"No {SCALE_FILE}: all joints are nowhere known together for two frames."]
     first, last = max(runs, key=lambda run: run[1] - run[0])
-    text = scale_setup_xml(MODEL_FILE, trc, time_s[first:last])
-    (folder / SCALE_FILE).write_text(text, encoding="utf-8", newline="\n")
+    write_text(folder / SCALE_FILE, scale_setup_xml(time_s[first:last]))
     return []

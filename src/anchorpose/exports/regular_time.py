@@ -14,7 +14,7 @@ import numpy as np
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.formats import Samples
 from anchorpose.joints import LOST
-from anchorpose.results.frame_time import LONGEST_STEP
+from anchorpose.results.frame_time import LONGEST_STEP, runs_of
 
 NEAR_SHARE: Final = 0.01
 """Share of the time between frames: a sample so near to its place on the grid is used there as it is. At 30 frames per
@@ -207,11 +207,7 @@ def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tup
 
     joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None where all are.
     """
-    together = whole[:-1] & whole[1:] & (True if joined is None else joined)
-    starts = np.flatnonzero(whole & ~np.concatenate([[False], together]))
-    ends = np.flatnonzero(whole & ~np.concatenate([together, [False]])) + 1
-    long = ends - starts >= 2
-    return tuple(zip(starts[long].tolist(), ends[long].tolist(), strict=True))
+    return tuple((run.start, run.stop) for run in runs_of(whole, joined) if run.stop - run.start >= 2)
 
 
 def stretch_name(stem: str, suffix: str, number: int, count: int) -> str:

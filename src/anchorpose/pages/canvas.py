@@ -16,34 +16,35 @@ from anchorpose.isolation.view import PixelLabel
 
 Colour = tuple[int, int, int]
 
-SKY: Final = (233, 180, 86)
-ORANGE: Final = (0, 159, 230)
-GREEN: Final = (115, 158, 0)
-YELLOW: Final = (66, 228, 240)
-BLUE: Final = (178, 114, 0)
-VERMILLION: Final = (0, 94, 213)
-PURPLE: Final = (167, 121, 204)
-WHITE: Final = (255, 255, 255)
-GREY: Final = (150, 150, 150)
-BLACK: Final = (0, 0, 0)
 
-PATIENT: Final = SKY
-EQUIPMENT: Final = ORANGE
-OTHERS: Final = (PURPLE, GREEN, YELLOW, WHITE)
-"""Other people in the order of their labels; the fifth has the first's colour again, but a number of its own."""
+class Ink:
+    """The colours of all pictures."""
+
+    SKY: Final = (233, 180, 86)
+    ORANGE: Final = (0, 159, 230)
+    GREEN: Final = (115, 158, 0)
+    YELLOW: Final = (66, 228, 240)
+    BLUE: Final = (178, 114, 0)
+    VERMILLION: Final = (0, 94, 213)
+    PURPLE: Final = (167, 121, 204)
+    WHITE: Final = (255, 255, 255)
+    GREY: Final = (150, 150, 150)
+    BLACK: Final = (0, 0, 0)
+    NO_READING: Final = (48, 24, 16)  # black with a blue cast
+    PATIENT: Final = SKY
+    EQUIPMENT: Final = ORANGE
+    OTHERS: Final = (PURPLE, GREEN, YELLOW, WHITE)  # people by their labels; the fifth has the first's colour again
+
 
 PICTURE_WIDTH: Final = 960
 """Pixels: wide enough to read the names on a phone held sideways, small enough to embed a dozen in a page."""
-
-NO_READING: Final = (48, 24, 16)
-"""Black with a blue cast: a depth camera's pixel without a reading."""
 
 
 def colour_of_person(label: int) -> Colour:
     """The colour of a person's pixel label."""
     if label == PixelLabel.PATIENT:
-        return PATIENT
-    return OTHERS[(label - PixelLabel.OTHER_PERSON) % len(OTHERS)]
+        return Ink.PATIENT
+    return Ink.OTHERS[(label - PixelLabel.OTHER_PERSON) % len(Ink.OTHERS)]
 
 
 def as_hex(colour: Sequence[float]) -> str:
@@ -63,7 +64,7 @@ def shade(depth_m: np.ndarray, tint: np.ndarray | None = None) -> np.ndarray:
     near, far = np.percentile(depth_m[seen], [1, 99]) if seen.any() else (0.0, 1.0)
     grey = 0.75 - 0.6 * np.clip((depth_m - near) / max(far - near, 1e-6), 0.0, 1.0)
     colour = np.full(3, 255.0) if tint is None else tint
-    picture = np.where(seen[..., None], grey[..., None] * colour, NO_READING)
+    picture = np.where(seen[..., None], grey[..., None] * colour, Ink.NO_READING)
     return np.ascontiguousarray(picture, dtype=np.uint8)
 
 
@@ -92,7 +93,7 @@ def write(picture: np.ndarray, text: str, place: tuple[int, int]) -> None:
     corner = (left, int(np.clip(place[1] + height // 2, height + 2, picture.shape[0] - 4)))
     ink = np.zeros(picture.shape[:2], np.uint8)
     cv2.putText(ink, text, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.6, 255, 1, cv2.LINE_AA)
-    picture[cv2.dilate(ink, np.ones((5, 5), np.uint8)) > 0] = BLACK
+    picture[cv2.dilate(ink, np.ones((5, 5), np.uint8)) > 0] = Ink.BLACK
     picture[ink > 0] = ink[ink > 0][:, None]
 
 
@@ -106,7 +107,7 @@ def draw_contour(picture: np.ndarray, mask: np.ndarray, camera: Camera, colour: 
     """The rim of a mask (height, width), drawn into an enlarged picture."""
     large = enlarge(mask.astype(np.uint8), scale_of(camera))
     contours, _ = cv2.findContours(large, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(picture, contours, -1, BLACK, 3, cv2.LINE_AA)
+    cv2.drawContours(picture, contours, -1, Ink.BLACK, 3, cv2.LINE_AA)
     cv2.drawContours(picture, contours, -1, colour, 1, cv2.LINE_AA)
 
 
@@ -131,7 +132,7 @@ def draw_dots(
     for number, place in enumerate(places):
         if np.isfinite(place).all():
             if rim:
-                cv2.circle(picture, whole(place), radius + 2, BLACK, 4 if hollow else -1, cv2.LINE_AA)
+                cv2.circle(picture, whole(place), radius + 2, Ink.BLACK, 4 if hollow else -1, cv2.LINE_AA)
             cv2.circle(picture, whole(place), radius, colour, 2 if hollow else -1, cv2.LINE_AA)
             if names:
                 write(picture, names[number], whole(place))

@@ -16,16 +16,7 @@ from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.pages.canvas import (
-    BLUE,
-    EQUIPMENT,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    WHITE,
-    YELLOW,
+    Ink,
     colour_of_person,
     draw_contour,
     draw_dots,
@@ -44,8 +35,8 @@ from anchorpose.pages.stage_drawing import (
     draw_crosses,
     draw_depth,
     draw_layers,
-    draw_shading,
     draw_values,
+    fill_blocks,
     name_masks,
 )
 from anchorpose.surface.border import Border
@@ -76,7 +67,7 @@ def draw_background(one: InspectedCamera) -> np.ndarray:
 def draw_foreground(one: InspectedCamera) -> np.ndarray:
     """The foreground: pixels in front of the empty room."""
     mask = foreground(one.depth_m, one.scene.background, one.time_s)
-    return draw_layers(one.depth_m, one.camera, [Layer(mask, SKY)])
+    return draw_layers(one.depth_m, one.camera, [Layer(mask, Ink.SKY)])
 
 
 def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
@@ -86,9 +77,9 @@ def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
         return None
     nearer = foreground(one.depth_m, one.scene.background, one.time_s)
     removed = equipment_mask(one.depth_m, nearer, expected)
-    layers = [Layer(removed, EQUIPMENT), Layer(removed & (expected.depth_m > 0), BLUE, hatched=True)]
+    layers = [Layer(removed, Ink.EQUIPMENT), Layer(removed & (expected.depth_m > 0), Ink.BLUE, hatched=True)]
     picture = draw_layers(one.depth_m, one.camera, layers)
-    draw_contour(picture, expected.depth_m > 0, one.camera, WHITE)
+    draw_contour(picture, expected.depth_m > 0, one.camera, Ink.WHITE)
     return picture
 
 
@@ -97,7 +88,7 @@ def draw_people(one: InspectedCamera) -> np.ndarray:
     labels = _labels(one)
     people = [int(label) for label in np.unique(labels) if label >= PixelLabel.PATIENT]
     masks = [labels == label for label in people]
-    layers = [Layer(labels == PixelLabel.EQUIPMENT, EQUIPMENT), Layer(labels == PixelLabel.CLUTTER, GREY)]
+    layers = [Layer(labels == PixelLabel.EQUIPMENT, Ink.EQUIPMENT), Layer(labels == PixelLabel.CLUTTER, Ink.GREY)]
     layers += [Layer(mask, colour_of_person(label)) for mask, label in zip(masks, people, strict=True)]
     picture = draw_layers(one.depth_m, one.camera, layers)
     name_masks(picture, one.camera, masks, [person_name(label) for label in people])
@@ -123,17 +114,20 @@ def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.nd
     """The surface in relief, its bridges and joins, and where something else cuts it off."""
     picture, to_pixel = _canvas(one)
     surface, pairs = seen.surface, links(seen.surface)[0]
-    draw_dots(picture, to_pixel(seen.whole.points_m[len(surface) :]), GREEN, 1, rim=False)
+    draw_dots(picture, to_pixel(seen.whole.points_m[len(surface) :]), Ink.GREEN, 1, rim=False)
     same = surface.camera[pairs[:, 0]] == surface.camera[pairs[:, 1]]
     twice = np.zeros(len(surface), dtype=bool)
     twice[pairs[~same].ravel()] = True
     normals = surface.normals[own] @ one.camera.require_pose()[:3, :3]
     light = 0.2 + 0.8 * np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
-    draw_shading(picture, one.camera, surface.pixel[own], light, np.where(twice[own, None], SEEN_TWICE, SEEN_ONCE))
-    for kind, colour in ((Border.SELF, PURPLE), (Border.CUT, VERMILLION)):
+    colour = light[:, None] * np.where(twice[own, None], SEEN_TWICE, SEEN_ONCE)
+    fill_blocks(picture, one.camera, surface.pixel[own], colour.astype(np.uint8))
+    for kind, colour in ((Border.SELF, Ink.PURPLE), (Border.CUT, Ink.VERMILLION)):
         draw_dots(picture, to_pixel(surface.points_m[own & (seen.border == kind)]), colour, 1, rim=False)
     bridges = pairs[same & own[pairs[:, 0]]]
-    draw_lines(picture, to_pixel(surface.points_m[bridges[:, 0]]), to_pixel(surface.points_m[bridges[:, 1]]), YELLOW)
+    draw_lines(
+        picture, to_pixel(surface.points_m[bridges[:, 0]]), to_pixel(surface.points_m[bridges[:, 1]]), Ink.YELLOW
+    )
     return picture
 
 
@@ -146,7 +140,7 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
     highest = float(reached.max()) if len(reached) else 1.0
     draw_values(picture, one.camera, seen.surface.pixel[own], field[own], highest, ISO_M)
     if own[centre]:
-        draw_dots(picture, to_pixel(seen.surface.points_m[[centre]]), VERMILLION, 7, ["centre"])
+        draw_dots(picture, to_pixel(seen.surface.points_m[[centre]]), Ink.VERMILLION, 7, ["centre"])
     return draw_bar(picture, "0 m", f"{highest:.2f} m")
 
 
@@ -158,12 +152,12 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
         seen.whole, center_field(seen.whole).distance_m, one.config.anchors.radius * one.inspection.height_m
     )
     draw_values(picture, one.camera, seen.surface.pixel[own], np.full(int(own.sum()), 0.35), 1.0, None)
-    draw_dots(picture, to_pixel(seen.surface.points_m[extrema[own[extrema]]]), WHITE, 11, hollow=True)
+    draw_dots(picture, to_pixel(seen.surface.points_m[extrema[own[extrema]]]), Ink.WHITE, 11, hollow=True)
     found = seen.anchors.found
     here = np.where(own[seen.anchors.node, None] & found[:, None], seen.anchors.position_m, np.nan)
     elsewhere = np.where(found[:, None] & ~own[seen.anchors.node, None], seen.anchors.position_m, np.nan)
-    draw_dots(picture, to_pixel(elsewhere), SKY, 6, [f"{name} (seen by another camera)" for name in ANCHOR_NAMES])
-    draw_dots(picture, to_pixel(here), VERMILLION, 8, ANCHOR_NAMES)
+    draw_dots(picture, to_pixel(elsewhere), Ink.SKY, 6, [f"{name} (seen by another camera)" for name in ANCHOR_NAMES])
+    draw_dots(picture, to_pixel(here), Ink.VERMILLION, 8, ANCHOR_NAMES)
     missed = [name for name, known in zip(ANCHOR_NAMES, found, strict=True) if not known]
     write(picture, f"missed: {', '.join(missed) if missed else 'none'}", (0, 16))
     return picture
@@ -172,8 +166,7 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
 @_of_surface
 def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
     """Under how many subsets of the anchors each node has a match in the next frame; None without a next frame."""
-    following = one.inspection.next
-    if following is None:
+    if (following := one.inspection.next) is None:
         return None
     picture, _ = _canvas(one)
     matched = (following.links.match >= 0).sum(axis=1).astype(np.float64)
@@ -186,16 +179,15 @@ def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) ->
 @_of_surface
 def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
     """Where the skin moves according to the best branches; None without a next frame."""
-    following = one.inspection.next
-    if following is None:
+    if (following := one.inspection.next) is None:
         return None
     picture, to_pixel = _canvas(one)
     chosen = own[following.hypothesis.node]
     nodes = seen.surface.points_m[following.hypothesis.node[chosen]].astype(np.float64)
     matched = following.hypothesis.matched_m[chosen]
     missed = ~np.isfinite(matched).all(axis=1)
-    draw_crosses(picture, to_pixel(nodes[missed]), ORANGE)
-    draw_arrows(picture, to_pixel(nodes), to_pixel(nodes + MAGNIFIED * (matched - nodes)), SKY)
+    draw_crosses(picture, to_pixel(nodes[missed]), Ink.ORANGE)
+    draw_arrows(picture, to_pixel(nodes), to_pixel(nodes + MAGNIFIED * (matched - nodes)), Ink.SKY)
     return picture
 
 
@@ -217,7 +209,6 @@ def draw_registration(one: InspectedCamera) -> np.ndarray | None:
             joint_states=estimate.states,
             sigma_m=estimate.sigma_m,
             body_m=body.skin(body.bone_transforms(pose.rotations, pose.root_m)),
-            body_faces=asset.faces,
         )
     )
 

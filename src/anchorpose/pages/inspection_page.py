@@ -13,12 +13,12 @@ import numpy as np
 
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES
-from anchorpose.pages import canvas, inspection_drawing
-from anchorpose.pages.canvas import as_hex, as_png
+from anchorpose.pages import inspection_drawing
+from anchorpose.pages.canvas import Ink, as_hex, as_png
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import with_height
+from anchorpose.report.words import render_page
 from anchorpose.results.folder import FolderKind, write_text_whole
-from anchorpose.results.web_page import render_page
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import InspectedCamera, Inspection, inspect_frame
@@ -27,7 +27,7 @@ PAGE_FILE: Final = "index.html"
 FACTS_FILE: Final = "inspect.json"
 """The same in numbers."""
 
-INSPECTION: Final = FolderKind((FACTS_FILE, PAGE_FILE), (FACTS_FILE, PAGE_FILE, "*/*.png"))
+INSPECTION: Final = FolderKind("an inspection", (FACTS_FILE, PAGE_FILE), (FACTS_FILE, PAGE_FILE, "*/*.png"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +111,7 @@ STAGES: Final = (
         title="The foreground",
         draw=inspection_drawing.draw_foreground,
         caption="Pixels that are nearer than the empty room by more than the sensor's noise.",
-        legend=((canvas.SKY, "nearer than the room"),),
+        legend=((Ink.SKY, "nearer than the room"),),
     ),
     Stage(
         key="equipment",
@@ -120,9 +120,9 @@ STAGES: Final = (
         missing=NO_EQUIPMENT,
         caption="Pixels on the equipment are removed; the tracker keeps a record of what the equipment may hide.",
         legend=(
-            (canvas.WHITE, "outline: where the equipment is expected"),
-            (canvas.EQUIPMENT, "removed as equipment"),
-            (canvas.BLUE, "striped: the equipment hides what is behind"),
+            (Ink.WHITE, "outline: where the equipment is expected"),
+            (Ink.EQUIPMENT, "removed as equipment"),
+            (Ink.BLUE, "striped: the equipment hides what is behind"),
         ),
     ),
     Stage(
@@ -131,10 +131,10 @@ STAGES: Final = (
         draw=inspection_drawing.draw_people,
         caption="Each person has a colour; only the patient is tracked.",
         legend=(
-            (canvas.PATIENT, "the patient"),
-            *((colour, f"person {number}") for number, colour in enumerate(canvas.OTHERS, 2)),
-            (canvas.EQUIPMENT, "equipment"),
-            (canvas.GREY, "nobody: flying pixels, small components, or people not separated"),
+            (Ink.PATIENT, "the patient"),
+            *((colour, f"person {number}") for number, colour in enumerate(Ink.OTHERS, 2)),
+            (Ink.EQUIPMENT, "equipment"),
+            (Ink.GREY, "nobody: flying pixels, small components, or people not separated"),
         ),
     ),
     Stage(
@@ -146,10 +146,10 @@ STAGES: Final = (
         legend=(
             (inspection_drawing.SEEN_ONCE, "seen by this camera"),
             (inspection_drawing.SEEN_TWICE, "and linked with another camera's surface"),
-            (canvas.YELLOW, "edges over a small gap"),
-            (canvas.GREEN, "hidden skin: inferred from where the patient is expected"),
-            (canvas.PURPLE, "ends behind another part of the patient's body"),
-            (canvas.VERMILLION, "cut off by equipment, a person, a hole or the picture's edge"),
+            (Ink.YELLOW, "edges over a small gap"),
+            (Ink.GREEN, "hidden skin: inferred from where the patient is expected"),
+            (Ink.PURPLE, "ends behind another part of the patient's body"),
+            (Ink.VERMILLION, "cut off by equipment, a person, a hole or the picture's edge"),
         ),
     ),
     Stage(
@@ -166,9 +166,9 @@ STAGES: Final = (
         missing=NO_SURFACE,
         caption="The points farthest from the centre; each of the five anchors is found or reported as missed.",
         legend=(
-            (canvas.WHITE, "ring: an end of the surface"),
-            (canvas.VERMILLION, "identified as the part named beside it"),
-            (canvas.SKY, "found in another camera's picture"),
+            (Ink.WHITE, "ring: an end of the surface"),
+            (Ink.VERMILLION, "identified as the part named beside it"),
+            (Ink.SKY, "found in another camera's picture"),
         ),
     ),
     Stage(
@@ -185,7 +185,7 @@ STAGES: Final = (
         missing=NO_NEXT,
         caption="Where the skin moves from this frame to frame {next_frame} according to the frames after it; the "
         f"arrows are {inspection_drawing.MAGNIFIED:g} times as long as the movement.",
-        legend=((canvas.SKY, "matched"), (canvas.ORANGE, "cross: no match that agrees with the movement so far")),
+        legend=((Ink.SKY, "matched"), (Ink.ORANGE, "cross: no match that agrees with the movement so far")),
     ),
     Stage(
         key="registration",
@@ -194,7 +194,7 @@ STAGES: Final = (
         missing=NO_POSE,
         caption="The body fitted to the picture: a filled joint was seen, a hollow one is inferred, a cross is hidden "
         "by an unknown cause; the circle around a joint is two standard deviations.",
-        legend=((canvas.YELLOW, "outline of the body, circles of uncertainty"), (canvas.WHITE, "joints and limbs")),
+        legend=((Ink.YELLOW, "outline of the body, circles of uncertainty"), (Ink.WHITE, "joints and limbs")),
     ),
 )
 

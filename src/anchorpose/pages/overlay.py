@@ -17,23 +17,7 @@ from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import ANCHOR_NAMES, LIMBS, LOST, JointState
-from anchorpose.pages.canvas import (
-    BLACK,
-    EQUIPMENT,
-    GREEN,
-    PATIENT,
-    PURPLE,
-    VERMILLION,
-    WHITE,
-    YELLOW,
-    as_png,
-    draw_dots,
-    enlarge,
-    projector,
-    scale_of,
-    shade,
-    whole,
-)
+from anchorpose.pages.canvas import Ink, as_png, draw_dots, enlarge, projector, scale_of, shade, whole
 from anchorpose.recording.reader import read_frame
 from anchorpose.results.records import (
     EPISODES_FILE,
@@ -64,9 +48,9 @@ from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.room import Room
 
 _LABEL_TINT: Final = {
-    PixelLabel.EQUIPMENT: EQUIPMENT,
-    PixelLabel.PATIENT: PATIENT,
-    PixelLabel.OTHER_PERSON: PURPLE,  # and all labels above
+    PixelLabel.EQUIPMENT: Ink.EQUIPMENT,
+    PixelLabel.PATIENT: Ink.PATIENT,
+    PixelLabel.OTHER_PERSON: Ink.PURPLE,  # and all labels above
 }
 
 
@@ -75,8 +59,7 @@ class OverlayScene:
     """One camera's picture and what is to be drawn over it; all points in the camera's world frame.
 
     depth_m (height, width), 0 = no reading; labels (height, width) of ``PixelLabel``; mesh_m (n, 3) and mesh_edges
-    (m, 2); anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN where lost, sigma_m (21,) of them; body_m (v, 3)
-    and body_faces (f, 3).
+    (m, 2); anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN where lost, sigma_m (21,) of them; body_m (v, 3).
     """
 
     camera: Camera  # with the pose that was used
@@ -85,17 +68,11 @@ class OverlayScene:
     mesh_m: np.ndarray | None = None
     mesh_edges: np.ndarray | None = None
     anchors_m: np.ndarray | None = None
-    anchor_names: tuple[str, ...] = ()
+    anchor_names: tuple[str, ...] = ANCHOR_NAMES
     joints_m: np.ndarray | None = None
     joint_states: tuple[JointState, ...] = ()
     sigma_m: np.ndarray | None = None
     body_m: np.ndarray | None = None
-    body_faces: np.ndarray | None = None
-
-
-def draw_frame(scene: OverlayScene) -> bytes:
-    """The scene as a PNG, see ``draw_scene``."""
-    return as_png(draw_scene(scene))
 
 
 def draw_scene(scene: OverlayScene) -> np.ndarray:
@@ -105,15 +82,15 @@ def draw_scene(scene: OverlayScene) -> np.ndarray:
     to_pixel = projector(scene.camera, scale)
     if scene.mesh_m is not None and scene.mesh_edges is not None:
         _draw_mesh(picture, to_pixel(scene.mesh_m), scene.mesh_edges)
-    if scene.body_m is not None and scene.body_faces is not None:
-        _draw_outline(picture, to_pixel(scene.body_m), scene.body_faces)
+    if scene.body_m is not None:
+        _draw_outline(picture, to_pixel(scene.body_m), body_points().asset.faces)
     if scene.joints_m is not None:
         pixels = to_pixel(scene.joints_m)
         if scene.sigma_m is not None:
             _draw_sigma(picture, scene, pixels, scene.sigma_m)
         _draw_joints(picture, pixels, scene.joint_states)
     if scene.anchors_m is not None:
-        draw_dots(picture, to_pixel(scene.anchors_m), VERMILLION, 8, scene.anchor_names)
+        draw_dots(picture, to_pixel(scene.anchors_m), Ink.VERMILLION, 8, scene.anchor_names)
     return picture
 
 
@@ -129,7 +106,7 @@ def _tint(labels: np.ndarray) -> np.ndarray:
 def _draw_mesh(picture: np.ndarray, pixels: np.ndarray, edges: np.ndarray) -> None:
     layer, lines = picture.copy(), pixels[edges]
     lines = np.rint(lines[np.isfinite(lines).all(axis=(1, 2))]).astype(np.int32)
-    cv2.polylines(layer, list(lines[:, :, None]), isClosed=False, color=GREEN, lineType=cv2.LINE_AA)
+    cv2.polylines(layer, list(lines[:, :, None]), isClosed=False, color=Ink.GREEN, lineType=cv2.LINE_AA)
     cv2.addWeighted(layer, 0.35, picture, 0.65, 0.0, dst=picture)
 
 
@@ -141,15 +118,15 @@ def _draw_outline(picture: np.ndarray, pixels: np.ndarray, faces: np.ndarray) ->
     for corner in corners:
         cv2.fillConvexPoly(mask, corner, 255)
     contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(picture, contours, -1, YELLOW, 1, cv2.LINE_AA)
+    cv2.drawContours(picture, contours, -1, Ink.YELLOW, 1, cv2.LINE_AA)
 
 
 def _draw_joints(picture: np.ndarray, pixels: np.ndarray, states: tuple[JointState, ...]) -> None:
     there = np.isfinite(pixels).all(axis=1)
     for start, end in LIMBS:
         if there[start] and there[end]:
-            cv2.line(picture, whole(pixels[start]), whole(pixels[end]), BLACK, 4, cv2.LINE_AA)
-            cv2.line(picture, whole(pixels[start]), whole(pixels[end]), WHITE, 2, cv2.LINE_AA)
+            cv2.line(picture, whole(pixels[start]), whole(pixels[end]), Ink.BLACK, 4, cv2.LINE_AA)
+            cv2.line(picture, whole(pixels[start]), whole(pixels[end]), Ink.WHITE, 2, cv2.LINE_AA)
     for place, state in zip(pixels[there], np.array(states, dtype=object)[there], strict=True):
         _draw_joint(picture, whole(place), state)
 
@@ -160,22 +137,22 @@ def _draw_sigma(picture: np.ndarray, scene: OverlayScene, pixels: np.ndarray, si
     radius = 2.0 * sigma_m * scene.camera.intrinsics.fx * scale_of(scene.camera) / away_m
     for place, size in zip(pixels, radius, strict=True):
         if np.isfinite(place).all() and np.isfinite(size):
-            cv2.circle(picture, whole(place), max(1, round(float(size))), YELLOW, 1, cv2.LINE_AA)
+            cv2.circle(picture, whole(place), max(1, round(float(size))), Ink.YELLOW, 1, cv2.LINE_AA)
 
 
 def _draw_joint(picture: np.ndarray, place: tuple[int, int], state: JointState) -> None:
-    cv2.circle(picture, place, 7, BLACK, -1, cv2.LINE_AA)
+    cv2.circle(picture, place, 7, Ink.BLACK, -1, cv2.LINE_AA)
     if state == JointState.OBSERVED:
-        cv2.circle(picture, place, 6, WHITE, -1, cv2.LINE_AA)
+        cv2.circle(picture, place, 6, Ink.WHITE, -1, cv2.LINE_AA)
     elif state == JointState.HIDDEN:
-        cv2.drawMarker(picture, place, WHITE, cv2.MARKER_TILTED_CROSS, 9, 2, cv2.LINE_AA)
+        cv2.drawMarker(picture, place, Ink.WHITE, cv2.MARKER_TILTED_CROSS, 9, 2, cv2.LINE_AA)
     else:
-        cv2.circle(picture, place, 5, WHITE, 2, cv2.LINE_AA)
+        cv2.circle(picture, place, 5, Ink.WHITE, 2, cv2.LINE_AA)
 
 
 @dataclass(frozen=True, slots=True)
 class FramePicture:
-    """One camera's frame, drawn over (see ``draw_frame``)."""
+    """One camera's frame, drawn over (see ``draw_scene``)."""
 
     frame: int
     time_s: float
@@ -234,16 +211,6 @@ def _uncertainty(joints: JointTable, row: int) -> tuple[int, int, float]:
     return int((state_code == LOST).sum()), int((state_code > 0).sum()), float(np.nanmedian(sigma))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Results:
-    """What a run found: its tables, and the body in its shape."""
-
-    joints: JointTable
-    poses: PoseTable
-    anchors: AnchorTable
-    shape: FittedShape
-
-
 def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: SurfaceConfig) -> Iterator[FramePicture]:
     """A picture from each camera of each frame of ``choose_frames``; none without a body or without person labels.
 
@@ -252,7 +219,7 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
     if shape is None:
         return
     joints, anchors = read_joints(results / JOINTS_FILE), read_anchors(results / ANCHORS_FILE)
-    found = _Results(joints, read_poses(results / POSES_FILE), anchors, shape)
+    poses = read_poses(results / POSES_FILE)
     recorded = np.isin(joints.frame, room.recording.streams[0].frame)  # a live run may have recorded its start only
     segmented = recorded & np.isin(joints.frame, frames_of_people(results / PEOPLE_FILE))
     chosen = choose_frames(joints, read_episodes(results / EPISODES_FILE), segmented)
@@ -262,35 +229,26 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
         number = int(joints.frame[frame.row])
         position = int(np.flatnonzero(room.recording.streams[0].frame == number)[0])
         frame_set = read_frame(room.recording, position)
-        caption = _caption(joints, anchors, frame.row)
+        caption, body_m = _caption(joints, anchors, frame.row), _posed_skin(shape, poses, frame.row)
         for camera, depth_m in zip(room.cameras, frame_set.depths_m, strict=True):
-            labels = people.get((number, camera.name))
-            if depth_m is not None and labels is not None:
-                png = draw_frame(_scene(found, frame.row, camera, depth_m, decode_labels(labels), sheet))
-                yield FramePicture(number, frame_set.time_s, camera.name, png, caption, frame.why)
-
-
-def _scene(
-    found: _Results, row: int, camera: Camera, depth_m: np.ndarray, labels: np.ndarray, sheet: SurfaceConfig
-) -> OverlayScene:
-    """One row of the results over one camera's depth image and its person labels."""
-    surface = build_surface(depth_m, labels == PixelLabel.PATIENT, camera, sheet)
-    return OverlayScene(
-        camera=camera,
-        depth_m=depth_m,
-        labels=labels,
-        mesh_m=surface.points_m,
-        mesh_edges=edges(surface),
-        anchors_m=found.anchors.position_m[row],
-        anchor_names=ANCHOR_NAMES,
-        joints_m=found.joints.position_m[row],
-        joint_states=tuple(_STATES[code] for code in found.joints.state_code[row]),
-        body_m=_posed_skin(found.shape, found.poses, row),
-        body_faces=body_points().asset.faces,
-    )
-
-
-_STATES: Final = tuple(JointState)
+            packed = people.get((number, camera.name))
+            if depth_m is None or packed is None:
+                continue
+            labels = decode_labels(packed)
+            surface = build_surface(depth_m, labels == PixelLabel.PATIENT, camera, sheet)
+            scene = OverlayScene(
+                camera=camera,
+                depth_m=depth_m,
+                labels=labels,
+                mesh_m=surface.points_m,
+                mesh_edges=edges(surface),
+                anchors_m=anchors.position_m[frame.row],
+                joints_m=joints.position_m[frame.row],
+                joint_states=tuple(tuple(JointState)[code] for code in joints.state_code[frame.row]),
+                body_m=body_m,
+            )
+            png = as_png(draw_scene(scene))
+            yield FramePicture(number, frame_set.time_s, camera.name, png, caption, frame.why)
 
 
 def _posed_skin(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | None:

@@ -11,25 +11,7 @@ import numpy as np
 
 from anchorpose.calibration.equipment_model import EquipmentCaster
 from anchorpose.camera import Camera, invert_rigid
-from anchorpose.pages.canvas import (
-    BLACK,
-    GREEN,
-    NO_READING,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    WHITE,
-    YELLOW,
-    Colour,
-    draw_contour,
-    enlarge,
-    projector,
-    scale_of,
-    shade,
-    whole,
-    write,
-)
+from anchorpose.pages.canvas import Colour, Ink, draw_contour, enlarge, projector, scale_of, shade, whole, write
 from anchorpose.recording.equipment import EquipmentModel, EquipmentPart
 
 COLOUR_STRENGTH: Final = 0.7
@@ -55,7 +37,7 @@ def draw_depth(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
     far = max(float(far), float(near) + 1e-3)
     level = np.clip((far - depth_m) / (far - near), 0.0, 1.0)
     picture = cv2.applyColorMap((255 * level).astype(np.uint8), cv2.COLORMAP_CIVIDIS)
-    picture[~seen] = NO_READING
+    picture[~seen] = Ink.NO_READING
     picture = enlarge(picture, scale_of(camera))
     return draw_bar(picture, f"{near:.1f} m", f"{far:.1f} m", reverse=True)
 
@@ -85,11 +67,6 @@ def name_masks(picture: np.ndarray, camera: Camera, masks: Sequence[np.ndarray],
             write(picture, name, whole(np.array([column, row])))
 
 
-def draw_shading(picture: np.ndarray, camera: Camera, pixel: np.ndarray, light: np.ndarray, colour: np.ndarray) -> None:
-    """Nodes as blocks of the mesh's step: pixel (n, 2) row and column, light (n,) 0 to 1, colour (n, 3)."""
-    _fill_blocks(picture, camera, pixel, (light[:, None] * colour).astype(np.uint8))
-
-
 def draw_values(
     picture: np.ndarray, camera: Camera, pixel: np.ndarray, values: np.ndarray, highest: float, iso: float | None
 ) -> None:
@@ -98,7 +75,7 @@ def draw_values(
     level = np.where(finite, np.clip(values / max(highest, 1e-9), 0.0, 1.0), 0.0)
     colour = cv2.applyColorMap((255 * level).astype(np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0]
     colour[~finite] = 110
-    _fill_blocks(picture, camera, pixel, colour)
+    fill_blocks(picture, camera, pixel, colour)
     if iso is not None:
         _draw_iso_lines(picture, camera, pixel, np.where(finite, np.floor(values / iso), -1.0))
 
@@ -127,40 +104,42 @@ def draw_bar(picture: np.ndarray, low: str, high: str, reverse: bool = False) ->
     for text, at in ((low, left - 12), (high, left + 252)):
         (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.55, 1)
         corner = (at - width if text == low else at, 23)
-        cv2.putText(strip, text, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.55, WHITE, 1, cv2.LINE_AA)
+        cv2.putText(strip, text, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.55, Ink.WHITE, 1, cv2.LINE_AA)
     return np.vstack([picture, strip])
 
 
-def _fill_blocks(picture: np.ndarray, camera: Camera, pixel: np.ndarray, colour: np.ndarray) -> None:
-    scale, step = scale_of(camera), _step(pixel)
-    small = np.zeros((-(-camera.height // step), -(-camera.width // step), 4), np.uint8)
-    row, column = pixel[:, 0] // step, pixel[:, 1] // step
-    small[row, column, :3], small[row, column, 3] = colour, 1
-    large = enlarge(small, scale * step)[: picture.shape[0], : picture.shape[1]]
+def fill_blocks(picture: np.ndarray, camera: Camera, pixel: np.ndarray, colour: np.ndarray) -> None:
+    """Nodes as blocks of the mesh's step: pixel (n, 2) row and column, colour (n, 3) uint8."""
+    large = _blocks(picture, camera, pixel, np.insert(colour, 3, 1, axis=1), np.zeros(4, np.uint8))
     filled = large[..., 3] > 0
     picture[filled] = large[filled][:, :3]
 
 
 def _draw_iso_lines(picture: np.ndarray, camera: Camera, pixel: np.ndarray, band: np.ndarray) -> None:
     """Black where neighbouring blocks lie in different bands."""
-    scale, step = scale_of(camera), _step(pixel)
-    grid = np.full((-(-camera.height // step), -(-camera.width // step)), np.nan)
-    grid[pixel[:, 0] // step, pixel[:, 1] // step] = band
-    large = np.repeat(np.repeat(grid, scale * step, axis=0), scale * step, axis=1)
-    large = large[: picture.shape[0], : picture.shape[1]]
+    large = _blocks(picture, camera, pixel, band, np.array(np.nan))
     for axis in (0, 1):
         jump = np.diff(large, axis=axis)
         line = np.isfinite(jump) & (jump != 0)
         target = picture[1:] if axis == 0 else picture[:, 1:]
-        target[line] = BLACK
+        target[line] = Ink.BLACK
 
 
-def _step(pixel: np.ndarray) -> int:
-    """Spacing of the nodes on the picture: all rows and columns are its multiples."""
-    return max(1, int(np.gcd.reduce(pixel.ravel().astype(np.int64)))) if len(pixel) else 1
+def _blocks(
+    picture: np.ndarray, camera: Camera, pixel: np.ndarray, values: np.ndarray, empty: np.ndarray
+) -> np.ndarray:
+    """(height, width, ...) the picture with the value of each node in its block, ``empty`` where there is none.
+
+    The spacing of the nodes is the greatest number of which all rows and columns are multiples.
+    """
+    step = max(1, int(np.gcd.reduce(pixel.ravel().astype(np.int64)))) if len(pixel) else 1
+    small = np.full((-(-camera.height // step), -(-camera.width // step), *empty.shape), empty)
+    small[pixel[:, 0] // step, pixel[:, 1] // step] = values
+    size = scale_of(camera) * step
+    return np.asarray(small.repeat(size, axis=0).repeat(size, axis=1)[: picture.shape[0], : picture.shape[1]])
 
 
-PART_COLOURS: Final = (ORANGE, SKY, YELLOW, PURPLE, GREEN, VERMILLION)
+PART_COLOURS: Final = (Ink.ORANGE, Ink.SKY, Ink.YELLOW, Ink.PURPLE, Ink.GREEN, Ink.VERMILLION)
 
 
 def draw_model(camera: Camera, depth_m: np.ndarray, model: EquipmentModel | None, axes: bool = False) -> np.ndarray:
@@ -198,8 +177,8 @@ def _draw_part_outlines(
 
 
 def _draw_axes(picture: np.ndarray, ends: np.ndarray) -> None:
-    for end, name, colour in zip(ends[1:], "XYZ", (VERMILLION, GREEN, SKY), strict=True):
+    for end, name, colour in zip(ends[1:], "XYZ", (Ink.VERMILLION, Ink.GREEN, Ink.SKY), strict=True):
         if np.isfinite(ends[0]).all() and np.isfinite(end).all():
-            cv2.line(picture, whole(ends[0]), whole(end), BLACK, 4, cv2.LINE_AA)
+            cv2.line(picture, whole(ends[0]), whole(end), Ink.BLACK, 4, cv2.LINE_AA)
             cv2.line(picture, whole(ends[0]), whole(end), colour, 2, cv2.LINE_AA)
             write(picture, name, whole(end))

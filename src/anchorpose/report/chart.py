@@ -288,6 +288,13 @@ def _leading_columns(bins: Bins) -> list[Column]:
     ]
 
 
+def lowest_and_highest(name: str, values: np.ndarray, bins: Bins, decimals: int) -> dict[str, Column]:
+    """Columns of the lowest and the highest value of each group; name: with a place for which of the two."""
+    line = envelope(values, bins)
+    ends = {"low": ("lowest", line.low), "high": ("highest", line.high)}
+    return {role: Column(name.format(which), cells(end, decimals)) for role, (which, end) in ends.items()}
+
+
 def cells(values: np.ndarray, decimals: int) -> list[str]:
     """Numbers (b,) for a CSV; empty where NaN."""
     return [f"{value:.{decimals}f}" if np.isfinite(value) else "" for value in values.tolist()]

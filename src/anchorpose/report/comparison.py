@@ -33,11 +33,10 @@ from anchorpose.report.motion_section import INFERRED_STATES, angle_figures, sta
 from anchorpose.report.session import Session, read_session
 from anchorpose.report.summary import summary
 from anchorpose.report.timeline import short_timeline
-from anchorpose.report.words import Form, figure, named_part
+from anchorpose.report.words import Form, figure, named_part, render_page
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.records import Measure
 from anchorpose.results.uncertainty import NORMAL_95
-from anchorpose.results.web_page import render_page
 
 MARK: Final = '<meta name="generator" content="anchorpose report">'  # in the head of the page
 

@@ -9,7 +9,7 @@ is lost without it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -27,10 +27,12 @@ from anchorpose.report.chart import (
     Row,
     cells,
     envelope,
+    lowest_and_highest,
     make_axis,
     worst,
 )
 from anchorpose.report.words import STATE_WORDS
+from anchorpose.results.frame_time import runs_of
 from anchorpose.results.uncertainty import NORMAL_95
 
 LETTER_PX: Final = 13  # the height of a curve's initial
@@ -90,17 +92,13 @@ def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
 
 def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_state: bool = True) -> Reading:
     """What the slider reads of a curve; one state serves several curves of a joint."""
-    line, name = envelope(curve.value, bins), f"{curve.key}_{{}}_{quantity.unit_name}"
-    sigma = np.fmax.reduceat(curve.sigma, bins.start)
-    states = [_STATES[code] for code in worst(curve.state_code, bins)]
-    return Reading(
-        label=label,
-        unit=quantity.unit,
-        low=Column(name.format("lowest"), cells(line.low, quantity.decimals)),
-        high=Column(name.format("highest"), cells(line.high, quantity.decimals)),
-        sigma=Column(name.format("sigma"), cells(sigma, quantity.decimals + 1)) if with_state else None,
-        state=Column(f"{curve.key}_state", [state.replace(",", ";") for state in states]) if with_state else None,
-    )
+    name = f"{curve.key}_{{}}_{quantity.unit_name}"
+    columns = lowest_and_highest(name, curve.value, bins, quantity.decimals)
+    if with_state:
+        sigma, states = np.fmax.reduceat(curve.sigma, bins.start), worst(curve.state_code, bins)
+        columns["sigma"] = Column(name.format("sigma"), cells(sigma, quantity.decimals + 1))
+        columns["state"] = Column(f"{curve.key}_state", [_STATES[code].replace(",", ";") for code in states])
+    return Reading(label=label, unit=quantity.unit, **columns)
 
 
 def _band(curve: Curve, bins: Bins) -> tuple[np.ndarray, np.ndarray]:
@@ -137,25 +135,24 @@ Points = list[tuple[int, int]]
 
 def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tuple[str, str]:
     """SVG paths: where both ends of a link are ``seen`` (b,), and the others; nothing is drawn across a gap."""
-    across, first, second = _corners(curve, bins, axis)
+    finite, across = np.isfinite(curve.low), _across(bins.place)
+    low, high = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (curve.low, curve.high))
+    ends = [(a, b) if rises else (b, a) for a, b, rises in zip(low, high, curve.rising.tolist(), strict=True)]
     paths: dict[bool, list[str]] = {True: [], False: []}
-    for start, stop in _runs(np.isfinite(curve.low), bins.after_pause):
-        for begin, end, kind in _same_kind(seen, start, stop):
-            points: Points = []
-            for k in range(begin, end):
-                points += [(across[k], first[k])] + ([(across[k], second[k])] if second[k] != first[k] else [])
-            paths[kind].append(_trace(points))
+    for run in _runs(finite, bins):
+        for piece, kind in _same_kind(seen, run):
+            groups = range(piece.start, piece.stop)
+            paths[kind].append(_trace([(across[k], y) for k in groups for y in dict.fromkeys(ends[k])]))
     return "".join(paths[True]), "".join(paths[False])
 
 
 def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
     """A filled outline between two curves (b,), one for each run without a gap."""
-    across = np.round(UNITS * bins.place).astype(int).tolist()
-    finite = np.isfinite(low) & np.isfinite(high)
+    across, finite = _across(bins.place), np.isfinite(low) & np.isfinite(high)
     top, bottom = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (high, low))
     outlines = []
-    for start, stop in _runs(finite, bins.after_pause):
-        group = range(start, stop)
+    for run in _runs(finite, bins):
+        group = range(run.start, run.stop)
         outline = [(across[k], top[k]) for k in group] + [(across[k], bottom[k]) for k in reversed(group)]
         outlines.append(_trace(outline) + "z")
     return "".join(outlines)
@@ -163,62 +160,38 @@ def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
 
 def step_path(level: np.ndarray, bins: Bins) -> str:
     """Columns from the bottom up, each as wide as its group, ``level`` (b,) of the height; 0 draws nothing."""
-    edge = np.round(UNITS * _edges(bins)).astype(int).tolist()
-    height = np.round(UNITS * np.nan_to_num(level)).astype(int).tolist()  # a group without a value draws nothing
-    parts, k = [], 0
-    while k < len(height):
-        end = k + 1
-        while end < len(height) and height[end] == height[k] and not bins.after_pause[end]:
-            end += 1
-        right = edge[end] if end == len(height) or not bins.after_pause[end] else round(UNITS * bins.place[end - 1])
-        if height[k] > 0:
-            parts.append(f"M{edge[k]} {UNITS}v{-height[k]}h{max(1, right - edge[k])}v{height[k]}z")
-        k = end
+    place, height = bins.place, np.array(_across(np.nan_to_num(level)))  # a group without a value draws nothing
+    middle = (place[1:] + place[:-1]) / 2.0  # neighbours meet there, but at their own places beside a pause
+    left = _across(np.append(0.0, np.where(bins.after_pause[1:], place[1:], middle)))
+    right = _across(np.append(np.where(bins.after_pause[1:], place[:-1], middle), 1.0))
+    parts = []
+    for run in runs_of(height > 0, (height[1:] == height[:-1]) & ~bins.after_pause[1:]):
+        begin, tall = left[run.start], height[run.start]
+        parts.append(f"M{begin} {UNITS}v{-tall}h{max(1, right[run.stop - 1] - begin)}v{tall}z")
     return "".join(parts)
 
 
-def _edges(bins: Bins) -> np.ndarray:
-    """(b + 1,) where columns meet: halfway between neighbours, at a group's own place after a pause."""
-    place = bins.place
-    inner = np.where(bins.after_pause[1:], place[1:], (place[1:] + place[:-1]) / 2.0)
-    return np.concatenate([[0.0], inner, [1.0]])
-
-
-def _corners(curve: Envelope, bins: Bins, axis: Axis) -> tuple[list[int], list[int], list[int]]:
-    finite = np.isfinite(curve.low)
-    low, high = (np.where(finite, edge, axis.low) for edge in (curve.low, curve.high))
-    first, second = np.where(curve.rising, low, high), np.where(curve.rising, high, low)
-    return np.round(UNITS * bins.place).astype(int).tolist(), _whole(axis.down(first)), _whole(axis.down(second))
+def _across(share: np.ndarray) -> list[int]:
+    """Whole units of shares of the width, or of the height."""
+    return _whole(np.round(UNITS * share))
 
 
 def _whole(values: np.ndarray) -> list[int]:
     return [int(value) for value in values]
 
 
-def _runs(known: np.ndarray, after_pause: np.ndarray) -> Iterator[tuple[int, int]]:
-    """(start, stop) of each run of known groups without a pause."""
-    start = None
-    for k, (here, paused) in enumerate(zip(known.tolist(), after_pause.tolist(), strict=True)):
-        if start is not None and (paused or not here):
-            yield start, k
-            start = None
-        if here and start is None:
-            start = k
-    if start is not None:
-        yield start, len(known)
+def _runs(known: np.ndarray, bins: Bins) -> list[slice]:
+    """Each run of known groups without a pause."""
+    return runs_of(known, ~bins.after_pause[1:])
 
 
-def _same_kind(seen: np.ndarray, start: int, stop: int) -> Iterator[tuple[int, int, bool]]:
+def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
     """Splits a run so that neighbouring pieces share a group; a link is seen where both of its ends are."""
-    if stop - start == 1:
-        yield start, stop, bool(seen[start])
-        return
-    link = (seen[start : stop - 1] & seen[start + 1 : stop]).tolist()
-    begin = 0
-    for k in range(1, len(link) + 1):
-        if k == len(link) or link[k] != link[begin]:
-            yield start + begin, start + k + 1, link[begin]
-            begin = k
+    if run.stop - run.start == 1:
+        return [(run, bool(seen[run.start]))]
+    link = seen[run.start : run.stop - 1] & seen[run.start + 1 : run.stop]
+    pieces = runs_of(np.ones(len(link), dtype=bool), link[1:] == link[:-1])
+    return [(slice(run.start + one.start, run.start + one.stop + 1), bool(link[one.start])) for one in pieces]
 
 
 def _trace(points: Points) -> str:

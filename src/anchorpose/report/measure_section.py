@@ -1,20 +1,21 @@
 """The measures of stand training as tables: value, uncertainty, how much of it is inferred, or why there is none.
 
-The words of each measure are short forms of docs/measures.md, which has the thresholds and the sources.
+The words of each measure, in measures.csv, are short forms of docs/measures.md, which has thresholds and sources.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 from typing import Final, NamedTuple
 
 from markupsafe import Markup
 
 from anchorpose.report.session import Session
-from anchorpose.report.words import PERCENT, Form, decimals_for, figure, named_part, spaced
+from anchorpose.report.words import PERCENT, Form, decimals_for, figure, named_part, read_words, spaced
 from anchorpose.results.records import Measure
-from anchorpose.results.stand_training.extension import SIDED, UNSIDED
 from anchorpose.results.uncertainty import NORMAL_95
 
 
@@ -25,119 +26,16 @@ class Words(NamedTuple):
     meaning: str
 
 
-_STANDING: Final = {
-    "recorded_time": Words("time recorded", "From the first frame to the last."),
-    "found_time": Words("time in which the patient was found", "The patient was found, or at least one joint."),
-    "unknown_time": Words(
-        "time in which posture is not known", "It is not known whether the patient was upright, or frames are missing."
-    ),
-    "upright_time": Words(
-        "time upright", "By thighs, hips and trunk; also in a frame or hoist, whoever carries the weight."
-    ),
-    "upright_share": Words("share of known time upright", "Time upright, of the time in which posture is known."),
-    "upright_bouts": Words("bouts of being upright", "How often the patient was upright without a break."),
-    "longest_upright_bout": Words("longest time upright without a break", "The longest bout of being upright."),
-}
+_ROWS: Final = read_words("anchorpose.report", "measures.csv")
+_WORDS: Final = {row["measure"]: Words(row["title"], row["meaning"]) for row in _ROWS}
 
-_LENGTHS: Final = {"mean": "mean duration", "shortest": "shortest", "longest": "longest"}
+GROUPS: Final = {heading: [row["measure"] for row in rows] for heading, rows in groupby(_ROWS, itemgetter("group"))}
+"""Headings of tables, and their measures."""
 
-_TRANSITIONS: Final = {
-    f"{kind}_{which}": words
-    for kind, verb in (("sit_to_stand", "standing up"), ("stand_to_sit", "sitting down"))
-    for which, words in {
-        "count": Words(
-            f"{verb}: how often", "Changes between sitting and standing that were seen from beginning to end."
-        ),
-        **{
-            f"duration_{which}": Words(
-                f"{verb}: {title}", "From the pelvis leaving one height until it reaches the other."
-            )
-            for which, title in _LENGTHS.items()
-        },
-    }.items()
-}
-
-_EXTENSION: Final = {
-    f"{joint}_flexion_upright_{which}": Words(f"{joint} flexion while upright, {title}", meaning + beyond)
-    for joint, beyond in (("knee", " Negative: bent backwards."), ("hip", " Negative: thigh behind the trunk."))
-    for which, title, meaning in (
-        ("mean", "mean", "Mean angle in the frames in which the patient was upright; 0° is straight."),
-        ("least", "least", "The angle that 5 of 100 upright frames stay below; 0° is straight."),
-        ("greatest", "greatest", "The angle that 5 of 100 upright frames exceed; 0° is straight."),
-    )
-} | {"knee_straight_time": Words("time with the knee straight", "Time upright in which the knee was nearly straight.")}
-
-_BALANCE: Final = {
-    "sway_time": Words("time that sway is taken from", "The upright bouts that are long enough and lose no joint."),
-    "sway_path": Words("sway, path", "Path of the body's estimated centre of mass over the floor, low-pass filtered."),
-    "sway_velocity": Words("sway, mean speed", "The path divided by its time."),
-    "sway_rms_ap": Words("sway forwards and backwards", "Root mean square distance from the bout's mean, that way."),
-    "sway_rms_ml": Words("sway sideways", "Root mean square distance from the bout's mean, that way."),
-    "sway_ellipse_area": Words(
-        "sway, area of the 95 % ellipse", "The ellipse on the floor that holds the centre of mass 95 of 100 times."
-    ),
-    "sway_path_noise": Words("sway, path from noise alone", "The path that errors of measurement alone would make."),
-}
-
-_SYMMETRY: Final = {
-    "knee_flexion_difference": Words("knee flexion, left minus right", "Mean difference while upright."),
-    "hip_flexion_difference": Words("hip flexion, left minus right", "Mean difference while upright."),
-    "load_share": Words(
-        "estimated share of the load", "From where the centre of mass lies between the ankles; no force is measured."
-    ),
-}
-
-_RANGES: Final = {
-    f"{angle}_range": Words(
-        f"range of motion, {spaced(angle)}", "From its lowest to its highest angle, each held for a tenth of a second."
-    )
-    for angle in (*SIDED, *UNSIDED)
-}
-
-_TASKS: Final = {
-    "five_times_sit_to_stand": Words(
-        "five times sit to stand", "From leaving the seat first to standing for the fifth time, without a pause."
-    ),
-    "functional_reach": Words("functional reach", "How far the wrist of a raised arm went forward, feet in place."),
-    "single_leg_stance": Words("standing on one leg", "The longest time with the other foot off the floor."),
-}
-
-_STEPS: Final = {
-    "step_count": Words("steps", "Steps seen from foot off to foot strike while upright."),
-    "swing_time_mean": Words("swing time, mean", "From foot off to foot strike."),
-    "step_length_mean": Words("step length, mean", "Between both ankles at foot strike, in the direction of the step."),
-    "step_time_mean": Words("step time, mean", "From one foot strike to that of the other foot."),
-}
-
-_HELP: Final = {
-    "assistance_time": Words("time with hands on", "Time in which anybody touches the patient, or the part named."),
-    "contacts": Words("contacts", "How many contacts there were."),
-    "assistance_share_upright": Words("share of upright time with hands on", "Of the time upright, with any contact."),
-    "hands_free_upright_time": Words("time upright without hands on", "Time upright without any contact."),
-    "hands_free_upright_share": Words(
-        "share of upright time without hands on", "Of the time upright, with no contact."
-    ),
-    "hands_on_at_once_mean": Words(
-        "contacts at once while upright, mean", "How many there were at one time, on average."
-    ),
-    "hands_on_at_once_most": Words("contacts at once while upright, most", "The most contacts at one time."),
-}
-
-GROUPS: Final = {
-    "Standing": _STANDING,
-    "Standing up and sitting down": _TRANSITIONS,
-    "Knees and hips while upright": _EXTENSION,
-    "Balance: sway of the body's centre of mass": _BALANCE,
-    "Left and right while upright": _SYMMETRY,
-    "Range of motion": _RANGES,
-    "Tests that the recording shows": _TASKS,
-    "Steps": _STEPS,
-    "Help by others": _HELP,
-}
+PRINTED: Final = [row["measure"] for row in sorted(_ROWS, key=lambda row: int(row["printed"] or 0)) if row["printed"]]
+"""The measures that are printed, in this order; all others are in measures.parquet."""
 
 OTHERS: Final = "Other measures"
-
-_WORDS: Final = {name: words for members in GROUPS.values() for name, words in members.items()}
 
 _UNITS: Final = {"1": (100.0, " %"), "deg": (1.0, "°"), "deg/s": (1.0, "°/s"), "count": (1.0, ""), "cm2": (1.0, " cm²")}
 
@@ -277,35 +175,6 @@ def inferred_share(measure: Measure, after: str = " %") -> Markup:
         return Markup()
     return figure(measure.inferred_share, Form(times=100.0, after=after, share=True))
 
-
-PRINTED: Final = (
-    "recorded_time",
-    "found_time",
-    "unknown_time",
-    "upright_time",
-    "upright_share",
-    "longest_upright_bout",
-    "sit_to_stand_count",
-    "sit_to_stand_duration_mean",
-    "stand_to_sit_count",
-    "stand_to_sit_duration_mean",
-    "knee_flexion_upright_mean",
-    "knee_flexion_upright_least",
-    "hip_flexion_upright_mean",
-    "knee_straight_time",
-    "knee_flexion_difference",
-    "load_share",
-    "sway_velocity",
-    "sway_ellipse_area",
-    "five_times_sit_to_stand",
-    "functional_reach",
-    "single_leg_stance",
-    "step_count",
-    "assistance_time",
-    "hands_free_upright_time",
-    "hands_on_at_once_most",
-)
-"""The measures that are printed, in this order; all others are in measures.parquet."""
 
 ROUNDING_S: Final = 0.001  # less unknown time than this is rounding
 

@@ -21,10 +21,9 @@ from anchorpose.report.motion_section import angle_section, joint_charts, state_
 from anchorpose.report.session import Session, read_session
 from anchorpose.report.summary import moment_section, summary
 from anchorpose.report.timeline import timeline
-from anchorpose.report.words import STATE_WORDS, counted, named_part, spaced
+from anchorpose.report.words import STATE_WORDS, counted, named_part, render_page, spaced
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import RUN_FILE
-from anchorpose.results.web_page import render_page
 
 MOST_LINES: Final = 60
 """More are counted and left to run.json: a page full of them is of no use to a reader."""
@@ -47,10 +46,10 @@ def problems(session: Session) -> list[str]:
 
 def _frames(entry: dict[str, Any]) -> str:
     """The frames of an interval of run.json."""
-    if entry["last_frame"] == entry["first_frame"]:
-        return f"Frame {entry['first_frame']} ({entry['start_s']:.2f} s)"
-    seconds = f"{entry['start_s']:.2f} to {entry['end_s']:.2f} s"
-    return f"Frames {entry['first_frame']} to {entry['last_frame']} ({seconds})"
+    first, last, start_s = entry["first_frame"], entry["last_frame"], entry["start_s"]
+    if last == first:
+        return f"Frame {first} ({start_s:.2f} s)"
+    return f"Frames {first} to {last} ({start_s:.2f} to {entry['end_s']:.2f} s)"
 
 
 def _stretches(dropped: Sequence[dict[str, Any]]) -> list[list[dict[str, Any]]]:
@@ -71,10 +70,9 @@ def _reason(drop: dict[str, Any]) -> str:
 
 def _stretch(drops: Sequence[dict[str, Any]]) -> str:
     first, last = drops[0], drops[-1]
-    if len(drops) == 1:
-        return f"Frame {first['frame']} ({first['time_s']:.2f} s): {first['why']}"
-    seconds = f"{first['time_s']:.2f} to {last['time_s']:.2f} s"
-    return f"Frames {first['frame']} to {last['frame']} ({seconds}): {_reason(first)}"
+    ends = {"first_frame": first["frame"], "last_frame": last["frame"]}
+    times = {"start_s": first["time_s"], "end_s": last["time_s"]}
+    return f"{_frames(ends | times)}: {first['why'] if len(drops) == 1 else _reason(first)}"
 
 
 def corrections(session: Session) -> list[str]:
@@ -139,11 +137,6 @@ def provenance(session: Session) -> list[Facts]:
     ]
 
 
-def settings(session: Session) -> str:
-    """The settings of the run as JSON."""
-    return json.dumps(session.run.get("config"), indent=1, ensure_ascii=False)
-
-
 def _residual(residual: dict[str, Any]) -> str:
     if residual["value"] is None:
         return "not known"
@@ -183,17 +176,12 @@ def _body(body: dict[str, Any] | None) -> list[tuple[str, Sequence[str]]]:
     if body is None:
         return [("no body was learnt", ("",))]
     height = f"{body['height_m']:.3f} ± {body['height_sigma_m']:.3f} m (one sigma)"
-    return [
-        ("height without shoes", (height,)),
-        *(
-            (f"thickness of the {piece}", (f"{1000 * thick_m:.0f} mm",))
-            for piece, thick_m in body.get("clothes_m", {}).items()
-        ),
-        *(
-            (spaced(bone["bone"]), (f"{1000 * bone['length_m']:.0f} ± {1000 * bone['sigma_m']:.0f} mm (one sigma)",))
-            for bone in body["bones"]
-        ),
-    ]
+    rows = {"height without shoes": height}
+    for piece, thick_m in body.get("clothes_m", {}).items():
+        rows[f"thickness of the {piece}"] = f"{1000 * thick_m:.0f} mm"
+    for bone in body["bones"]:
+        rows[spaced(bone["bone"])] = f"{1000 * bone['length_m']:.0f} ± {1000 * bone['sigma_m']:.0f} mm (one sigma)"
+    return [(what, (value,)) for what, value in rows.items()]
 
 
 REPORT_FILE: Final = "report.html"
@@ -224,7 +212,7 @@ def _page(session: Session) -> str:
         notes=[str(note) for note in session.run.get("notes", [])],
         corrections=corrections(session),
         provenance=provenance(session),
-        settings=settings(session),
+        settings=json.dumps(session.run.get("config"), indent=1, ensure_ascii=False),
         summary=summary(session),
         timeline=timeline(session),
         moments=moment_section(session),

@@ -13,7 +13,19 @@ import numpy as np
 
 from anchorpose.body.contact_regions import REGIONS
 from anchorpose.joints import JOINT_COUNT, STATE_CODE, JointState
-from anchorpose.report.chart import Axis, Bins, Chart, Column, Mark, Reading, Row, cells, envelope, heading
+from anchorpose.report.chart import (
+    Axis,
+    Bins,
+    Chart,
+    Column,
+    Mark,
+    Reading,
+    Row,
+    envelope,
+    heading,
+    lowest_and_highest,
+    worst,
+)
 from anchorpose.report.curves import band_path, line_paths, step_path
 from anchorpose.report.session import Session
 from anchorpose.report.words import STATE_WORDS, Form, named_part
@@ -121,21 +133,14 @@ def _line_row(label: str, value: np.ndarray, bins: Bins) -> Row:
 
 
 def _share_reading(label: str, key: str, percent: np.ndarray, bins: Bins) -> Reading:
-    shape = envelope(percent, bins)
-    low, high = (
-        Column(f"{key}_lowest_percent", cells(shape.low, 0)),
-        Column(f"{key}_highest_percent", cells(shape.high, 0)),
-    )
-    return Reading(label=label, unit=" %", low=low, high=high)
+    return Reading(label=label, unit=" %", **lowest_and_highest(f"{key}_{{}}_percent", percent, bins, 0))
 
 
 def _confidence_readings(session: Session) -> list[Reading]:
     spoken = []
     for name, value in zip(("median", "worst"), joint_confidence_mm(session), strict=True):
-        shape = envelope(value, session.bins)
-        low = Column(f"plus_minus_{name}_joint_lowest_mm", cells(shape.low, 1))
-        high = Column(f"plus_minus_{name}_joint_highest_mm", cells(shape.high, 1))
-        spoken.append(Reading(label=f"{name} joint ±", unit=" mm", low=low, high=high))
+        columns = lowest_and_highest(f"plus_minus_{name}_joint_{{}}_mm", value, session.bins, 1)
+        spoken.append(Reading(label=f"{name} joint ±", unit=" mm", **columns))
     matched = matched_percent(session)
     if matched is not None:
         spoken.append(_share_reading("points found again", "matched", matched, session.bins))
@@ -166,8 +171,13 @@ def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
     """One row with a column wherever one of the ``frames`` (n,) bool lies; no row where there are none."""
     if not frames.any():
         return []
-    level = np.maximum.reduceat(frames.astype(float), session.bins.start)
-    return [Row(label=label, height=12, shapes=(("lost", step_path(level, session.bins)),), kind="state")]
+    return [_state_row(label, session.bins, 12, lost=worst(frames.astype(float), session.bins))]
+
+
+def _state_row(label: str, bins: Bins, height: int, **levels: np.ndarray) -> Row:
+    """A low row of columns; levels: their heights (b,) by CSS classes, with ``_`` for a space."""
+    shapes = tuple((kind.replace("_", " "), step_path(level, bins)) for kind, level in levels.items())
+    return Row(label=label, height=height, shapes=shapes, kind="state")
 
 
 def _pictures(session: Session) -> list[Row]:
@@ -176,17 +186,11 @@ def _pictures(session: Session) -> list[Row]:
     if not times:
         return []
     places = session.bins.place_of(np.array([time_s for _, time_s in times])).tolist()
-    marks = tuple(
-        Mark(
-            text=str(number),
-            kind="kept",
-            style=f"left:{100 * place:.2f}%",
-            title=f"pictures of frame {frame}",
-            link=f"#frame-{frame}",
-        )
-        for number, ((frame, _), place) in enumerate(zip(times, places, strict=True), 1)
-    )
-    return [Row(label="pictures", height=26, marks=marks, kind="marks")]
+    marks = []
+    for number, ((frame, _), place) in enumerate(zip(times, places, strict=True), 1):
+        title, style = f"pictures of frame {frame}", f"left:{100 * place:.2f}%"
+        marks.append(Mark(text=str(number), kind="kept", style=style, title=title, link=f"#frame-{frame}"))
+    return [Row(label="pictures", height=26, marks=tuple(marks), kind="marks")]
 
 
 TRANSITIONS: Final = {SIT_TO_STAND: ("▲", "stands up"), STAND_TO_SIT: ("▼", "sits down")}
@@ -201,16 +205,12 @@ def posture_rows(session: Session) -> list[Row]:
     """
     bins, upright = session.bins, session.posture.upright
     unknown, standing, inferred = (
-        np.maximum.reduceat(some.astype(float), bins.start)
+        worst(some.astype(float), bins)
         for some in (upright == UNKNOWN, upright == UPRIGHT, (upright == UPRIGHT) & ~session.posture_seen)
     )
-    shapes = (
-        ("lost", step_path(0.5 * unknown, bins)),
-        ("posture light", step_path(standing * inferred, bins)),
-        ("posture", step_path(standing * (1 - inferred), bins)),
-    )
+    levels = {"lost": 0.5 * unknown, "posture_light": standing * inferred, "posture": standing * (1 - inferred)}
     label = "upright" + (" (half a column: unknown)" if unknown.any() else "")
-    rows = [heading("Posture"), Row(label=label, height=18, shapes=shapes, kind="state")]
+    rows = [heading("Posture"), _state_row(label, bins, 18, **levels)]
     marks = tuple(_transition_mark(bins, episode) for episode in session.episodes if episode.kind in TRANSITIONS)
     if marks:
         rows.append(Row(label="▲ stands up, ▼ sits down", height=22, marks=marks, kind="marks"))
@@ -256,16 +256,17 @@ def touch_rows(session: Session) -> list[Row]:
     """One row per part and person, from head to foot."""
     rows = [heading("Touched by")]
     if session.contacts is None:
-        return [*rows, Row(label="not known: no contacts.parquet", height=14, kind="state")]
+        return [*rows, _state_row("not known: no contacts.parquet", session.bins, 14)]
     touched = sorted({(REGIONS.index(c.part), c.person) for c in session.contacts}, key=_natural)
-    rows += _lost_row(session)
+    if (lost := _lost(session)).any():
+        rows.append(_state_row("not known: patient lost", session.bins, 15, lost=0.5 * lost))
     if not touched:
-        return [*rows, Row(label="nobody, as far as was seen", height=14, kind="state")]
+        return [*rows, _state_row("nobody, as far as was seen", session.bins, 14)]
     for part, person in touched:
         contacts = [c for c in session.contacts if c.part == REGIONS[part] and c.person == person]
         held, seen = _held_and_seen(contacts, session.bins)
-        shapes = (("touch light", step_path(held, session.bins)), ("touch", step_path(seen, session.bins)))
-        rows.append(Row(label=f"{named_part(REGIONS[part])}: {person}", height=15, shapes=shapes, kind="state"))
+        label = f"{named_part(REGIONS[part])}: {person}"
+        rows.append(_state_row(label, session.bins, 15, touch_light=held, touch=seen))
     return rows
 
 
@@ -280,16 +281,9 @@ def touch_reading(session: Session) -> Reading:
     return Reading(label="touched", text=Column("touched", ["; ".join(dict.fromkeys(text)) for text in texts]))
 
 
-def _lost_row(session: Session) -> list[Row]:
-    """Where touch is unknown because the patient was not found; none for a patient found throughout."""
-    lost = _lost(session)
-    shapes = (("lost", step_path(0.5 * lost, session.bins)),)
-    return [Row(label="not known: patient lost", height=15, shapes=shapes, kind="state")] if lost.any() else []
-
-
 def _lost(session: Session) -> np.ndarray:
     """(b,) 1.0 for groups of frames in one of which no joint was found."""
-    return np.maximum.reduceat(session.joints.lost.all(axis=1).astype(float), session.bins.start)
+    return worst(session.joints.lost.all(axis=1).astype(float), session.bins)
 
 
 def _held_and_seen(contacts: Sequence[Contact], bins: Bins) -> tuple[np.ndarray, np.ndarray]:

@@ -1,13 +1,17 @@
-"""How the report says things: states, body parts, names of angles, and numbers with no more digits than they carry."""
+"""How pages say things: their templates, tables of words, names, and numbers with no more digits than they carry."""
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 from typing import Final
 
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from anchorpose.joints import JointState
@@ -103,3 +107,27 @@ def figure(value: float | None, form: Form) -> Markup:
     if value is None or math.isnan(value):
         return Markup('<span class="unknown">{}</span>').format(MISSING)
     return Markup('<data value="{!r}">{}</data>').format(float(value), form.write(value))
+
+
+def render_page(package: str, template: str, **values: object) -> str:
+    """The filled template, a file of ``package``; every value is escaped unless it is ``Markup``.
+
+    Templates include others of the package and ``page_head.html``, which needs a ``title``, by name;
+    ``inline(name)`` puts in a file as it is. Raises jinja2.UndefinedError for a value that is missing.
+    """
+    return _environment(package).get_template(template).render(values)
+
+
+@cache
+def _environment(package: str) -> Environment:
+    loader = ChoiceLoader([PackageLoader(package, ""), PackageLoader("anchorpose.report", "templates")])
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.globals["inline"] = lambda name: Markup(loader.get_source(environment, name)[0])
+    return environment
+
+
+def read_words(package: str, name: str) -> list[dict[str, str]]:
+    """The rows of a CSV of ``package``, by the names of their columns."""
+    return list(csv.DictReader(resources.files(package).joinpath(name).read_text("utf-8").splitlines()))

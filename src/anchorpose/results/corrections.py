@@ -9,6 +9,7 @@ replaced it is taken back.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -154,11 +155,9 @@ class Withdrawal:
 
 
 def _require_each_once(joints: tuple[JointCorrection, ...]) -> tuple[JointCorrection, ...]:
-    seen = set[tuple[int, str]]()
-    for joint in joints:
-        if (joint.frame, joint.joint) in seen:
-            raise Unfit(f"has {joint.joint} of frame {joint.frame} twice", "keep one of the two")
-        seen.add((joint.frame, joint.joint))
+    for (frame, joint), count in Counter((each.frame, each.joint) for each in joints).items():
+        if count > 1:
+            raise Unfit(f"has {joint} of frame {frame} twice", "keep one of the two")
     return joints
 
 
@@ -255,13 +254,6 @@ class CorrectionsDocument(Corrections):
     joints: EachJointOnce
 
 
-@dataclass(frozen=True, slots=True)
-class _RunPart:
-    """The part of run.json that is about corrections."""
-
-    corrections: CorrectionsRecord | None
-
-
 def corrections_beside(results: Path) -> Path:
     """``RESULTS.corrections.json``: next to the folder, not in it, so that tracking again does not replace it."""
     folder = results.resolve()
@@ -276,10 +268,8 @@ def read_corrections(path: Path) -> Corrections:
 def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
     """Return the corrections that the results of the run.json at ``path`` were tracked with, none where without: the
     next review begins with them. Raises InputError where they cannot be used."""
-    held, recording = (
-        validate(path, _RunPart, {"corrections": run.get("corrections")}).corrections,
-        recording_of_run(run),
-    )
+    recording, part = recording_of_run(run), {"corrections": run.get("corrections")}
+    held = validate(path, dict[str, CorrectionsRecord | None], part)["corrections"]
     return Corrections(recording) if held is None else Corrections(recording, held.unusable, held.joints, held.patient)
 
 

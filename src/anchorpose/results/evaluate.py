@@ -13,11 +13,11 @@ from anchorpose.body.contact_regions import REGION_BONES, REGIONS
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.recording import half_period_s, nearest_within
+from anchorpose.results.frame_time import runs_of
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
-from anchorpose.results.sides import WRONG_M, require_same_world
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
-from anchorpose.results.truth import TrueTouch, Truth, read_true_touch, read_truth
+from anchorpose.results.truth import WRONG_M, TrueTouch, Truth, read_true_touch, read_truth, require_same_world
 from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 
@@ -106,14 +106,9 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInV
 
 def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, float]:
     """When the longest unbroken run of True begins, None without one, and how long it lasts; flags, time_s (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
     period_s = 2.0 * half_period_s(time_s)
-    start_s, seconds = None, 0.0
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
-        lasted = float(time_s[end - 1] - time_s[first] + period_s)
-        if lasted > seconds:
-            start_s, seconds = float(time_s[first]), lasted
-    return start_s, seconds
+    found = [(float(time_s[run.start]), float(np.ptp(time_s[run]) + period_s)) for run in runs_of(flags)]
+    return max(found, key=lambda run: run[1], default=(None, 0.0))
 
 
 LEAST_SHARE: Final = 0.1
@@ -166,13 +161,17 @@ def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, An
 
 def _angle_summary(error_deg: np.ndarray, within: np.ndarray) -> AngleError:
     known, covered = error_deg[np.isfinite(error_deg)], within[np.isfinite(error_deg)]
-    some = len(known) > 0
     return AngleError(
         frames=len(known),
-        mean_abs_deg=float(known.mean()) if some else None,
-        p95_deg=float(np.percentile(known, 95)) if some else None,
-        coverage_95=float(covered.mean()) if some else None,
+        mean_abs_deg=_mean(known),
+        p95_deg=float(np.percentile(known, 95)) if len(known) else None,
+        coverage_95=_mean(covered),
     )
+
+
+def _mean(values: np.ndarray) -> float | None:
+    """None where there are none."""
+    return float(values.mean()) if len(values) else None
 
 
 HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.OBSERVED, JointState.LOST))
@@ -279,28 +278,24 @@ def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frame
 
 def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames: int) -> Evaluation:
     """The evaluation of frames (n) that are matched row by row, out of so many of the truth and of the results."""
-    everything, errors = np.ones(joints.state_code.shape, dtype=bool), _errors(joints, truth.position_m)
-    occluded = np.repeat(truth.occluded[:, None], JOINT_COUNT, axis=1)
-    seen = seen_joints(truth)
-    half = len(joints.frame) // 2
-    late = everything & (np.arange(len(joints.frame)) >= half)[:, None]
-    first, second = _summary(errors, ~late), _summary(errors, late)
+    errors, seen, codes = _errors(joints, truth.position_m), seen_joints(truth), joints.state_code
+    occluded, frames = truth.occluded[:, None], np.arange(len(joints.frame))[:, None]
+    first, second = (_summary(errors, half) for half in (frames < len(frames) // 2, frames >= len(frames) // 2))
     return Evaluation(
         matched_frames=len(joints.frame),
         truth_frames=truth_frames,
         results_frames=results_frames,
         missing_frames=truth_frames - len(joints.frame),
-        overall=_summary(errors, everything),
+        overall=_summary(errors, np.array(True)),
         per_joint=tuple(
-            (name, _summary(errors, everything & (np.arange(JOINT_COUNT) == index)))
-            for index, name in enumerate(JOINT_NAMES)
+            (name, _summary(errors, np.arange(JOINT_COUNT) == index)) for index, name in enumerate(JOINT_NAMES)
         ),
-        per_state=tuple((str(state), _summary(errors, joints.state_code == STATE_CODE[state])) for state in JointState),
-        observed=_summary(errors, joints.state_code == STATE_CODE[JointState.OBSERVED]),
-        hidden=_summary(errors, np.isin(joints.state_code, [STATE_CODE[state] for state in HIDDEN])),
+        per_state=tuple((str(state), _summary(errors, codes == STATE_CODE[state])) for state in JointState),
+        observed=_summary(errors, codes == STATE_CODE[JointState.OBSERVED]),
+        hidden=_summary(errors, np.isin(codes, [STATE_CODE[state] for state in HIDDEN])),
         truly_seen=None if seen is None else _summary(errors, seen),
         truly_hidden=None if seen is None else _summary(errors, ~seen),
-        confident_errors=_confident_share(joints, truth, errors.known),
+        confident_errors=_mean(confident_errors(joints, truth.position_m)[errors.known]),
         angles=angle_errors(joints, truth.position_m),
         wrong_in_view=wrong_in_view(joints, truth),
         view_known=seen is not None,
@@ -328,23 +323,18 @@ def _errors(joints: JointTable, truth_m: np.ndarray) -> _Errors:
 
 
 def _summary(errors: _Errors, chosen: np.ndarray) -> ErrorSummary:
-    """The errors of the joint-frames where ``chosen`` (n, 21)."""
+    """The errors of the joint-frames where ``chosen``, which is broadcast to (n, 21)."""
     chosen, found = chosen & errors.known, chosen & errors.found
     error_mm, within = errors.error_mm[found], errors.within[found]
     some = len(error_mm) > 0
     return ErrorSummary(
         joint_frames=int(chosen.sum()),
         lost_share=float(1.0 - found.sum() / chosen.sum()) if chosen.any() else None,
-        mean_mm=float(error_mm.mean()) if some else None,
+        mean_mm=_mean(error_mm),
         median_mm=float(np.median(error_mm)) if some else None,
         p95_mm=float(np.percentile(error_mm, 95)) if some else None,
-        coverage_95=float(within.mean()) if some else None,
+        coverage_95=_mean(within),
     )
-
-
-def _confident_share(joints: JointTable, truth: Truth, known: np.ndarray) -> float | None:
-    """Share of the joint-frames with a known truth; None where there are none."""
-    return float(confident_errors(joints, truth.position_m)[known].mean()) if known.any() else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
 from anchorpose.joints import JOINT_COUNT
-from anchorpose.results.evaluate import CONFIDENT_SIGMAS, FAR_M, ContactEvaluation, ErrorSummary, Evaluation
+from anchorpose.results.evaluate import CONFIDENT_SIGMAS, FAR_M, ContactEvaluation, Evaluation
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import as_json
-from anchorpose.results.sides import WRONG_M
+from anchorpose.results.truth import WRONG_M
 
 MARK: Final = '"matched_frames"'
 """Stands in the beginning of every file of this kind."""
@@ -18,45 +19,32 @@ MARK: Final = '"matched_frames"'
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:
     """Writes the evaluation: the overall figures at the top, then per joint, per state and the rest."""
+    contacts = evaluation.contacts
     document = {
         **as_json(evaluation.overall),
-        "matched_frames": evaluation.matched_frames,
-        "truth_frames": evaluation.truth_frames,
-        "missing_frames": evaluation.missing_frames,
-        "results_frames": evaluation.results_frames,
-        "drift_ratio": evaluation.drift_ratio,
-        "per_joint": {name: as_json(summary) for name, summary in evaluation.per_joint},
-        "per_state": {name: as_json(summary) for name, summary in evaluation.per_state},
-        "observed": as_json(evaluation.observed),
-        "hidden": as_json(evaluation.hidden),
-        "truly_seen": None if evaluation.truly_seen is None else as_json(evaluation.truly_seen),
-        "truly_hidden": None if evaluation.truly_hidden is None else as_json(evaluation.truly_hidden),
-        "confident_errors": evaluation.confident_errors,
+        **_named(evaluation, "matched_frames", "truth_frames", "missing_frames", "results_frames", "drift_ratio"),
+        "per_joint": dict(evaluation.per_joint),
+        "per_state": dict(evaluation.per_state),
+        **_named(evaluation, "observed", "hidden", "truly_seen", "truly_hidden", "confident_errors"),
         "longest_wrong_s": {name: wrong.seconds for name, wrong in evaluation.wrong_in_view},
         "longest_wrong_from_s": {name: wrong.start_s for name, wrong in evaluation.wrong_in_view},
         "plain_view_by": "seen_share" if evaluation.view_known else "occluded",
-        "angles": {name: as_json(error) for name, error in evaluation.angles},
-        "longest_off": as_json(evaluation.longest_off),
-        "occluded_frames": as_json(evaluation.occluded_frames),
-        "clear_frames": as_json(evaluation.clear_frames),
-        "contacts": _contacts(evaluation),
+        "angles": dict(evaluation.angles),
+        **_named(evaluation, "longest_off", "occluded_frames", "clear_frames"),
+        "contacts": contacts and {**as_json(contacts.overall), "per_part": dict(contacts.per_part)},
     }
-    write_text_whole(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+    write_text_whole(path, json.dumps(as_json(document), indent=1, allow_nan=False) + "\n")
 
 
-def _contacts(evaluation: Evaluation) -> dict[str, Any] | None:
-    if evaluation.contacts is None:
-        return None
-    per_part = {name: as_json(score) for name, score in evaluation.contacts.per_part}
-    return {**as_json(evaluation.contacts.overall), "per_part": per_part}
+def _named(evaluation: Evaluation, *names: str) -> dict[str, Any]:
+    return {name: getattr(evaluation, name) for name in names}
 
 
 def contact_rows(contacts: ContactEvaluation) -> list[tuple[str, ...]]:
     """Rows of text (part, frames touched, precision, recall): all parts, then each that was touched or reported."""
     return [
-        (name.replace("_", " "), str(score.touched), *("–" if v is None else f"{100 * v:.0f}" for v in shares))
+        (name.replace("_", " "), str(score.touched), *_cells((score.precision, score.recall), 100, 0))
         for name, score in (("all parts", contacts.overall), *contacts.per_part)
-        for shares in ((score.precision, score.recall),)
     ]
 
 
@@ -72,15 +60,19 @@ def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
         ("frames called occluded", evaluation.occluded_frames),
         ("other frames", evaluation.clear_frames),
     ]
-    return [(name, *_cells(summary)) for name, summary in groups if summary.joint_frames]
+    return [
+        (name, *_cells((s.mean_mm, s.median_mm, s.p95_mm)), *_cells((s.lost_share, s.coverage_95), 100))
+        for name, s in groups
+        if s.joint_frames
+    ]
 
 
 def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
     """Rows of text (angle, mean error, 95 %, degrees, coverage)."""
     return [
-        (name.replace("_", " "), *(f"{v:.1f}" for v in (error.mean_abs_deg, error.p95_deg, 100 * error.coverage_95)))
+        (name.replace("_", " "), *_cells((error.mean_abs_deg, error.p95_deg)), *_cells((error.coverage_95,), 100))
         for name, error in evaluation.angles
-        if error.mean_abs_deg is not None and error.p95_deg is not None and error.coverage_95 is not None
+        if error.frames
     ]
 
 
@@ -136,9 +128,5 @@ def confidence_sentences(evaluation: Evaluation) -> list[str]:
     return sentences
 
 
-def _cells(summary: ErrorSummary) -> tuple[str, ...]:
-    lengths = (summary.mean_mm, summary.median_mm, summary.p95_mm)
-    shares = (summary.lost_share, summary.coverage_95)
-    return tuple("–" if v is None else f"{v:.1f}" for v in lengths) + tuple(
-        "–" if v is None else f"{100 * v:.1f}" for v in shares
-    )
+def _cells(values: Iterable[float | None], times: int = 1, digits: int = 1) -> list[str]:
+    return ["–" if value is None else f"{times * value:.{digits}f}" for value in values]

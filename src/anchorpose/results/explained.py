@@ -59,8 +59,8 @@ EXPLAINED: Final = FrameTable(
     file="explained.parquet",
     arrays=ExplainedTable,
     columns={
-        "uncovered_cm2": Numbers(("uncovered_cm2",), 0.0, LARGEST_CM2, TRACK_AGAIN, pa.float32()),
-        "seen_past": Numbers(tuple(f"{name}_seen_past" for name in PART_NAMES), 0.0, 1.0, TRACK_AGAIN, pa.float32()),
+        "uncovered_cm2": Numbers(("uncovered_cm2",), 0.0, LARGEST_CM2, pa.float32()),
+        "seen_past": Numbers(tuple(f"{name}_seen_past" for name in PART_NAMES), 0.0, 1.0, pa.float32()),
     },
     remedy=TRACK_AGAIN,
 )

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatch
+from itertools import chain, count
 from pathlib import Path
 from typing import Final
 
@@ -29,10 +30,11 @@ from anchorpose.recording.writable import check_place, new_folder, whole_file
 class FolderKind:
     """How a folder that a verb writes is recognised, and which files in it are the verb's own.
 
-    marks: files by which it is known, so that it may be replaced; own: patterns of paths in it, as of ``fnmatch``.
-    Files that match none of them are the user's: they are kept when the folder is replaced.
+    name: for messages. marks: files by which it is known, so that it may be replaced; own: patterns of paths in it, as
+    of ``fnmatch``. Files that match none of them are the user's: they are kept when the folder is replaced.
     """
 
+    name: str
     marks: tuple[str, ...]
     own: tuple[str, ...]
 
@@ -42,14 +44,15 @@ class FolderKind:
 
     def owns(self, file: str) -> bool:
         """Whether a file, by its path in the folder, is the verb's own."""
-        return is_own(file, self.own)
+        return _is_own_file(file, self.own)
 
 
-CALIBRATION: Final = FolderKind(("calibration.json",), ("calibration.json", "*.png"))
+CALIBRATION: Final = FolderKind("a calibration", ("calibration.json",), ("calibration.json", "*.png"))
 
 DISK_ERRORS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 
 RESULTS: Final = FolderKind(
+    "a results folder",
     ("run.json", "joints.parquet"),
     ("run.json", "*.parquet", "report.html", "pictures/*", "log.jsonl", ".log.jsonl.lock", "earlier-patient-*/*"),
 )
@@ -138,25 +141,22 @@ def _restore_replaced(target: Path, kind: FolderKind) -> None:
 
 def free_name(path: Path) -> Path:
     """``path``, or ``path`` with the first number behind it that is not taken."""
-    names = (path if number == 1 else path.with_name(f"{path.name}-{number}") for number in range(1, 10**6))
+    names = chain([path], (path.with_name(f"{path.name}-{number}") for number in count(2)))
     return next(name for name in names if not os.path.lexists(name))
 
 
-def is_own(file: str, own: Sequence[str]) -> bool:
-    """Whether the path of a file in its folder matches one of the patterns."""
+def _is_own_file(file: str, own: Sequence[str]) -> bool:
     return any(fnmatch(file, pattern) for pattern in own)
 
 
 def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
     """Deletes the own files of ``old`` and moves the folder to ``kept`` if others are left."""
     for file in [file for file in old.rglob("*") if not file.is_dir() or file.is_symlink()]:
-        if is_own(file.relative_to(old).as_posix(), own):
+        if _is_own_file(file.relative_to(old).as_posix(), own):
             file.unlink()
-    for folder in sorted((folder for folder in old.rglob("*") if folder.is_dir()), reverse=True):
+    for folder in [*sorted((folder for folder in old.rglob("*") if folder.is_dir()), reverse=True), old]:
         with suppress(OSError):  # not empty
             folder.rmdir()
-    with suppress(OSError):
-        old.rmdir()
     if old.exists():
         old.rename(kept)
 
@@ -174,13 +174,13 @@ def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind
     if not path.is_symlink():
         _restore_replaced(target, kind)
     if path.is_symlink() or (path.exists() and not path.is_dir()):
-        raise InputError(path, "is a file or a link", "choose another name for the results folder")
+        raise InputError(path, "is a file or a link", "choose another name")
     if os.path.ismount(target):
         raise InputError(path, "is where a disk is mounted", "choose a folder in it")
     if not path.exists() or not any(path.iterdir()):
         return
     if not kind.is_at(path):
-        raise InputError(path, "exists and is not a results folder", "choose another name; nothing in it was touched")
+        raise InputError(path, f"exists and is not {kind.name}", "choose another name; nothing in it was touched")
     if not overwrite:
         raise InputError(path, "exists already", "choose another name, or give --overwrite to replace it")
 
@@ -286,19 +286,17 @@ def _claimed(work: Path, path: Path) -> Iterator[None]:
 
 
 def _is_own(work: Path) -> bool:
-    try:
+    with suppress(InputError):
         _require_own(work)
-    except InputError:
-        return False
-    return True
+        return True
+    return False
 
 
 def _require_own(work: Path) -> None:
     """Raises InputError unless this program has made the folder, and nothing in it leads out of it."""
-    try:
+    marked = False
+    with suppress(InputError):
         marked = not work.is_symlink() and read_text(work / MARK_FILE) == MARK
-    except InputError:
-        marked = False
     if not marked:
         raise InputError(work, "is in the way, and not of an unfinished run", "rename it")
     if link := next((entry for entry in work.rglob("*") if entry.is_symlink()), None):

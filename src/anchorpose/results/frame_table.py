@@ -34,7 +34,6 @@ class Numbers:
     names: tuple[str, ...]
     least: float
     most: float
-    remedy: str
     type: pa.DataType = field(default_factory=pa.float64)
 
     def schema(self) -> list[pa.Field]:
@@ -46,11 +45,11 @@ class Numbers:
         flat = values.astype(self.type.to_pandas_dtype(), copy=False).reshape(-1, len(self.names))
         return [pa.array(column, self.type, from_pandas=True) for column in flat.T]
 
-    def to_numpy(self, path: Path, table: pa.Table) -> np.ndarray:
+    def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
         """(rows, names), or (rows,) where there is one name; raises InputError for a number that cannot be."""
         columns = [table[name].to_numpy(zero_copy_only=False) for name in self.names]
         for name, values in zip(self.names, columns, strict=True):
-            require_within(path, name, values[~np.isnan(values)], (self.least, self.most), self.remedy)
+            require_within(path, name, values[~np.isnan(values)], (self.least, self.most), remedy)
         return columns[0] if len(columns) == 1 else np.stack(columns, axis=1)
 
 
@@ -60,7 +59,6 @@ class Codes:
 
     name: str
     texts: tuple[str, ...]
-    remedy: str
 
     def schema(self) -> list[pa.Field]:
         """A text in every row."""
@@ -70,9 +68,9 @@ class Codes:
         """The column of an array."""
         return [pa.array(np.array(self.texts, dtype=object)[values.ravel()], pa.string())]
 
-    def to_numpy(self, path: Path, table: pa.Table) -> np.ndarray:
+    def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
         """(rows,) int8; raises InputError for a text that is not one of ``texts``."""
-        return _codes(path, table[self.name], self.name, self.texts, self.remedy).astype(np.int8)
+        return _codes(path, table[self.name], self.name, self.texts, remedy).astype(np.int8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +87,7 @@ class Flags:
         """The column of an array."""
         return [pa.array(values == 1, mask=values == UNKNOWN)]
 
-    def to_numpy(self, path: Path, table: pa.Table) -> np.ndarray:
+    def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
         """(rows,) int8."""
         column = table[self.name].cast(pa.int8()).fill_null(UNKNOWN)
         flags: np.ndarray = column.to_numpy(zero_copy_only=False).astype(np.int8)
@@ -166,7 +164,7 @@ class FrameTable(Generic[Frames]):
         order = np.lexsort((thing, frame))
         self._require_complete(path, frame[order], thing[order], names)
         shape = (-1, count) if self.thing else (-1,)
-        columns = {name: column.to_numpy(path, table)[order] for name, column in self.columns.items()}
+        columns = {name: column.to_numpy(path, table, self.remedy)[order] for name, column in self.columns.items()}
         arrays: dict[str, Any] = {name: array.reshape(*shape, *array.shape[1:]) for name, array in columns.items()}
         arrays |= {name: table[name].to_numpy()[order[::count]] for name in ("frame", "time_s")}
         own_names = {"names": names} if self.thing and self.names is None else {}

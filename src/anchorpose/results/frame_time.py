@@ -75,13 +75,19 @@ def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float 
 
     longest_step_s: ``longest_known_gap_s`` where None, so that a dropped frame does not end a run.
     """
-    if not len(chosen):
-        return []
     longest_s = longest_known_gap_s(time_s) if longest_step_s is None else longest_step_s
-    joined = np.append(False, np.diff(time_s) <= longest_s)  # to the frame before
-    starts = np.flatnonzero(chosen & ~(joined & np.append(False, chosen[:-1])))
-    ends = np.flatnonzero(chosen & ~np.append(joined[1:] & chosen[1:], False))
-    return [slice(int(start), int(end) + 1) for start, end in zip(starts, ends, strict=True)]
+    return runs_of(chosen, np.diff(time_s) <= longest_s)
+
+
+def runs_of(chosen: np.ndarray, joined: np.ndarray | None = None) -> list[slice]:
+    """Runs of True in ``chosen`` (n,) bool.
+
+    joined (n - 1,) bool: whether a row and the next one belong together; None where all do.
+    """
+    together = chosen[:-1] & chosen[1:] & (True if joined is None else joined)
+    starts = np.flatnonzero(chosen & ~np.append(False, together)[: len(chosen)])
+    ends = np.flatnonzero(chosen & ~np.append(together, False)[: len(chosen)])
+    return [slice(start, end + 1) for start, end in zip(starts.tolist(), ends.tolist(), strict=True)]
 
 
 def worst_rows(badness: np.ndarray, time_s: np.ndarray, apart_s: float, most: int) -> list[int]:

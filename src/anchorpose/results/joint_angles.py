@@ -7,6 +7,7 @@ turned.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Final
 
@@ -78,25 +79,6 @@ def _flexion(axes: Axes, line: np.ndarray) -> np.ndarray:
     return np.arctan2(dot(line, axes.x), dot(line, axes.y))
 
 
-_HIPS, _SHOULDERS = ("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight")
-
-TRUNK: Final = (
-    AngleGroup(("trunk_flexion", "trunk_side_bend"), ("SpineBase", "SpineShoulder", *_HIPS), trunk_lean),
-    AngleGroup(("trunk_rotation",), _SHOULDERS, trunk_heading),
-    AngleGroup(
-        ("trunk_pelvis_flexion", "trunk_pelvis_side_bend", "trunk_pelvis_rotation"),
-        (*_HIPS, "SpineMid", "SpineShoulder", *_SHOULDERS),
-        trunk_on_pelvis,
-    ),
-)
-
-NECK: Final = (
-    AngleGroup(
-        ("neck_flexion", "neck_side_bend"), ("SpineMid", "SpineShoulder", *_SHOULDERS, "Neck", "Head"), neck_lean
-    ),
-)
-
-
 def pelvis_angles(points: Points) -> tuple[Reading, ...]:
     """Tilt (front down positive), obliquity (right hip higher positive), rotation (turned to the left positive)."""
     pelvis = pelvis_axes(points)
@@ -105,13 +87,6 @@ def pelvis_angles(points: Points) -> tuple[Reading, ...]:
     forward = unit(np.stack([z[2], np.zeros_like(level), -z[0]]))  # the world's vertical, crossed with z
     tilt = np.arctan2(dot(pelvis.y, forward), dot(pelvis.y, cross(z, forward)))
     return (tilt, level), (arcsin(z[1]), 1.0), (np.arctan2(z[0], z[2]), level)
-
-
-PELVIS: Final = (
-    AngleGroup(
-        ("pelvis_tilt", "pelvis_obliquity", "pelvis_rotation"), ("HipLeft", "HipRight", "SpineMid"), pelvis_angles
-    ),
-)
 
 
 SOLE_SLOPE_DEG: Final = 19.3
@@ -185,32 +160,6 @@ def _swing(up: np.ndarray, right: np.ndarray, thigh: np.ndarray) -> Reading:
     return np.arctan2(ahead, along), np.hypot(ahead, along)
 
 
-def _leg(side: str) -> tuple[AngleGroup, ...]:
-    end, hips = side.lower(), ("HipLeft", "HipRight")
-    knee, ankle, foot = (f"{name}{side}" for name in ("Knee", "Ankle", "Foot"))
-    return (
-        AngleGroup(
-            (f"hip_flexion_{end}",), ("SpineBase", "SpineShoulder", *hips, knee), partial(hip_to_trunk, side=side)
-        ),
-        AngleGroup(
-            (f"hip_pelvis_flexion_{end}", f"hip_adduction_{end}"),
-            ("SpineMid", *hips, knee),
-            partial(hip_to_pelvis, side=side),
-        ),
-        AngleGroup(
-            (f"hip_rotation_{end}",),
-            (*hips, knee, ankle),
-            partial(hip_rotation, side=side),
-            partial(hinge_sigma, limb=(f"Hip{side}", knee, ankle), aside_rad=VARUS_VALGUS_RAD),
-        ),
-        AngleGroup((f"knee_flexion_{end}",), (*hips, knee, ankle), partial(knee_flexion, side=side)),
-        AngleGroup((f"ankle_dorsiflexion_{end}",), (knee, ankle, foot), partial(ankle_dorsiflexion, side=side)),
-    )
-
-
-LEGS: Final = (*_leg("Left"), *_leg("Right"))
-
-
 CARRYING_RAD: Final = np.radians(5.0)
 """One standard deviation of the elbow's carrying angle; assumed, not measured here."""
 
@@ -255,27 +204,60 @@ def elbow_flexion(points: Points, side: str) -> tuple[Reading, ...]:
     return ((between(elbow - shoulder, wrist - elbow), 1.0),)
 
 
-def _arm(side: str) -> tuple[AngleGroup, ...]:
-    end, trunk = side.lower(), ("SpineBase", "SpineShoulder")
-    shoulder, elbow, wrist = (f"{name}{side}" for name in ("Shoulder", "Elbow", "Wrist"))
-    return (
-        AngleGroup((f"shoulder_elevation_{end}",), (*trunk, shoulder, elbow), partial(shoulder_elevation, side=side)),
+_HINGES: Final = {
+    hip_rotation: ("Hip* Knee* Ankle*", VARUS_VALGUS_RAD),
+    shoulder_rotation: ("Shoulder* Elbow* Wrist*", CARRYING_RAD),
+}
+"""Of angles by a limb's plane of bending: its joints, and how far it is bowed to a side."""
+
+
+def _sided(*rows: tuple[str, str, Callable[..., tuple[Reading, ...]]]) -> tuple[AngleGroup, ...]:
+    """The left groups, then the right ones, from rows of names, joints (with ``*`` for the side) and formula."""
+    return tuple(
         AngleGroup(
-            (f"shoulder_plane_{end}",),
-            (*trunk, "ShoulderLeft", "ShoulderRight", elbow),
-            partial(shoulder_plane, side=side),
-        ),
-        AngleGroup(
-            (f"shoulder_rotation_{end}",),
-            (*trunk, "ShoulderLeft", "ShoulderRight", elbow, wrist),
-            partial(shoulder_rotation, side=side),
-            partial(hinge_sigma, limb=(shoulder, elbow, wrist), aside_rad=CARRYING_RAD),
-        ),
-        AngleGroup((f"elbow_flexion_{end}",), (shoulder, elbow, wrist), partial(elbow_flexion, side=side)),
+            tuple(f"{name}_{side.lower()}" for name in names.split()),
+            tuple(joints.replace("*", side).split()),
+            partial(formula, side=side),
+            _own_sigma(side, *_HINGES[formula]) if formula in _HINGES else None,
+        )
+        for side in ("Left", "Right")
+        for names, joints, formula in rows
     )
 
 
-ARMS: Final = (*_arm("Left"), *_arm("Right"))
+def _own_sigma(side: str, limb: str, aside_rad: float) -> Callable[[Points], np.ndarray]:
+    root, hinge, end = limb.replace("*", side).split()
+    return partial(hinge_sigma, limb=(root, hinge, end), aside_rad=aside_rad)
+
+
+_HIPS, _SHOULDERS = ("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight")
+
+TRUNK: Final = (
+    AngleGroup(("pelvis_tilt", "pelvis_obliquity", "pelvis_rotation"), (*_HIPS, "SpineMid"), pelvis_angles),
+    AngleGroup(("trunk_flexion", "trunk_side_bend"), ("SpineBase", "SpineShoulder", *_HIPS), trunk_lean),
+    AngleGroup(("trunk_rotation",), _SHOULDERS, trunk_heading),
+    AngleGroup(
+        ("trunk_pelvis_flexion", "trunk_pelvis_side_bend", "trunk_pelvis_rotation"),
+        (*_HIPS, "SpineMid", "SpineShoulder", *_SHOULDERS),
+        trunk_on_pelvis,
+    ),
+    AngleGroup(
+        ("neck_flexion", "neck_side_bend"), ("SpineMid", "SpineShoulder", *_SHOULDERS, "Neck", "Head"), neck_lean
+    ),
+)
+LEGS: Final = _sided(
+    ("hip_flexion", "SpineBase SpineShoulder HipLeft HipRight Knee*", hip_to_trunk),
+    ("hip_pelvis_flexion hip_adduction", "SpineMid HipLeft HipRight Knee*", hip_to_pelvis),
+    ("hip_rotation", "HipLeft HipRight Knee* Ankle*", hip_rotation),
+    ("knee_flexion", "HipLeft HipRight Knee* Ankle*", knee_flexion),
+    ("ankle_dorsiflexion", "Knee* Ankle* Foot*", ankle_dorsiflexion),
+)
+ARMS: Final = _sided(
+    ("shoulder_elevation", "SpineBase SpineShoulder Shoulder* Elbow*", shoulder_elevation),
+    ("shoulder_plane", "SpineBase SpineShoulder ShoulderLeft ShoulderRight Elbow*", shoulder_plane),
+    ("shoulder_rotation", "SpineBase SpineShoulder ShoulderLeft ShoulderRight Elbow* Wrist*", shoulder_rotation),
+    ("elbow_flexion", "Shoulder* Elbow* Wrist*", elbow_flexion),
+)
 
 
 AT_ONCE: Final = 128
@@ -326,7 +308,7 @@ def _shorter_way(angle: np.ndarray) -> np.ndarray:
     return turn
 
 
-ANGLE_GROUPS: Final = (*PELVIS, *TRUNK, *NECK, *LEGS, *ARMS)
+ANGLE_GROUPS: Final = (*TRUNK, *LEGS, *ARMS)
 
 ANGLE_NAMES: Final = tuple(name for group in ANGLE_GROUPS for name in group.names)
 """The angles that joint centres determine, in the order of the table."""

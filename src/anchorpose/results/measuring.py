@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from anchorpose.results.stand_training.extension import (
     range_measures,
     symmetry_measures,
 )
-from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, upright
+from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, unknown, upright
 from anchorpose.results.stand_training.steps import find_steps, step_episodes, step_measures
 from anchorpose.results.stand_training.tasks import task_measures
 from anchorpose.results.stand_training.upright import (
@@ -130,7 +130,7 @@ def assistance_measures(session: Session) -> list[Measure]:
     contacts = session.contacts
     if contacts is None or not session.found.any():
         why = NO_CONTACTS if contacts is None else NEVER_FOUND
-        return [Measure(measure=name, value=None, unit=unit, frames=0, why=why) for name, unit in CONTACT_MEASURES]
+        return [unknown(name, unit, why) for name, unit in CONTACT_MEASURES]
     groups: dict[tuple[str | None, str | None], list[Contact]] = {(None, None): list(contacts)}
     parts, persons = sorted({c.part for c in contacts}), sorted({c.person for c in contacts})
     for key in (*((None, who) for who in persons), *((part, None) for part in parts), *product(parts, persons)):
@@ -150,20 +150,10 @@ def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, p
     time_s, sigma_s = time_with_sigma(touch, session.seconds, session.joints.time_s)
     frames, shared = int((touch.at_once > 0).sum()), inferred_touch_share(touch)
     side = next((end for end in ("left", "right") if part is not None and part.endswith(f"_{end}")), None)
-    rows = [("assistance_time", time_s, "s", sigma_s), ("contacts", float(len(contacts)), "count", None)]
+    common: dict[str, Any] = {"side": side, "part": part, "person": person, "frames": frames, "inferred_share": shared}
     return [
-        Measure(
-            measure=name,
-            side=side,
-            part=part,
-            person=person,
-            value=value,
-            unit=unit,
-            sigma=sigma,
-            frames=frames,
-            inferred_share=shared,
-        )
-        for name, value, unit, sigma in rows
+        Measure(measure="assistance_time", value=time_s, unit="s", sigma=sigma_s, **common),
+        Measure(measure="contacts", value=float(len(contacts)), unit="count", **common),
     ]
 
 
@@ -172,10 +162,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
     if not upright_s:
-        return [
-            Measure(measure=name, value=None, unit=unit, frames=0, why=NO_UPRIGHT)
-            for name, unit in CONTACT_MEASURES[2:]
-        ]
+        return [unknown(name, unit, NO_UPRIGHT) for name, unit in CONTACT_MEASURES[2:]]
     helped = touch_of(session.joints.frame, contacts).where(session.found & standing)
     at_once = helped.at_once[standing]
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)

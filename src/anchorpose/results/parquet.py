@@ -9,7 +9,8 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Final, Generic, TypeVar
+from types import NoneType
+from typing import Any, Final, Generic, TypeVar, get_args, get_type_hints
 
 import numpy as np
 import pyarrow as pa
@@ -105,9 +106,23 @@ def pieces(file: Any) -> Iterator[pa.Table]:
             yield pa.Table.from_batches([batch])
 
 
-def required(**types: pa.DataType) -> list[pa.Field]:
-    """Columns of these names and types, in this order, in which no value is null."""
-    return [pa.field(name, kind, nullable=False) for name, kind in types.items()]
+_TYPES: Final = {int: pa.int32(), float: pa.float64(), bytes: pa.binary()}
+
+
+def schema_of(record: type, *names: str) -> pa.Schema:
+    """Return the columns of a record's attributes and properties, by default of all attributes in their order.
+
+    A column may be null where its type allows None; a type that is no number and no bytes is a text.
+    """
+    hints = get_type_hints(record)
+    hints |= {name: get_type_hints(getattr(record, name).fget)["return"] for name in names if name not in hints}
+    types = {name: hints[name] for name in names or hints}
+    return pa.schema(
+        [
+            pa.field(name, _TYPES.get((get_args(kind) or (kind,))[0], pa.string()), NoneType in get_args(kind))
+            for name, kind in types.items()
+        ]
+    )
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, STATE_CODE, JointState
-from anchorpose.results.frame_time import longest_even_step_s, unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import longest_even_step_s, runs_of, unbroken_runs, usual_step_s
 from anchorpose.results.joint_angles import ANGLE_GROUPS, joint_angles
 from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.results.uncertainty import random_sigma, systematic_sigma
@@ -200,10 +200,9 @@ def fill_gaps(
 
 def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -> list[tuple[int, int]]:
     """First frame and one past the last of the gaps that may be filled."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], known, [True]])))
     found = []
     longest_step = longest_even_step_s(time_s)
-    for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for start, stop in ((run.start, run.stop) for run in runs_of(~known)):
         first, last = start - reach, stop + reach
         if first < 0 or last > len(known) or not (known[first:start].all() and known[stop:last].all()):
             continue

@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
-import pyarrow as pa
 import pyarrow.compute as pc
 
 from anchorpose import __version__
@@ -29,7 +28,7 @@ from anchorpose.results.parquet import (
     read_any_parquet,
     read_parquet_schema,
     require_columns,
-    required,
+    schema_of,
 )
 
 SEEN, INFERRED = "seen", "inferred"
@@ -72,20 +71,7 @@ _SPAN_LIMITS: Final = {
 CONTACTS: Final = RecordTable(
     file="contacts.parquet",
     record=Contact,
-    schema=pa.schema(
-        required(
-            part=pa.string(),
-            person=pa.string(),
-            first_frame=pa.int32(),
-            last_frame=pa.int32(),
-            start_s=pa.float64(),
-            end_s=pa.float64(),
-            state=pa.string(),
-            seen_share=pa.float64(),
-            area_cm2=pa.float64(),
-            gap_mm=pa.float64(),
-        )
-    ),
+    schema=schema_of(Contact, "part", "person", *_SPAN_LIMITS, "state", "seen_share", "area_cm2", "gap_mm"),
     known={"part": REGIONS},
     limits={**_SPAN_LIMITS, "seen_share": (0, 1), "area_cm2": (0, LARGEST_VALUE), "gap_mm": (-1e6, 1e6)},
     remedy=TRACK_AGAIN,
@@ -124,16 +110,7 @@ class Episode:
 EPISODES: Final = RecordTable(
     file="episodes.parquet",
     record=Episode,
-    schema=pa.schema(
-        required(
-            kind=pa.string(),
-            first_frame=pa.int32(),
-            last_frame=pa.int32(),
-            start_s=pa.float64(),
-            end_s=pa.float64(),
-            state=pa.string(),
-        )
-    ),
+    schema=schema_of(Episode),
     known={"kind": EPISODE_KINDS, "state": tuple(str(state) for state in JointState)},
     limits=_SPAN_LIMITS,
     remedy=MEASURE_AGAIN,
@@ -142,7 +119,7 @@ EPISODES_FILE: Final = EPISODES.file
 
 
 def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
-    """Writes episodes.parquet in the order in which they begin."""
+    """Write episodes.parquet in the order in which they begin."""
     EPISODES.write(path, sorted(episodes, key=lambda each: (each.start_s, EPISODE_KINDS.index(each.kind))))
 
 
@@ -163,11 +140,11 @@ class Measure:
     """
 
     measure: str
-    value: float | None
-    unit: str
     side: str | None = None
     part: str | None = None
     person: str | None = None
+    value: float | None
+    unit: str
     sigma: float | None = None
     frames: int
     inferred_share: float | None = None
@@ -181,20 +158,7 @@ class Measure:
 MEASURES: Final = RecordTable(
     file="measures.parquet",
     record=Measure,
-    schema=pa.schema(
-        [
-            pa.field("measure", pa.string(), nullable=False),
-            pa.field("side", pa.string()),
-            pa.field("part", pa.string()),
-            pa.field("person", pa.string()),
-            pa.field("value", pa.float64()),
-            pa.field("unit", pa.string(), nullable=False),
-            pa.field("sigma", pa.float64()),
-            pa.field("frames", pa.int32(), nullable=False),
-            pa.field("inferred_share", pa.float64()),
-            pa.field("why", pa.string()),
-        ]
-    ),
+    schema=schema_of(Measure),
     limits={
         "value": (-LARGEST_VALUE, LARGEST_VALUE),
         "sigma": (0, LARGEST_VALUE),
@@ -262,7 +226,7 @@ class LabelImage:
 PEOPLE: Final = RecordTable(
     file="people.parquet",
     record=LabelImage,
-    schema=pa.schema(required(frame=pa.int32(), camera=pa.string(), labels=pa.binary())),
+    schema=schema_of(LabelImage),
     rows_per_group=256,  # about half a megabyte
     remedy=TRACK_AGAIN,
 )

@@ -83,11 +83,9 @@ def reviewed_recording(
         for path, digest in inputs_sha256
         if path.endswith("/timestamps.csv") or path.split("/")[-2:-1] == ["depth"]
     )
-    whole = hashlib.sha256()
-    for line in lines:
-        whole.update(line.encode())
+    whole = hashlib.sha256("".join(lines).encode()).hexdigest()
     cameras = tuple(ReviewedCamera(name, pose, (clocks or {}).get(name)) for name, pose in T_world_camera.items())
-    return ReviewedRecording(name, whole.hexdigest(), cameras, floor_height_m)
+    return ReviewedRecording(name, whole, cameras, floor_height_m)
 
 
 def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
@@ -108,16 +106,11 @@ def poses_of(cameras: Iterable[Camera]) -> dict[str, np.ndarray | None]:
 
 def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None]) -> bool:
     """Whether two sets of camera poses, (4, 4) by name, are the same but for rounding."""
-    if a.keys() != b.keys():
-        return False
-    for name, pose in a.items():
-        other = b[name]
-        if pose is None or other is None:
-            if pose is not other:
-                return False
-        elif not np.allclose(pose, other, rtol=0, atol=SAME_WORLD_M):
-            return False
-    return True
+    nowhere = np.full((4, 4), np.nan)
+    first, second = ([nowhere if pose is None else pose for _, pose in sorted(poses.items())] for poses in (a, b))
+    pairs = zip(first, second, strict=False)
+    same = (np.allclose(one, other, rtol=0, atol=SAME_WORLD_M, equal_nan=True) for one, other in pairs)
+    return a.keys() == b.keys() and all(same)
 
 
 SAME_WORLD_M: Final = 0.001

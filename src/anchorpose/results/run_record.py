@@ -272,20 +272,15 @@ def _goes_on(interval: PoorInterval, frame: int, poor: PoorDepth) -> bool:
     return (interval.camera, interval.kind, interval.last_frame) == (poor.camera, poor.kind, frame - 1)
 
 
-_WHERE_ONLY: Final = "joints show where the patient is, not the posture"
+_TOO_COARSE: Final = {PoorKind.EDGES: "edges are drawn out over", PoorKind.STEPS: "depth has steps of"}
 
 
 def sentence(poor: PoorDepth) -> str:
     """For people, without a full stop."""
-    if poor.kind is PoorKind.EDGES:
+    if poor.kind in _TOO_COARSE:
         return (
-            f"camera {poor.camera}: edges are drawn out over {1000 * poor.amount:.0f} mm at the patient, "
-            f"more than an arm is thick: {_WHERE_ONLY}"
-        )
-    if poor.kind is PoorKind.STEPS:
-        return (
-            f"camera {poor.camera}: depth has steps of {1000 * poor.amount:.0f} mm at the patient, "
-            f"more than an arm is thick: {_WHERE_ONLY}"
+            f"camera {poor.camera}: {_TOO_COARSE[poor.kind]} {1000 * poor.amount:.0f} mm at the patient, "
+            "more than an arm is thick: joints show where the patient is, not the posture"
         )
     return (
         f"camera {poor.camera}: {100 * poor.amount:.0f} % of the patient's skin towards it has no usable reading: "

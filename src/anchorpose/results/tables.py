@@ -92,9 +92,9 @@ JOINTS: Final = FrameTable(
     thing="joint",
     names=JOINT_NAMES,
     columns={
-        "position_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, TRACK_AGAIN),
-        "state_code": Codes("state", _STATES, TRACK_AGAIN),
-        "sigma_m": Numbers(("sigma_m",), 0.0, FARTHEST_CAMERA_M, TRACK_AGAIN),
+        "position_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M),
+        "state_code": Codes("state", _STATES),
+        "sigma_m": Numbers(("sigma_m",), 0.0, FARTHEST_CAMERA_M),
     },
     agree=lambda joints: bool(_numbers_agree(joints).all()),
     remedy=TRACK_AGAIN,
@@ -131,8 +131,8 @@ ANCHORS: Final = FrameTable(
     thing="anchor",
     names=ANCHOR_NAMES,
     columns={
-        "position_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, TRACK_AGAIN),
-        "sigma_m": Numbers(("sigma_m",), 0.0, FARTHEST_CAMERA_M, TRACK_AGAIN),
+        "position_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M),
+        "sigma_m": Numbers(("sigma_m",), 0.0, FARTHEST_CAMERA_M),
     },
     remedy=TRACK_AGAIN,
 )
@@ -160,9 +160,9 @@ class AngleTable:
 
 
 _ANGLE_COLUMNS: Final[dict[str, Column]] = {
-    "degrees": Numbers(("degrees",), -LARGEST_DEG, LARGEST_DEG, MEASURE_AGAIN),
-    "state_code": Codes("state", _STATES, MEASURE_AGAIN),
-    "sigma_deg": Numbers(("sigma_deg",), 0.0, LARGEST_SIGMA, MEASURE_AGAIN),
+    "degrees": Numbers(("degrees",), -LARGEST_DEG, LARGEST_DEG),
+    "state_code": Codes("state", _STATES),
+    "sigma_deg": Numbers(("sigma_deg",), 0.0, LARGEST_SIGMA),
 }
 
 ANGLES: Final = FrameTable(
@@ -190,7 +190,7 @@ ANGLES_PROCESSED: Final = FrameTable(
     file="angles_processed.parquet",
     arrays=ProcessedAngles,
     thing="angle",
-    columns={**_ANGLE_COLUMNS, "processing": Codes("processing", PROCESSING, MEASURE_AGAIN)},
+    columns={**_ANGLE_COLUMNS, "processing": Codes("processing", PROCESSING)},
     text=("policy", "processing_policy"),
     remedy=MEASURE_AGAIN,
 )
@@ -222,10 +222,10 @@ POSTURE: Final = FrameTable(
     file="posture.parquet",
     arrays=PostureTable,
     columns={
-        "com_m": Numbers(("com_x_m", "com_y_m", "com_z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, MEASURE_AGAIN),
-        "com_sigma_m": Numbers(("com_sigma_m",), 0.0, FARTHEST_CAMERA_M, MEASURE_AGAIN),
+        "com_m": Numbers(("com_x_m", "com_y_m", "com_z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M),
+        "com_sigma_m": Numbers(("com_sigma_m",), 0.0, FARTHEST_CAMERA_M),
         "upright": Flags("upright"),
-        "state_code": Codes("state", _STATES, MEASURE_AGAIN),
+        "state_code": Codes("state", _STATES),
     },
     remedy=MEASURE_AGAIN,
 )
@@ -267,9 +267,9 @@ POSES: Final = FrameTable(
     thing="bone",
     names=MOVING_BONES,
     columns={
-        "head_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, TRACK_AGAIN, pa.float32()),
-        "quaternion": Numbers(("qw", "qx", "qy", "qz"), -1.001, 1.001, TRACK_AGAIN, pa.float32()),
-        "axial_sigma_rad": Numbers(("axial_sigma_rad",), 0.0, LARGEST_SIGMA, TRACK_AGAIN, pa.float32()),
+        "head_m": Numbers(("x_m", "y_m", "z_m"), -FARTHEST_CAMERA_M, FARTHEST_CAMERA_M, pa.float32()),
+        "quaternion": Numbers(("qw", "qx", "qy", "qz"), -1.001, 1.001, pa.float32()),
+        "axial_sigma_rad": Numbers(("axial_sigma_rad",), 0.0, LARGEST_SIGMA, pa.float32()),
     },
     remedy=TRACK_AGAIN,
 )

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -157,10 +158,14 @@ def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
     """The hash of each file as it was written last: the log knows of tables that were measured again."""
     if run is None:
         run = read_run(results / RUN_FILE) if is_there(results / RUN_FILE) else {}
-    written = run.get("outputs_sha256", {})
-    logged: dict[str, str | None] = dict(written)
     log = read_log(results) if is_there(results / LOG_FILE) else None
-    for event in log.events if log else ():
+    return _last_written(run.get("outputs_sha256", {}), log or Log((), ()))
+
+
+def _last_written(written: Mapping[str, str], log: Log) -> dict[str, str]:
+    """The hash of each file by run.json and the log, without those that were removed."""
+    logged: dict[str, str | None] = dict(written)
+    for event in log.events:
         logged |= event.files
     return {name: digest for name, digest in logged.items() if digest is not None}
 
@@ -219,13 +224,9 @@ def verify(results: Path, recording: Path | None) -> Verified:
 
 def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fits]:
     """The last entry about a file says what it must be; an export may have been moved elsewhere."""
-    logged: dict[str, tuple[str, str | None]] = {
-        name: (event.what, digest) for event in log.events for name, digest in event.files.items()
-    }
-    wanted = {**written, **{name: digest for name, (_, digest) in logged.items() if digest is not None}}
-    wanted = {name: digest for name, digest in wanted.items() if name not in logged or logged[name][1] is not None}
-    found = _hashes(results, wanted)
-    outputs = _compare(wanted, found)
+    logged = {name: (event.what, digest) for event in log.events for name, digest in event.files.items()}
+    wanted = _last_written(written, log)
+    outputs = _compare(wanted, _hashes(results, wanted))
     for name, (what, _) in logged.items():
         if what == "export" and outputs.get(name) is Fits.MISSING:
             del outputs[name]
@@ -242,16 +243,9 @@ def _hashes(results: Path, wanted: Iterable[str]) -> dict[str, str]:
 
 
 def _compare(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, Fits]:
-    names = sorted(before.keys() | now.keys())
-    return {name: _fits(before.get(name), now.get(name)) for name in names}
-
-
-def _fits(before: str | None, now: str | None) -> Fits:
-    if before is None:
-        return Fits.ADDED
-    if now is None:
-        return Fits.MISSING
-    return Fits.SAME if before == now else Fits.CHANGED
+    changed = {name: Fits.SAME if before[name] == now[name] else Fits.CHANGED for name in before.keys() & now.keys()}
+    one_side = {name: Fits.ADDED if name in now else Fits.MISSING for name in before.keys() ^ now.keys()}
+    return dict(sorted((changed | one_side).items()))
 
 
 def _inputs(run: Mapping[str, Any], recording: Path | None) -> dict[str, Fits] | None:
@@ -259,8 +253,7 @@ def _inputs(run: Mapping[str, Any], recording: Path | None) -> dict[str, Fits] |
     if recording is None:
         return None
     found = dict(hash_files(input_files(open_recording(recording)), recording))
-    motions = {name for name in run["inputs_sha256"] if name.endswith(".npz")}
-    return _compare({name: sha for name, sha in run["inputs_sha256"].items() if name not in motions}, found)
+    return _compare({name: sha for name, sha in run["inputs_sha256"].items() if not name.endswith(".npz")}, found)
 
 
 def _program(run: Mapping[str, Any]) -> tuple[str, ...]:
@@ -280,16 +273,13 @@ def _corrections(run: Mapping[str, Any]) -> tuple[str, ...]:
     given = run.get("corrections")
     if not given:
         return ()
-    sentences = []
-    if given.get("patient"):
-        one = given["patient"]
-        sentences.append(f"{one['who']} named the patient in frame {one['frame']} on {one['when'][:10]}")
-    counts: dict[tuple[str, str], int] = {}
-    for one in given.get("joints", ()):
-        counts[one["who"], one["when"][:10]] = counts.get((one["who"], one["when"][:10]), 0) + 1
-    sentences += [f"{who} corrected {count} joints on {day}" for (who, day), count in counts.items()]
-    sentences += [
-        f"{one['who']} marked frames {one['first_frame']} to {one['last_frame']} as unusable on {one['when'][:10]}"
-        for one in given.get("unusable", ())
-    ]
-    return tuple(sentences)
+    patient = [given["patient"]] if given.get("patient") else []
+    counts = Counter((one["who"], one["when"][:10]) for one in given.get("joints", ()))
+    return (
+        *(f"{one['who']} named the patient in frame {one['frame']} on {one['when'][:10]}" for one in patient),
+        *(f"{who} corrected {count} joints on {day}" for (who, day), count in counts.items()),
+        *(
+            f"{one['who']} marked frames {one['first_frame']} to {one['last_frame']} as unusable on {one['when'][:10]}"
+            for one in given.get("unusable", ())
+        ),
+    )

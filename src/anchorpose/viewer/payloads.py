@@ -48,25 +48,10 @@ def pack(meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
     return b"".join(parts)
 
 
-def unpack(data: bytes) -> tuple[Any, dict[str, np.ndarray]]:
-    """The meta and the arrays of ``pack``: the counterpart in Python of what the page does in JavaScript."""
-    if data[:4] != MAGIC:
-        raise ValueError("these bytes were not made by pack")
-    (length,) = struct.unpack_from("<I", data, 4)
-    head, first = json.loads(data[8 : 8 + length]), _up(8 + length)
-    arrays = {}
-    for entry in head["arrays"]:
-        kind = np.dtype(entry["type"]).newbyteorder("<")
-        count = int(np.prod(entry["shape"], dtype=np.int64))
-        arrays[entry["name"]] = np.frombuffer(data, kind, count, first + entry["start"]).reshape(entry["shape"])
-    return head["meta"], arrays
-
-
 def _up(place: int) -> int:
     return place + -place % ALIGNED
 
 
-MILLIMETRES: Final = 1000.0
 MOST_FRAMES: Final = 32  # in one answer
 SAMPLED: Final = 2000  # frames that the middle of the view is taken from
 MOST_ROWS: Final = 512  # frames of the tables in one answer: some hundred kilobytes
@@ -104,20 +89,20 @@ def motion_payload(review: Review, first: int, count: int) -> bytes:
     rows = _rows(len(review.joints.frame), first, count, MOST_ROWS)
     joints, angles = review.joints, review.angles
     arrays: dict[str, np.ndarray] = {
-        "joints": joints.position_m[rows].astype(np.float32),
-        "sigma": joints.sigma_m[rows].astype(np.float32),
-        "state": joints.state_code[rows].astype(np.uint8),
-        "angles": angles.degrees[rows].astype(np.float32),
-        "angle_sigma": angles.sigma_deg[rows].astype(np.float32),
-        "angle_state": angles.state_code[rows].astype(np.uint8),
+        "joints": joints.position_m[rows],
+        "sigma": joints.sigma_m[rows],
+        "state": joints.state_code[rows],
+        "angles": angles.degrees[rows],
+        "angle_sigma": angles.sigma_deg[rows],
+        "angle_state": angles.state_code[rows],
     }
     if review.poses is not None:
-        poses = np.concatenate([review.poses.head_m[rows], review.poses.quaternion[rows]], axis=2)
-        arrays["poses"] = poses.astype(np.float32)
+        arrays["poses"] = np.concatenate([review.poses.head_m[rows], review.poses.quaternion[rows]], axis=2)
     if review.anchors is not None:
-        anchors = np.concatenate([review.anchors.position_m[rows], review.anchors.sigma_m[rows][..., None]], axis=2)
-        arrays["anchors"] = anchors.astype(np.float32)
-    return pack({"first": first}, arrays)
+        sigma_m = review.anchors.sigma_m[rows][..., None]
+        arrays["anchors"] = np.concatenate([review.anchors.position_m[rows], sigma_m], axis=2)
+    types = {name: np.uint8 if name.endswith("state") else np.float32 for name in arrays}
+    return pack({"first": first}, {name: array.astype(types[name]) for name, array in arrays.items()})
 
 
 def curves_payload(review: Review, first: int, count: int) -> bytes:
@@ -130,20 +115,16 @@ def curves_payload(review: Review, first: int, count: int) -> bytes:
     frames = len(review.joints.frame)
     rows, table = _rows(frames, first, count, frames), review.angles
     kept = [rows.start + each for each in thinned(table.degrees[rows], table.sigma_deg[rows], table.state_code[rows])]
-    angle, row = (
-        np.repeat(np.arange(len(kept)), [len(each) for each in kept]),
-        np.concatenate([np.empty(0, int), *kept]),
-    )
-    return pack(
-        {},
-        {
-            "start": np.cumsum([0, *map(len, kept)]).astype(np.int32),
-            "row": row.astype(np.int32),
-            "degrees": table.degrees[row, angle].astype(np.float32),
-            "sigma": table.sigma_deg[row, angle].astype(np.float32),
-            "state": table.state_code[row, angle].astype(np.uint8),
-        },
-    )
+    counts, row = [len(each) for each in kept], np.concatenate([np.empty(0, int), *kept])
+    angle = np.repeat(np.arange(len(kept)), counts)
+    arrays = {
+        "start": np.cumsum([0, *counts]).astype(np.int32),
+        "row": row.astype(np.int32),
+        "degrees": table.degrees[row, angle].astype(np.float32),
+        "sigma": table.sigma_deg[row, angle].astype(np.float32),
+        "state": table.state_code[row, angle].astype(np.uint8),
+    }
+    return pack({}, arrays)
 
 
 INTERVALS: Final = 800
@@ -183,10 +164,7 @@ def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool
     Frame by frame, camera by camera; meta counts has one list per frame with one count per camera. A point in the
     world is ``T_world_camera @ (ray x, ray y, 1) * grey * depth_scale``.
     """
-    frames = [
-        depth_frames.points(position, room)
-        for position in range(len(depth_frames.frame))[_rows(len(depth_frames.frame), first, count)]
-    ]
+    frames = [depth_frames.points(position, room) for position in _positions(depth_frames, first, count)]
     meta: dict[str, Any] = {
         "first": first,
         "counts": [[len(camera) for camera in cameras] for cameras, _ in frames],
@@ -201,13 +179,10 @@ def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
 
     meta counts has [vertices, faces] of each frame; a frame's faces count from its own first vertex.
     """
-    frames = [
-        depth_frames.surface(position)
-        for position in range(len(depth_frames.frame))[_rows(len(depth_frames.frame), first, count)]
-    ]
+    frames = [depth_frames.surface(position) for position in _positions(depth_frames, first, count)]
     meta = {"first": first, "counts": [[len(vertices), len(faces)] for vertices, faces in frames]}
     limits = np.iinfo(np.int16)
-    vertices_mm = np.rint(MILLIMETRES * np.concatenate([vertices for vertices, _ in frames]))
+    vertices_mm = np.rint(1000.0 * np.concatenate([vertices for vertices, _ in frames]))
     return pack(
         meta,
         {
@@ -217,7 +192,12 @@ def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
     )
 
 
-def _rows(frames: int, first: int, count: int, most: int = MOST_FRAMES) -> slice:
+def _positions(depth_frames: DepthFrames, first: int, count: int) -> range:
+    frames = len(depth_frames.frame)
+    return range(frames)[_rows(frames, first, count, MOST_FRAMES)]
+
+
+def _rows(frames: int, first: int, count: int, most: int) -> slice:
     """Raises ValueError for frames that do not exist, or more than ``most``."""
     if not (0 <= first < frames and 1 <= count <= most):
         raise ValueError(f"there are no frames {first} to {first + count - 1}")

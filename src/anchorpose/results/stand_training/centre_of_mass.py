@@ -17,7 +17,7 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.frame_time import LONGEST_STEP, unbroken_runs, usual_step_s
 from anchorpose.results.processing import low_pass
 from anchorpose.results.records import Measure
-from anchorpose.results.stand_training.stance import Session, inferred_share
+from anchorpose.results.stand_training.stance import Session, known, unknown
 from anchorpose.results.tables import JointTable
 from anchorpose.results.uncertainty import random_sigma
 from anchorpose.settings import NotNegative, Positive, settings
@@ -166,7 +166,7 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
             f"at {STEPS_PER_PERIOD * config.cutoff_hz:g} frames a second or more"
         )
         names = {"sway_time": "s", **UNITS, "sway_path_noise": "mm"}
-        return [Measure(measure=name, value=None, unit=unit, frames=0, why=why) for name, unit in names.items()]
+        return [unknown(name, unit, why) for name, unit in names.items()]
     state_code = np.concatenate([session.posture.state_code[bout.frames] for bout in bouts])
     rows = [("sway_time", sum(bout.seconds for bout in bouts), None), *_values(session, bouts, config)]
     rows.append(("sway_path_noise", 1000.0 * sum(bout.noise_m for bout in bouts), None))
@@ -208,12 +208,11 @@ def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
 
 def _row(name: str, value: float | None, sigma: float | None, state_code: np.ndarray, config: SwayConfig) -> Measure:
     unit = UNITS.get(name, "s" if name == "sway_time" else "mm")
-    frames, shared = len(state_code), inferred_share(state_code)
     if value is None:
         what = "the path" if name in ("sway_path", "sway_velocity") else "the sway, in one direction at least,"
         why = f"{what} is less than {config.times_noise:g} times what the joints' noise alone would draw"
-        return Measure(measure=name, value=None, unit=unit, frames=frames, inferred_share=shared, why=why)
-    return Measure(measure=name, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=shared)
+        return unknown(name, unit, why, state_code=state_code)
+    return known(name, unit, value, state_code, sigma)
 
 
 def _fast_enough(time_s: np.ndarray, config: SwayConfig) -> bool:

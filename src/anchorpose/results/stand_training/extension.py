@@ -12,7 +12,7 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.centre_of_mass import CentreOfMass
-from anchorpose.results.stand_training.stance import Session, inferred_share
+from anchorpose.results.stand_training.stance import Session, known, unknown
 from anchorpose.results.tables import JointTable
 from anchorpose.results.uncertainty import NORMAL_95, sigma_of_difference, sigma_of_mean, systematic_sigma
 from anchorpose.settings import settings
@@ -48,12 +48,8 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
     name = f"{angle}_{side}"
     used, degrees = known_upright(session, name)
     if not used.any():
-        return [
-            Measure(
-                measure=f"{angle}_upright_{which}", side=side, value=None, unit="deg", frames=0, why=NOT_UPRIGHT_WITH
-            )
-            for which in ("mean", "least", "greatest")
-        ]
+        names = (f"{angle}_upright_{which}" for which in ("mean", "least", "greatest"))
+        return [unknown(measure, "deg", NOT_UPRIGHT_WITH, side) for measure in names]
     column = session.angles.column(name)
     sigma, state_code = session.angles.sigma_deg[used, column], session.angles.state_code[used, column]
     value, seconds = degrees[used], float(session.seconds[used].sum())
@@ -64,16 +60,7 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
         ("greatest", float(greatest), _sigma_near(sigma, value >= greatest)),
     )
     return [
-        Measure(
-            measure=f"{angle}_upright_{which}",
-            side=side,
-            value=number,
-            unit="deg",
-            sigma=spread,
-            frames=int(used.sum()),
-            inferred_share=inferred_share(state_code),
-        )
-        for which, number, spread in found
+        known(f"{angle}_upright_{which}", "deg", number, state_code, spread, side) for which, number, spread in found
     ]
 
 
@@ -87,22 +74,15 @@ def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
     name = f"knee_flexion_{side}"
     used, degrees = known_upright(session, name)
     if not used.any():
-        return Measure(measure="knee_straight_time", side=side, value=None, unit="s", frames=0, why=NOT_UPRIGHT_WITH)
+        return unknown("knee_straight_time", "s", NOT_UPRIGHT_WITH, side)
     column = session.angles.column(name)
     error = systematic_sigma(session.angles.sigma_deg[used, column])
     straight_s = [
         float(session.seconds[used][np.abs(degrees[used]) + shift * error <= straight_deg].sum())
         for shift in (0.0, -1.0, 1.0)
     ]
-    return Measure(
-        measure="knee_straight_time",
-        side=side,
-        value=straight_s[0],
-        unit="s",
-        sigma=0.5 * (straight_s[1] - straight_s[2]),
-        frames=int(used.sum()),
-        inferred_share=inferred_share(session.angles.state_code[used, column]),
-    )
+    state_code, sigma = session.angles.state_code[used, column], 0.5 * (straight_s[1] - straight_s[2])
+    return known("knee_straight_time", "s", straight_s[0], state_code, sigma, side)
 
 
 LEAST_STANCE_M: Final = 0.08
@@ -124,17 +104,14 @@ def _difference(session: Session, angle: str) -> Measure:
     (left_known, left), (right_known, right) = (known_upright(session, f"{angle}_{side}") for side in ("left", "right"))
     used = left_known & right_known
     if not used.any():
-        return Measure(measure=measure, value=None, unit="deg", frames=0, why=NOT_UPRIGHT_WITH)
+        return unknown(measure, "deg", NOT_UPRIGHT_WITH)
     columns = [session.angles.column(f"{angle}_{side}") for side in ("left", "right")]
     sigma = np.sqrt((session.angles.sigma_deg[used][:, columns] ** 2).sum(axis=1))
-    return Measure(
-        measure=measure,
-        value=float(np.mean(left[used] - right[used])),
-        unit="deg",
-        sigma=sigma_of_mean(sigma, float(session.seconds[used].sum())),
-        frames=int(used.sum()),
-        inferred_share=inferred_share(session.angles.state_code[used][:, columns].max(axis=1)),
+    value, state_code = (
+        float(np.mean(left[used] - right[used])),
+        session.angles.state_code[used][:, columns].max(axis=1),
     )
+    return known(measure, "deg", value, state_code, sigma_of_mean(sigma, float(session.seconds[used].sum())))
 
 
 class FeetLoad(NamedTuple):
@@ -172,22 +149,10 @@ def _load_shares(session: Session) -> list[Measure]:
     used = session.standing & np.isfinite(load.rightwards)
     names = (("left", -1.0), ("right", 1.0))
     if not used.any():
-        return [
-            Measure(measure="load_share", side=side, value=None, unit="1", frames=0, why=NO_STANCE) for side, _ in names
-        ]
-    along = load.rightwards[used]
-    return [
-        Measure(
-            measure="load_share",
-            side=side,
-            value=0.5 + sign * float(along.mean()),
-            unit="1",
-            sigma=sigma_of_mean(load.sigma[used], float(session.seconds[used].sum())),
-            frames=int(used.sum()),
-            inferred_share=inferred_share(load.state_code[used]),
-        )
-        for side, sign in names
-    ]
+        return [unknown("load_share", "1", NO_STANCE, side) for side, _ in names]
+    along = float(load.rightwards[used].mean())
+    sigma = sigma_of_mean(load.sigma[used], float(session.seconds[used].sum()))
+    return [known("load_share", "1", 0.5 + sign * along, load.state_code[used], sigma, side) for side, sign in names]
 
 
 SIDED: Final = (
@@ -218,20 +183,13 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
     degrees, sigma = session.angles.degrees[:, column], session.angles.sigma_deg[:, column]
     rows, held = _held(degrees, session.joints.time_s)
     if not len(rows):
-        why = f"the angle was never known for {LEAST_S:g} s without a break"
-        return Measure(measure=measure, side=side, value=None, unit="deg", frames=0, why=why)
+        return unknown(measure, "deg", f"the angle was never known for {LEAST_S:g} s without a break", side)
     low, high = int(np.argmin(held)), int(np.argmax(held))
     value, (first, second) = float(held[high] - held[low]), sigma[rows[[low, high]]]
-    shared = inferred_share(session.angles.state_code[rows, column])
+    state_code = session.angles.state_code[rows, column]
     if value <= NORMAL_95 * np.hypot(first, second):  # extremes of errors alone are as far apart as independent ones
-        why = "the joint moved by no more than the errors of its angle"
-        return Measure(
-            measure=measure, side=side, value=None, unit="deg", frames=len(rows), inferred_share=shared, why=why
-        )
-    spread = sigma_of_difference(first, second)
-    return Measure(
-        measure=measure, side=side, value=value, unit="deg", sigma=spread, frames=len(rows), inferred_share=shared
-    )
+        return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
+    return known(measure, "deg", value, state_code, sigma_of_difference(first, second), side)
 
 
 def _held(degrees: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

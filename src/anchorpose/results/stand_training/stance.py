@@ -6,7 +6,7 @@ Upright is decided by the inclination of thigh and trunk and the height of the p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from anchorpose.joints import JOINT_INDEX, LOST
 from anchorpose.results.angle_definition import AngleGroup, Points, Reading, length
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.joint_angles import angles_with_sigma
-from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, Contact, Episode
+from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, Contact, Episode, Measure
 from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT, AngleTable, JointTable, PostureTable
 from anchorpose.rotations import unit
 from anchorpose.settings import Positive, settings
@@ -218,6 +218,27 @@ class Session:
         """(n,) bool: any joint of the patient was found. In other frames contacts are unknown."""
         found: np.ndarray = self.joints.state_code.min(axis=1) < LOST
         return found
+
+
+def known(
+    measure: str, unit: str, value: float, state_code: np.ndarray, sigma: float | None = None, side: str | None = None
+) -> Measure:
+    """Return a measure that rests on frames with these codes (k,) of the worst joint used."""
+    return _measure(measure, unit, state_code, value=value, sigma=sigma, side=side)
+
+
+def unknown(
+    measure: str, unit: str, why: str, side: str | None = None, state_code: np.ndarray | None = None
+) -> Measure:
+    """Return a measure without a value, and why there is none; state_code: as in ``known``."""
+    codes = np.empty(0) if state_code is None else state_code
+    return _measure(measure, unit, codes, value=None, why=why, side=side)
+
+
+def _measure(measure: str, unit: str, state_code: np.ndarray, **values: Any) -> Measure:
+    return Measure(
+        measure=measure, unit=unit, frames=len(state_code), inferred_share=inferred_share(state_code), **values
+    )
 
 
 def inferred_share(state_code: np.ndarray) -> float | None:

@@ -7,7 +7,7 @@ are the moments at which a movement begins and ends, not a force: they are some 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.joints import JOINT_INDEX, LOST
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Episode, Measure
-from anchorpose.results.stand_training.stance import Session, inferred_share
+from anchorpose.results.stand_training.stance import Session, known, unknown
 from anchorpose.results.stand_training.upright import episode
 from anchorpose.results.tables import JointTable
 
@@ -158,19 +158,13 @@ _NEVER: Final = "the ankles were never both known while upright"
 def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
     own, time_s = [step for step in steps if step.side == side], session.joints.time_s
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
-    known = session.upright & (session.joints.state_code[:, ankles] < LOST).all(axis=1)
-    frames = int(known.sum())
-    count = Measure(
-        measure="step_count",
-        side=side,
-        value=float(len(own)) if frames else None,
-        unit="count",
-        frames=frames,
-        why=None if frames else _NEVER,
-    )
+    seen = session.upright & (session.joints.state_code[:, ankles] < LOST).all(axis=1)
+    frames, count = int(seen.sum()), unknown("step_count", "count", _NEVER, side)
+    if frames:
+        count = replace(count, value=float(len(own)), frames=frames, why=None)
     swings = [(float(time_s[step.frames.stop - 1] - time_s[step.frames.start]), step) for step in own]
     lengths = [(1000.0 * step.length_m, step) for step in own if step.length_m is not None]
-    error = session.joints.sigma_m[known][:, ankles]
+    error = session.joints.sigma_m[seen][:, ankles]
     spread = 1000.0 * float(np.sqrt((error**2).sum(axis=1).mean())) if frames else 0.0
     return [
         count,
@@ -184,15 +178,8 @@ def _mean(
 ) -> Measure:
     """Mean of the values; a half of the variance of one value's error is taken to be common to all."""
     if not found:
-        return Measure(measure=name, side=side, value=None, unit=unit, frames=0, why=why)
+        return unknown(name, unit, why, side)
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
     state_code = np.concatenate([session.joints.state_code[step.frames][:, ankles].max(axis=1) for _, step in found])
-    return Measure(
-        measure=name,
-        side=side,
-        value=float(np.mean([value for value, _ in found])),
-        unit=unit,
-        sigma=float(sigma * np.sqrt(0.5 + 0.5 / len(found))),
-        frames=len(state_code),
-        inferred_share=inferred_share(state_code),
-    )
+    value, spread = float(np.mean([value for value, _ in found])), float(sigma * np.sqrt(0.5 + 0.5 / len(found)))
+    return known(name, unit, value, state_code, spread, side)

@@ -15,7 +15,7 @@ import numpy as np
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import SIT_TO_STAND, Measure
-from anchorpose.results.stand_training.stance import Session, facing, inferred_share
+from anchorpose.results.stand_training.stance import Session, facing, known, unknown
 from anchorpose.results.stand_training.upright import Transition, TransitionConfig, transitions
 from anchorpose.results.uncertainty import NORMAL_95, systematic_sigma
 from anchorpose.rotations import unit
@@ -43,19 +43,12 @@ def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measu
             f"{TIMES} rises with no more than {LONGEST_SEATED_S:g} s of sitting and {LONGEST_STOOD_S:g} s of standing "
             f"between them were not seen ({len(rises)} were)"
         )
-        return Measure(measure=name, value=None, unit="s", frames=0, why=why)
+        return unknown(name, "s", why)
     first, last = rises[0], rises[-1]
     rows = slice(first.frames.start, last.frames.stop)
     time_s, state_code = session.joints.time_s[rows], session.stance.state_code[rows]
     sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # one end of each
-    return Measure(
-        measure=name,
-        value=float(time_s[-1] - time_s[0]),
-        unit="s",
-        sigma=sigma,
-        frames=len(time_s),
-        inferred_share=inferred_share(state_code),
-    )
+    return known(name, "s", float(time_s[-1] - time_s[0]), state_code, sigma)
 
 
 def _longest_series(moves: Sequence[Transition], time_s: np.ndarray) -> list[Transition]:
@@ -109,17 +102,9 @@ def functional_reach(session: Session, side: str) -> Measure:
             best = reach, spread, slice(int(rows[0]), int(rows[-1]) + 1)
     if best is None or best[0] <= NORMAL_95 * best[1]:
         why = "no arm was raised forward, straight, while upright with the feet in place" if best is None else _SHORT
-        return Measure(measure=measure, side=side, value=None, unit="mm", frames=0, why=why)
-    used = session.joints.state_code[best[2], wrist]
-    return Measure(
-        measure=measure,
-        side=side,
-        value=1000.0 * best[0],
-        unit="mm",
-        sigma=1000.0 * best[1],
-        frames=len(used),
-        inferred_share=inferred_share(used),
-    )
+        return unknown(measure, "mm", why, side)
+    state_code = session.joints.state_code[best[2], wrist]
+    return known(measure, "mm", 1000.0 * best[0], state_code, 1000.0 * best[1], side)
 
 
 _SHORT: Final = "the raised arm went forward by no more than the errors of the wrist"
@@ -174,18 +159,9 @@ def single_leg_stance(session: Session, side: str) -> Measure:
     run, seconds = runs[0]
     if run is None or seconds < LEAST_STANCE_S:
         why = f"the other foot was never seen off the floor for {LEAST_STANCE_S:g} s while upright on a foot in place"
-        return Measure(measure=measure, side=side, value=None, unit="s", frames=0, why=why)
+        return unknown(measure, "s", why, side)
     sigma = float(np.hypot(0.5 * (runs[2][1] - runs[1][1]), usual_step_s(time_s) / np.sqrt(6.0)))
-    state_code = session.joints.state_code[run][:, [stands, lifted]].max(axis=1)
-    return Measure(
-        measure=measure,
-        side=side,
-        value=seconds,
-        unit="s",
-        sigma=sigma,
-        frames=len(state_code),
-        inferred_share=inferred_share(state_code),
-    )
+    return known(measure, "s", seconds, session.joints.state_code[run][:, [stands, lifted]].max(axis=1), sigma, side)
 
 
 _OTHER: Final = {"left": "right", "right": "left"}

@@ -12,7 +12,7 @@ from anchorpose.joints import JointState
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import frame_seconds, recorded_seconds, runs_of_known, unbroken_runs, usual_step_s
 from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, UPRIGHT_EPISODE, Episode, Measure
-from anchorpose.results.stand_training.stance import Session, Stance, UprightConfig, hold, inferred_share, upright
+from anchorpose.results.stand_training.stance import Session, Stance, UprightConfig, hold, known, unknown, upright
 from anchorpose.results.tables import UPRIGHT, JointTable
 from anchorpose.results.uncertainty import random_sigma
 from anchorpose.settings import Positive, settings
@@ -46,33 +46,42 @@ def episode(kind: str, joints: JointTable, state_code: np.ndarray, run: slice) -
     )
 
 
+UPRIGHT_MEASURES: Final = {
+    "upright_time": "s",
+    "upright_share": "1",
+    "upright_bouts": "count",
+    "longest_upright_bout": "s",
+}
+
+
 def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
     """Recorded, found, upright and unknown time, the share, the bouts and the longest of them."""
     seconds, state, state_code = session.seconds, session.posture.upright, session.stance.state_code
-    known, standing = state != UNKNOWN, state == UPRIGHT
-    frames, shared = int(known.sum()), inferred_share(state_code[known])
-    total, known_s = recorded_seconds(session.joints.time_s), float(seconds[known].sum())
-    runs = runs_of_known(standing, known, session.joints.time_s)
-    recorded = _row("recorded_time", total, "s", len(seconds), None, None if total else NO_TIME)
-    why = NO_TIME if not total else None if known_s else NEVER_KNOWN
+    is_known, standing = state != UNKNOWN, state == UPRIGHT
+    total, known_s = recorded_seconds(session.joints.time_s), float(seconds[is_known].sum())
+    runs = runs_of_known(standing, is_known, session.joints.time_s)
+    times = (
+        ("recorded_time", total, len(seconds)),
+        ("found_time", float(seconds[session.found].sum()), int(session.found.sum())),
+        ("unknown_time", max(total - known_s, 0.0), len(seconds)),
+    )
+    codes = state_code[is_known]
+    rows = [
+        Measure(
+            measure=name, unit="s", value=seconds_s if total else None, frames=frames, why=None if total else NO_TIME
+        )
+        for name, seconds_s, frames in times
+    ]
+    if not known_s:
+        why = NEVER_KNOWN if total else NO_TIME
+        return rows + [unknown(name, unit, why, state_code=codes) for name, unit in UPRIGHT_MEASURES.items()]
     upright_s, sigma_s = float(seconds[standing].sum()), _sigma_s(session, config)
-    longest = max((float(seconds[run][standing[run]].sum()) for run in runs), default=0.0)
-    return [
-        recorded,
-        _row("found_time", float(seconds[session.found].sum()), "s", int(session.found.sum()), None, recorded.why),
-        _row("unknown_time", max(total - known_s, 0.0), "s", len(seconds), None, recorded.why),
-        _row("upright_time", upright_s, "s", frames, shared, why, sigma_s),
-        _row(
-            "upright_share",
-            upright_s / known_s if known_s else None,
-            "1",
-            frames,
-            shared,
-            why,
-            sigma_s / known_s if known_s else None,
-        ),
-        _row("upright_bouts", float(len(runs)), "count", frames, shared, why),
-        _row("longest_upright_bout", longest, "s", frames, shared, why, sigma_s),
+    longest_s = max((float(seconds[run][standing[run]].sum()) for run in runs), default=0.0)
+    values = (upright_s, upright_s / known_s, float(len(runs)), longest_s)
+    sigmas = (sigma_s, sigma_s / known_s, None, sigma_s)
+    return rows + [
+        known(name, unit, value, codes, sigma)
+        for (name, unit), value, sigma in zip(UPRIGHT_MEASURES.items(), values, sigmas, strict=True)
     ]
 
 
@@ -88,20 +97,6 @@ def _sigma_s(session: Session, config: UprightConfig) -> float:
         float(session.seconds[upright(session.stance, config, shift) == UPRIGHT].sum()) for shift in (1.0, -1.0)
     )
     return float(np.hypot(0.5 * (more - less), 0.5 * np.sqrt(edges) * usual))
-
-
-def _row(
-    measure: str,
-    value: float | None,
-    unit: str,
-    frames: int,
-    shared: float | None,
-    why: str | None,
-    sigma: float | None = None,
-) -> Measure:
-    if why is not None:
-        return Measure(measure=measure, value=None, unit=unit, frames=frames, inferred_share=shared, why=why)
-    return Measure(measure=measure, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=shared)
 
 
 @settings
@@ -153,10 +148,10 @@ def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: T
         if _rests(seconds[run], -stance.height[run], config)
     ]
     postures = sorted([(run.start, run, False) for run in sitting] + [(run.start, run, True) for run in standing])
-    known = unbroken_runs(np.isfinite(stance.height + thigh), time_s)
+    stretches = unbroken_runs(np.isfinite(stance.height + thigh), time_s)
     found = list[Transition]()
     for (_, before, stood), (_, after, stands) in pairwise(postures):
-        whole = any(stretch.start < before.stop and after.start < stretch.stop for stretch in known)
+        whole = any(stretch.start < before.stop and after.start < stretch.stop for stretch in stretches)
         if stood != stands and whole and time_s[after.start] - time_s[before.stop - 1] <= config.longest_s:
             found.append(_transition(time_s, stance, before, after, config, rises=stands))
     return found
@@ -182,36 +177,27 @@ def transition_measures(session: Session, found: list[Transition]) -> list[Measu
 def _duration(session: Session, ones: list[Transition], kind: str, which: str) -> Measure:
     measure = f"{kind}_duration_{which}"
     if not ones:
-        return Measure(measure=measure, value=None, unit="s", frames=0, why=NONE_SEEN)
-    chosen = {
-        "mean": ones,
-        "shortest": [min(ones, key=lambda one: one.seconds)],
-        "longest": [max(ones, key=lambda one: one.seconds)],
-    }[which]
+        return unknown(measure, "s", NONE_SEEN)
+    extreme = {"shortest": min, "longest": max}.get(which)
+    chosen = [extreme(ones, key=lambda one: one.seconds)] if extreme else ones
     state_code = np.concatenate([session.stance.state_code[one.frames] for one in chosen])
-    return Measure(
-        measure=measure,
-        value=float(np.mean([one.seconds for one in chosen])),
-        unit="s",
-        sigma=float(np.sqrt(np.sum([one.sigma_s**2 for one in chosen])) / len(chosen)),
-        frames=len(state_code),
-        inferred_share=inferred_share(state_code),
-    )
+    sigma_s = float(np.sqrt(np.sum([one.sigma_s**2 for one in chosen])) / len(chosen))
+    return known(measure, "s", float(np.mean([one.seconds for one in chosen])), state_code, sigma_s)
 
 
 def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
     """Whether the pelvis stays near the lowest height of a run for long enough; height (k,), negated for standing."""
-    known = np.isfinite(height)
-    if not known.any():
+    there = np.isfinite(height)
+    if not there.any():
         return False
-    still = known & (height <= np.percentile(height[known], LOW_PERCENTILE) + config.rest_height)
+    still = there & (height <= np.percentile(height[there], LOW_PERCENTILE) + config.rest_height)
     return float(seconds[still].sum()) >= config.rest_s
 
 
 def _needs_a_seat(behind_m: np.ndarray, config: TransitionConfig) -> bool:
     """Whether the feet alone cannot carry the patient at some moment of a run (k,); True where that is not known."""
-    known = behind_m[np.isfinite(behind_m)]
-    return not len(known) or bool(known.max() > config.behind_feet_m)
+    measured_m = behind_m[np.isfinite(behind_m)]
+    return not len(measured_m) or bool(measured_m.max() > config.behind_feet_m)
 
 
 def _transition(

@@ -14,8 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import MissingPackage
-from anchorpose.pages import canvas as colours
-from anchorpose.pages.canvas import as_hex
+from anchorpose.pages.canvas import Ink, as_hex
 from anchorpose.research.experiment.method import PROPOSED, Family, Method
 from anchorpose.research.experiment.page.tables import Estimate, Table
 
@@ -27,12 +26,12 @@ GROUND: Final = "#ffffff"
 ON_DARK: Final = "#fefefe"  # differs from GROUND, which a page in dark colours replaces
 
 LOOK: Final = {
-    Family.PROPOSED: (as_hex(colours.VERMILLION), "solid"),
-    Family.LOCAL: (as_hex(colours.BLUE), (0, (5, 1.5))),
-    Family.SPECTRAL: (as_hex(colours.GREEN), (0, (1, 1.2))),
-    Family.MESH: (as_hex(colours.PURPLE), (0, (5, 1.5, 1, 1.5))),
-    Family.GLOBAL: (as_hex(colours.ORANGE), (0, (8, 2))),
-    Family.LEARNT: (as_hex(colours.SKY), (0, (3, 1))),
+    Family.PROPOSED: (as_hex(Ink.VERMILLION), "solid"),
+    Family.LOCAL: (as_hex(Ink.BLUE), (0, (5, 1.5))),
+    Family.SPECTRAL: (as_hex(Ink.GREEN), (0, (1, 1.2))),
+    Family.MESH: (as_hex(Ink.PURPLE), (0, (5, 1.5, 1, 1.5))),
+    Family.GLOBAL: (as_hex(Ink.ORANGE), (0, (8, 2))),
+    Family.LEARNT: (as_hex(Ink.SKY), (0, (3, 1))),
     Family.NONE: (FAINT, (0, (2, 2))),
     Family.TRACKER: (INK, "solid"),
 }

@@ -8,6 +8,7 @@ from typing import Final
 
 from markupsafe import Markup
 
+from anchorpose.report.words import render_page
 from anchorpose.research.experiment.page.drawing import DrawnFigure
 from anchorpose.research.experiment.page.figures import draw_all
 from anchorpose.research.experiment.page.form_tables import form_tables
@@ -36,7 +37,6 @@ from anchorpose.research.experiment.page.tracking_tables import OTHER_HOLES, tra
 from anchorpose.research.experiment.page.verdict import Claim, claims_json
 from anchorpose.research.experiment.results import ExperimentResults
 from anchorpose.results.folder import whole_or_nothing, write_text_whole
-from anchorpose.results.web_page import render_page
 
 NO_DATA = "<p class='hint'>No data: nothing of this was run.</p>"
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.errors import MissingPackage
-from anchorpose.pages import canvas as colours
-from anchorpose.pages.canvas import as_hex
+from anchorpose.pages.canvas import Ink, as_hex
 from anchorpose.recording.recording import FrameSet
 from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.correspondence import Skin, TruePlaces
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 
 DOTS_PER_INCH: Final = 110
 COLOURS: Final = 256  # what a PNG with a palette can hold
-BLUE, VERMILLION, GREEN = as_hex(colours.BLUE), as_hex(colours.VERMILLION), as_hex(colours.GREEN)
+BLUE, VERMILLION, GREEN = as_hex(Ink.BLUE), as_hex(Ink.VERMILLION), as_hex(Ink.GREEN)
 BARE: Final = np.array([0.86, 0.86, 0.86])
 """The colour of a mesh that shows only its shape."""
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from anchorpose.joints import ANCHOR_NAMES
-from anchorpose.pages import canvas as colours
-from anchorpose.pages.canvas import as_hex
+from anchorpose.pages.canvas import Ink, as_hex
 from anchorpose.research.experiment.matching import Matches, match_window
 from anchorpose.research.experiment.method import Method
 from anchorpose.research.experiment.pictures.canvas import Moment, Picture, View, apart_m, blank_figure, frame_axes
@@ -24,16 +23,7 @@ MISSED: Final = "#b8b8b8"
 COLOURS: Final = (
     *(
         as_hex(colour)
-        for colour in (
-            colours.ORANGE,
-            colours.SKY,
-            colours.GREEN,
-            colours.YELLOW,
-            colours.BLUE,
-            colours.VERMILLION,
-            colours.PURPLE,
-            colours.BLACK,
-        )
+        for colour in (Ink.ORANGE, Ink.SKY, Ink.GREEN, Ink.YELLOW, Ink.BLUE, Ink.VERMILLION, Ink.PURPLE, Ink.BLACK)
     ),
     "#882255",
     "#999933",
