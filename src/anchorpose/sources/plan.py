@@ -32,13 +32,14 @@ QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraPlan:
-    """A camera to write, upright. fps: None where the images have times; count: None where it is not known."""
+    """A camera to write, upright. model and serial: empty where not known; fps: None where the images have times;
+    count: None where it is not known."""
 
     camera: Camera
-    model: str
-    serial: str
-    fps: float | None
-    count: int | None
+    model: str = ""
+    serial: str = ""
+    fps: float | None = None
+    count: int | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the camera as recording.json has it."""
