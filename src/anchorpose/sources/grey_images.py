@@ -30,7 +30,7 @@ millimetre at most."""
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
-    """A depth image on the disk; time_s as in ``SourceFrame``."""
+    """A depth image on the disk, or in the archive that is read; time_s as in ``SourceFrame``."""
 
     path: Path
     time_s: float

@@ -15,7 +15,6 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,19 +33,11 @@ from anchorpose.sources.grey_images import (
     number_of,
     to_grey,
 )
-from anchorpose.sources.source import (
-    MILLIMETRE_M,
-    Reader,
-    SourceCamera,
-    SourceFrame,
-    damaged_notes,
-    finite,
-    finite_list,
-    movement_note,
-    read_matrix,
-)
+from anchorpose.sources.source import MILLIMETRE_M, Reader, SourceCamera, finite, finite_list
 
 VIDEO: Final = (1920, 1440)  # what ARKit's camera has on these devices; checked by the principal point
+
+STANDS_STILL_M: Final = 0.03  # a phone on a tripod; its own estimate of where it is wanders by some millimetres
 
 OFF_CENTRE: Final = 0.1  # of the width: real lenses are within 0.02
 
@@ -80,7 +71,7 @@ def _open_stray(path: Path) -> ImageFiles:
     times, positions_m = _odometry(path / "odometry.csv")
     known = {number: file for file in images if (number := number_of(file)) in times}
     files = [FrameFile(file, times[number]) for number, file in sorted(known.items()) if number is not None]
-    notes = list(movement_note(positions_m))
+    notes = list(_movement_note(positions_m))
     if len(files) < len(images):
         notes.append(f"Depth images without a time in odometry.csv, left out: {len(images) - len(files)}.")
     camera = SourceCamera(
@@ -88,7 +79,7 @@ def _open_stray(path: Path) -> ImageFiles:
         width=size[0],
         height=size[1],
         depth_scale=MILLIMETRE_M,
-        intrinsics=scaled_lens(path / "camera_matrix.csv", read_matrix(path / "camera_matrix.csv", 3, 3), VIDEO, size),
+        intrinsics=scaled_lens(path / "camera_matrix.csv", _read_matrix(path / "camera_matrix.csv"), VIDEO, size),
         model="iPhone or iPad LiDAR (Stray Scanner)",
         count=len(files),
     )
@@ -112,6 +103,29 @@ def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> I
         cx=float((matrix[0, 2] + 0.5) * wide - 0.5),
         cy=float((matrix[1, 2] + 0.5) * high - 0.5),
     )
+
+
+def _read_matrix(path: Path) -> np.ndarray:
+    """Return (3, 3) float64 of a text file, separated by spaces or commas; raises InputError."""
+    try:
+        cells = [line.replace(",", " ").split() for line in read_text(path).splitlines() if line.strip()]
+        matrix = np.array(cells, dtype=np.float64)
+    except ValueError:
+        matrix = np.empty(0)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise InputError(path, "is not a matrix of 3 x 3 numbers", "export it again")
+    return matrix
+
+
+def _movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
+    """Return a sentence where a camera at ``positions_m`` (n, 3) was moved; NaN rows are unknown."""
+    known = positions_m[np.isfinite(positions_m).all(axis=1)]
+    if len(known) == 0:
+        return ()
+    moved_m = float(np.linalg.norm(known - np.median(known, axis=0), axis=1).max())
+    if moved_m <= STANDS_STILL_M:
+        return ()
+    return (f"The camera was moved by {moved_m:.2f} m while it recorded: tracking needs one that stands still.",)
 
 
 def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
@@ -146,60 +160,34 @@ def _is_record3d(path: Path, head: bytes) -> bool:
     return "metadata" in names and any(name.startswith("rgbd/") for name in names)
 
 
-def _open_record3d(path: Path) -> Record3DFile:
+def _open_record3d(path: Path) -> ImageFiles:
     """Raises InputError where the file cannot be used, MissingPackage without lzfse."""
     try:
         import lzfse  # noqa: F401
     except ImportError:
         raise MissingPackage(f"Reading {path.name}", "lzfse", "record3d") from None
-    return Record3DFile(path)
-
-
-class Record3DFile:
-    """One device's recording."""
-
-    def __init__(self, path: Path) -> None:
-        values, self._names = _contents(path)
-        width, height = (_whole(path, values, name) for name in ("dw", "dh"))
-        picture = (_whole(path, values, "w"), _whole(path, values, "h"))
-        columns = finite_list(values.get("K"), 9)
-        if columns is None:
-            raise InputError(path, "K in its metadata is not nine numbers", _REMEDY)
-        matrix = np.array(columns).reshape(3, 3).T
-        self._times, timed = _times(path, values, [_number(name) for name in self._names])
-        self.path = path
-        self.cameras: tuple[SourceCamera, ...] = (
-            SourceCamera(
-                name=path.resolve().stem,
-                width=width,
-                height=height,
-                depth_scale=GREY_M,
-                intrinsics=scaled_lens(path, matrix, picture, (width, height)),
-                model="iPhone or iPad (Record3D)",
-                count=len(self._names),
-                has_times=timed,
-            ),
-        )
-        self._notes = movement_note(_positions(values))
-        self._left_out: dict[str, str] = {}
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Return sentences for the user, complete once all frames were read."""
-        return (*self._notes, *damaged_notes(self._left_out))
-
-    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
-        taken, camera = 0, self.cameras[0]
-        with zipfile.ZipFile(self.path) as archive:
-            for name, time_s in zip(self._names, self._times, strict=True):
-                depth_m, problem = _decode(archive, name, camera)
-                if depth_m is None:
-                    self._left_out[name] = problem
-                    continue
-                taken += 1
-                if taken > skip[0]:
-                    yield SourceFrame(0, time_s, to_grey(depth_m))
+    values, names = _contents(path)
+    size, picture = (
+        (_whole(path, values, wide), _whole(path, values, high)) for wide, high in (("dw", "dh"), ("w", "h"))
+    )
+    columns = finite_list(values.get("K"), 9)
+    if columns is None:
+        raise InputError(path, "K in its metadata is not nine numbers", _REMEDY)
+    times_s, timed = _times(path, values, [_number(name) for name in names])
+    camera = SourceCamera(
+        name=path.resolve().stem,
+        width=size[0],
+        height=size[1],
+        depth_scale=GREY_M,
+        intrinsics=scaled_lens(path, np.array(columns).reshape(3, 3).T, picture, size),
+        model="iPhone or iPad (Record3D)",
+        count=len(names),
+        has_times=timed,
+    )
+    files = [FrameFile(Path(name), time_s) for name, time_s in zip(names, times_s, strict=True)]
+    archive = zipfile.ZipFile(path)  # closed with the source
+    notes = _movement_note(_positions(values))
+    return ImageFiles(path, camera, files, notes, lambda name, shape: _decode(archive, name.as_posix(), shape))
 
 
 def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
@@ -268,7 +256,7 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
         return None, "is damaged inside"
     if len(data) != wanted:
         return None, f"holds {len(data)} bytes, an image has {wanted}"
-    return np.frombuffer(data, "<f4").reshape(camera.height, camera.width), ""
+    return to_grey(np.frombuffer(data, "<f4").reshape(camera.height, camera.width)), ""
 
 
 READERS: Final = (Reader(_is_stray, _open_stray), Reader(_is_record3d, _open_record3d))
