@@ -19,13 +19,12 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.live.feed import Intake, LiveImage, LiveSource, about_folder
 from anchorpose.recording.document import read_document, read_json, read_text
 from anchorpose.recording.equipment import equipment_files
-from anchorpose.recording.recording_file import RecordingDocument
+from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.results.folder import naming_place, write_text_whole
 from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
 
-RECORDING_FILE: Final = "recording.json"
 UNFINISHED_FILE: Final = "recording.unfinished.json"
 """What recording.json will be; while it has this name, the folder cannot be taken for a whole recording."""
 

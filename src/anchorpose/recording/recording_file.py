@@ -159,6 +159,7 @@ LARGEST_COEFFICIENT: Final = 1e4  # those of the rational model nearly cancel ea
 MOST_PIXELS: Final = 1 << 23
 """Of an image: the depth cameras with the most have five million."""
 
+LARGEST_SIDE_PX: Final = 16384
 MOST_CAMERAS: Final = 16
 NARROWEST_LENS: Final = 0.01  # half a degree from the axis
 FINEST_DEPTH_SCALE_M: Final = 1e-6  # 65,535 of these are 6 cm
@@ -192,7 +193,7 @@ Distortion = Annotated[tuple[Coefficient, ...], Field(description="the coefficie
 Radius = Annotated[
     float, Field(ge=NARROWEST_LENS, le=LARGEST, description="how far from the axis the lens is valid, in units of z")
 ]
-Size = Annotated[Whole, Field(gt=0, le=16384, description="the size of the depth images in pixels")]
+Size = Annotated[Whole, Field(gt=0, le=LARGEST_SIDE_PX, description="the size of the depth images in pixels")]
 Rate = Annotated[float, Field(ge=SLOWEST_HZ, le=1000, description="depth images per second")]
 Height = Annotated[
     float, Field(gt=SHORTEST_SUBJECT_M, le=TALLEST_SUBJECT_M, description="the patient's height in metres")
@@ -349,6 +350,7 @@ def with_height(recording: Recording, height_m: float | None) -> Recording:
 
 CALIBRATION_FORMAT: Final = "camera-calibration"
 CALIBRATION_FILE: Final = "calibration.json"
+RECORDING_FILE: Final = "recording.json"
 
 
 class CalibratedCamera(Entry, extra="ignore"):

@@ -21,6 +21,7 @@ from anchorpose import __version__
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import ConvertOptions
 from anchorpose.recording.document import LARGEST_BYTES, parse_json
+from anchorpose.recording.recording_file import RECORDING_FILE
 from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.results.folder import write_text_whole
@@ -29,7 +30,6 @@ from anchorpose.sources.plan import CameraPlan, CameraWriter, Plan, make_plan, t
 from anchorpose.sources.source import Source, find_reader, open_source
 from anchorpose.threads import one_thread
 
-RECORDING_FILE: Final = "recording.json"
 CONVERSION_FILE: Final = "conversion.json"
 LOCK_FILE: Final = ".conversion.lock"
 

@@ -18,10 +18,12 @@ import numpy as np
 from pydantic import Field
 
 from anchorpose.errors import InputError
+from anchorpose.recording.depth_image import FARTHEST_M
 from anchorpose.recording.document import LARGEST_BYTES, Entry, Text, Version, parse_json, read_document
 from anchorpose.recording.recording_file import (
     COARSEST_DEPTH_SCALE_M,
     FINEST_DEPTH_SCALE_M,
+    LARGEST_SIDE_PX,
     LensEntry,
     Rate,
     Seconds,
@@ -41,10 +43,7 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
-NEAREST_M, FARTHEST_M = 0.1, 50.0
-"""Between these lies the median of depth in metres; depth in millimetres is far beyond."""
-
-LARGEST_SIDE: Final = 16384
+NEAREST_M: Final = 0.1  # the median of depth in metres lies farther, and in millimetres beyond ``FARTHEST_M``
 
 _NPY: Final = b"\x93NUMPY"
 
@@ -103,7 +102,7 @@ def _open_array(path: Path) -> ImageArray:
         problem = f"holds an array of shape {shape}" + (" in MATLAB's order" if columns else "")
         raise InputError(path, problem, "save depth as (images, height, width), with numpy.ascontiguousarray")
     count, height, width = shape
-    if count < 1 or not (0 < height <= LARGEST_SIDE and 0 < width <= LARGEST_SIDE):
+    if count < 1 or not (0 < height <= LARGEST_SIDE_PX and 0 < width <= LARGEST_SIDE_PX):
         raise InputError(path, f"holds {count} images of {width} x {height} pixels", "save the array again")
     metres = kind.kind == "f"
     if not metres and (kind.kind != "u" or kind.itemsize != 2):
@@ -160,11 +159,6 @@ class SidecarDocument(Entry):
     model: Text | None = None
     serial: Text | None = None
 
-    @staticmethod
-    def read(path: Path) -> SidecarDocument:
-        """Raises InputError naming the key and the remedy."""
-        return read_document(path, SidecarDocument)
-
 
 def _is_images(path: Path, head: bytes) -> bool:
     """Return whether a folder, or its ``depth``, holds 16-bit grey images."""
@@ -182,7 +176,7 @@ def _open_images(path: Path) -> ImageFiles:
         name=path.resolve().name, width=width, height=height, depth_scale=None, count=len(files), has_times=has_times
     )
     if (path / SIDECAR).is_file():
-        given = SidecarDocument.read(path / SIDECAR)
+        given = read_document(path / SIDECAR, SidecarDocument)
         camera, times = camera_of(given, camera, path / SIDECAR), file_times(given, path / SIDECAR, files)
         files = times if times is not None else files
     return ImageFiles(path, camera, files, notes)
@@ -248,13 +242,17 @@ def _is_raw_dump(path: Path, head: bytes) -> bool:
         values = parse_json(read_bounded(sidecar, LARGEST_BYTES))
     except (Unreadable, ValueError):
         return False
-    return isinstance(values, dict) and values.get("format") == "depth-sidecar" and (path.is_file() or _is_raw(path))
+    return (
+        isinstance(values, dict)
+        and values.get("format") == "depth-sidecar"
+        and (path.is_file() or bool(_raw_files(path)))
+    )
 
 
 def _open_raw(path: Path) -> Source:
     """Raises InputError where the sidecar does not fit."""
     sidecar = _sidecar(path)
-    given = SidecarDocument.read(sidecar)
+    given = read_document(sidecar, SidecarDocument)
     if given.width is None or given.height is None:
         raise InputError(sidecar, "has no width and height", "add both: raw images do not tell their size")
     name = path.resolve().stem if path.is_file() else path.resolve().name
@@ -305,10 +303,6 @@ def _sidecar(path: Path) -> Path:
 
 def _raw_files(folder: Path) -> list[Path]:
     return [file for file in folder.iterdir() if file.suffix.lower() in {".raw", ".bin"} and file.name[0] != "."]
-
-
-def _is_raw(path: Path) -> bool:
-    return path.is_dir() and bool(_raw_files(path))
 
 
 READERS: Final = (Reader(_is_array, _open_array), Reader(_is_raw_dump, _open_raw), Reader(_is_images, _open_images))

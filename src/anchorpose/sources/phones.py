@@ -22,7 +22,9 @@ import numpy as np
 
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics
+from anchorpose.options import FASTEST_HZ
 from anchorpose.recording.document import parse_json, read_text
+from anchorpose.recording.recording_file import LARGEST_SIDE_PX
 from anchorpose.sources.grey_images import (
     GREY_M,
     FrameFile,
@@ -217,7 +219,7 @@ def _number(name: str) -> int:
 
 def _whole(path: Path, values: dict[str, Any], key: str) -> int:
     number = finite(values.get(key))
-    if number is None or number != int(number) or not 0 < number <= 16384:
+    if number is None or number != int(number) or not 0 < number <= LARGEST_SIDE_PX:
         raise InputError(path, f"{key} in its metadata is not a size in pixels", _REMEDY)
     return int(number)
 
@@ -232,7 +234,7 @@ def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list
             raise InputError(path, "frameTimestamps in its metadata are not all numbers", _REMEDY)
         return [times[number] for number in numbers], True
     fps = finite(values.get("fps"))
-    if fps is not None and 0 < fps <= 1000:
+    if fps is not None and 0 < fps <= FASTEST_HZ:
         return [number / fps for number in numbers], True
     return [float(number) for number in numbers], False
 

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.sources import orbbec_bags, realsense_bags, ros_streams
 from anchorpose.sources.bag_file import (
     MCAP_MAGIC,
     ROS1_MAGIC,
@@ -24,15 +23,16 @@ from anchorpose.sources.grey_images import grey_of_metres
 from anchorpose.sources.ros_messages import (
     METRES,
     RECORD_AGAIN,
-    CompressedMessage,
     DepthStream,
-    ImageMessage,
+    Image,
     Streams,
     encoding_of,
     grey_of,
     metres_of,
 )
+from anchorpose.sources.ros_streams import find_streams
 from anchorpose.sources.source import Reader, SourceCamera, SourceFrame
+from anchorpose.sources.vendor_bags import device_time_ns, find_orbbec, find_realsense
 
 
 def matches(path: Path, head: bytes) -> bool:
@@ -47,7 +47,7 @@ def open_source(path: Path) -> BagSource:
     """Open a bag; raises InputError where it has no depth images that can be read."""
     try:
         bag = open_bag(path)
-        for find in (realsense_bags.find_streams, orbbec_bags.find_streams, ros_streams.find_streams):
+        for find in (find_realsense, find_orbbec, find_streams):
             streams = find(bag, path)
             if streams is not None:
                 break
@@ -125,7 +125,7 @@ class BagSource:
             raise DamagedBag("an image has another size than the first one")
         return self._time_ns(camera, stream, image, message), depth
 
-    def _depth(self, camera: int, stream: DepthStream, image: ImageMessage | CompressedMessage) -> np.ndarray:
+    def _depth(self, camera: int, stream: DepthStream, image: Image) -> np.ndarray:
         if not stream.in_metres:
             return grey_of(image)
         if stream.camera.depth_scale is None:
@@ -134,9 +134,7 @@ class BagSource:
         self._tallies[camera].too_far += too_far
         return depth
 
-    def _time_ns(
-        self, camera: int, stream: DepthStream, image: ImageMessage | CompressedMessage, message: Message
-    ) -> int:
+    def _time_ns(self, camera: int, stream: DepthStream, image: Image, message: Message) -> int:
         if image.stamp_ns == 0 and not stream.metadata_topic:
             self._tallies[camera].without_stamp += 1
             return message.received_ns
@@ -145,7 +143,7 @@ class BagSource:
 
 def _stamped(camera: int, received_ns: int, depth: np.ndarray, message: Message) -> SourceFrame:
     """Return RealSense's image that waited for its time stamp, which is received with it. Raises DamagedBag."""
-    time_ns = realsense_bags.device_time_ns(message)
+    time_ns = device_time_ns(message)
     if time_ns is None or received_ns != message.received_ns:
         raise DamagedBag("an image and its time stamp do not belong together")
     return SourceFrame(camera, time_ns / 1e9, depth)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -96,15 +96,6 @@ class Reader:
 
     matches: Callable[[Path, bytes], bool]
     open_source: Callable[[Path], Source]
-
-
-def damaged_notes(left_out: Mapping[str, str]) -> tuple[str, ...]:
-    """Return a sentence on depth images that were left out, by name and what is wrong with each; none where none
-    was."""
-    if not left_out:
-        return ()
-    first, problem = next(iter(left_out.items()))
-    return (f"Damaged depth images that were left out: {len(left_out)}; the first, {first}, {problem}.",)
 
 
 def find_reader(path: Path) -> Reader | None:
