@@ -205,33 +205,27 @@ def _reading(image: SearchImage, x: float, y: float, z: float) -> tuple[float, f
     return float(image.depth_m[r, c]), float(image.weight[r, c])
 
 
-@nb.njit(cache=True)
 def weigh_broad(
     depth_m: np.ndarray, focal: float, reach_m: float, low: float, margin_m: float, noise: float
 ) -> np.ndarray:
-    """(height, width) float32: ``low`` where the surface continues flat for ``reach_m`` to all four sides, else 1.
+    """Weigh readings (height, width): ``low`` where a surface goes on flat for ``reach_m`` to all four sides, else 1.
 
     margin_m and noise (a margin in metres, and one that grows with the square of depth): what counts as flat.
     """
     height, width = depth_m.shape
+    row, column = np.nonzero(depth_m > 0.0)
+    k = np.maximum((reach_m * focal / depth_m[row, column].astype(np.float64)).astype(np.int64), 1)
+    inside = (row >= k) & (column >= k) & (row < height - k) & (column < width - k)
+    row, column, k = row[inside], column[inside], k[inside]
+    z = depth_m[row, column].astype(np.float64)
+    flat = np.ones(len(row), dtype=bool)
+    for down, right in ((0, 1), (1, 0)):
+        one, other = depth_m[row - down * k, column - right * k], depth_m[row + down * k, column + right * k]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            between = (one * other / (one + other)).astype(np.float64) * 2.0 - z  # 1/z, not z, is linear along a plane
+        flat &= (one > 0.0) & (other > 0.0) & (np.abs(between) < margin_m + noise * z * z)
     weight = np.ones((height, width), np.float32)
-    for row in range(height):
-        for column in range(width):
-            z = depth_m[row, column]
-            if z <= 0.0:
-                continue
-            k = max(int(reach_m * focal / z), 1)
-            if row < k or column < k or row >= height - k or column >= width - k:
-                continue
-            left, right = depth_m[row, column - k], depth_m[row, column + k]
-            above, below = depth_m[row - k, column], depth_m[row + k, column]
-            if left <= 0.0 or right <= 0.0 or above <= 0.0 or below <= 0.0:
-                continue
-            limit = margin_m + noise * z * z
-            across = left * right / (left + right) * 2.0 - z  # 1/z, not z, is linear along a plane
-            along = above * below / (above + below) * 2.0 - z
-            if abs(across) < limit and abs(along) < limit:
-                weight[row, column] = low
+    weight[row[flat], column[flat]] = low
     return weight
 
 

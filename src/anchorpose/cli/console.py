@@ -26,15 +26,12 @@ BIDIRECTIONAL: Final = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u20
 def printable(text: str) -> str:
     """Return the text with every character that would act on a terminal written as its escape, such as ``\\x1b``,
     and passwords of addresses as stars."""
-    return "".join(_escaped(each) if _acts(each) else each for each in without_password(text))
-
-
-def _acts(character: str) -> bool:
-    return character in BIDIRECTIONAL or unicodedata.category(character) in ACTING
-
-
-def _escaped(character: str) -> str:
-    return character.encode("unicode_escape").decode("ascii")
+    return "".join(
+        each.encode("unicode_escape").decode("ascii")
+        if each in BIDIRECTIONAL or unicodedata.category(each) in ACTING
+        else each
+        for each in without_password(text)
+    )
 
 
 def say(sentence: str, error: bool = False) -> None:

@@ -13,14 +13,12 @@ from cyclopts import App, Parameter
 
 from anchorpose.cli.console import say, show_table
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.options import FASTEST_HZ, OUTPUT, SIGNED, ConvertOptions, positive
+from anchorpose.options import FASTEST_HZ, OUTPUT, SIGNED, ConvertOptions, between, positive
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from anchorpose.calibration.calibration import Calibration
     from anchorpose.calibration.proposal import FittedRoom
-    from anchorpose.calibration.proposal_readings import Region
     from anchorpose.check.material import Finding
 
 
@@ -143,6 +141,7 @@ def calibrate(
     config
         A TOML or JSON file with settings that differ from the defaults, as for track.
     """
+    from anchorpose.calibration.calibration import calibration_rows
     from anchorpose.pipeline import calibrate_recording
     from anchorpose.results.folder import CALIBRATION, check_results_path, new_results_folder
     from anchorpose.tracker.config import load_track_config
@@ -154,16 +153,10 @@ def calibrate(
     recording = as_recording(recording)
     with new_results_folder(target, recording, overwrite, CALIBRATION) as folder:
         found = calibrate_recording(recording, folder, settings, ignore_given, markers)
-    _print_poses(found)
-    say(f"The calibration is in {target}; look at its pictures before you use it.")
-
-
-def _print_poses(found: Calibration) -> None:
-    from anchorpose.calibration.calibration import calibration_rows
-
     show_table(("camera", "pose", "± mm", "± degrees", "surface rms mm", "outline rms px"), calibration_rows(found))
     for note in found.notes:
         say(f"- {note}")
+    say(f"The calibration is in {target}; look at its pictures before you use it.")
 
 
 equipment = App(name="equipment", help="The model of the equipment, equipment.json.")
@@ -177,7 +170,7 @@ def fit(
     out: Annotated[Path, OUTPUT] = Path("equipment.json"),
     camera: str | None = None,
     around: Annotated[str, SIGNED] = "0,0",
-    radius: Annotated[float, positive(20.0)] = 1.0,
+    radius: Annotated[float, between(0.01, 20.0)] = 1.0,
     overwrite: bool = False,
 ) -> None:
     """Propose equipment.json: the posts, rails and bars in the depth images of the empty room, as boxes and tubes.
@@ -201,6 +194,8 @@ def fit(
         Replace an existing file.
     """
     from anchorpose.calibration.proposal import fit_equipment
+    from anchorpose.calibration.proposal_readings import Region
+    from anchorpose.cli.track_verbs import parse_place
     from anchorpose.pages.canvas import as_png
     from anchorpose.pages.stage_drawing import draw_model
     from anchorpose.recording.equipment import read_equipment, write_equipment
@@ -211,7 +206,8 @@ def fit(
     check_file(out, '"equipment-model"', of_recording=True)
     if out.exists() and not overwrite:
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
-    fitted = fit_equipment(open_recording(recording), camera, _region(around, radius))
+    place = Region(center_xz_m=parse_place(around, "--around"), radius_m=radius)
+    fitted = fit_equipment(open_recording(recording), camera, place)
     pictures = [out.with_name(f"{out.stem}_{view.name}.png") for view in fitted.cameras]
     for picture in pictures:
         if picture.exists() and not overwrite:
@@ -224,16 +220,6 @@ def fit(
                 partial.write_bytes(as_png(draw_model(view, room, model)))
     _print_parts(fitted)
     say(f"{out} is a proposal: compare it with {out.stem}_<camera>.png beside it before you use it.")
-
-
-def _region(around: str, radius: float) -> Region:
-    from anchorpose.calibration.proposal_readings import Region
-    from anchorpose.cli.track_verbs import parse_place
-
-    try:
-        return Region(center_xz_m=parse_place(around, "--around"), radius_m=radius)
-    except ValueError:
-        raise AnchorposeError(f"--radius is {radius:g}; give a length in metres, above 0.") from None
 
 
 def _print_parts(fitted: FittedRoom) -> None:

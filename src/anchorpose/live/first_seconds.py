@@ -236,9 +236,8 @@ class Backlog:
 
 def _pack(found: LiveSet) -> LiveSet:
     """Return the set with the bytes of PNG files in place of its images."""
-    packed = (None if image is None else replace(image, grey=_as_png(image.grey)) for image in found.images)
+    packed = (
+        None if image is None else replace(image, grey=np.frombuffer(encode_grey(image.grey), np.uint8))
+        for image in found.images
+    )
     return replace(found, images=tuple(packed))
-
-
-def _as_png(grey: np.ndarray) -> np.ndarray:
-    return np.frombuffer(encode_grey(grey), np.uint8)

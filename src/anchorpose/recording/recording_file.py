@@ -31,7 +31,7 @@ from anchorpose.recording.document import (
     require_file_name,
     require_rigid,
 )
-from anchorpose.recording.recording import USUAL_PERIOD_S, CoveredPart, MissingPart, Recording, Subject
+from anchorpose.recording.recording import USUAL_PERIOD_S, Recording, Subject
 from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.settings import LARGEST, Unfit, shown
 
@@ -165,9 +165,6 @@ NARROWEST_LENS: Final = 0.01  # half a degree from the axis
 FINEST_DEPTH_SCALE_M: Final = 1e-6  # 65,535 of these are 6 cm
 SLOWEST_HZ: Final = 0.1  # at one image in ten seconds nobody is followed
 
-SHORTEST_SUBJECT_M, TALLEST_SUBJECT_M = 0.4, 2.8
-OLDEST_YEARS: Final = 120.0
-
 SAME_HEIGHT_M: Final = 0.03  # shoes and the time of day; more is another person, or a mistake
 
 
@@ -195,11 +192,6 @@ Radius = Annotated[
 ]
 Size = Annotated[Whole, Field(gt=0, le=LARGEST_SIDE_PX, description="the size of the depth images in pixels")]
 Rate = Annotated[float, Field(ge=SLOWEST_HZ, le=1000, description="depth images per second")]
-Height = Annotated[
-    float, Field(gt=SHORTEST_SUBJECT_M, le=TALLEST_SUBJECT_M, description="the patient's height in metres")
-]
-Age = Annotated[float, Field(ge=0, le=OLDEST_YEARS, description="the patient's age in years")]
-BirthYear = Annotated[Whole, Field(ge=1900, le=2100, description="the year the patient was born in")]
 CameraPose = Annotated[
     np.ndarray,
     numbers(4, 4, meaning="four rows of four numbers, or null where the pose is unknown"),
@@ -269,21 +261,6 @@ class CameraEntry(Entry):
         return Camera(**same, intrinsics=self.intrinsics.lens(), T_world_camera=self.camera_to_world)
 
 
-class SubjectEntry(Entry):
-    """What is known of the patient."""
-
-    height_m: Height | None = None
-    age_years: Age | None = None
-    birth_year: BirthYear | None = None
-    sex: Literal["female", "male"] | None = None
-    missing: tuple[MissingPart, ...] = ()
-    covered: tuple[CoveredPart, ...] = ()
-
-    def subject(self) -> Subject:
-        """Return the patient who is described."""
-        return Subject(**self.model_dump())
-
-
 class RecordingDocument(Entry):
     """The content of recording.json, before any other file of the folder is read.
 
@@ -294,7 +271,7 @@ class RecordingDocument(Entry):
     version: Version
     cameras: tuple[CameraEntry, ...]
     equipment: FileInFolder | None = None
-    subject: SubjectEntry | None = None
+    subject: Subject | None = None
     fps: Rate | None = None
 
     @model_validator(mode="after")

@@ -5,7 +5,6 @@ Images are written first, then their rows, so that what has a row is complete.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import re
 from collections.abc import Sequence
@@ -309,23 +308,13 @@ def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
     there = {file.name for file in (folder / "depth").iterdir()}
     rows = list[tuple[int, str]]()
     for line in lines:
-        number, _, time = line.partition(",")
-        if not (number.isdecimal() and _is_time(time)) or f"{int(number):06d}.png" not in there:
+        row = re.fullmatch(r"(\d+),(-?\d+\.\d{6})", line, re.ASCII)
+        if row is None or f"{int(row[1]):06d}.png" not in there:
             break
-        rows.append((int(number), time))
-    while rows and not _is_whole(folder / "depth" / f"{rows[-1][0]:06d}.png", plan):
+        rows.append((int(row[1]), row[2]))
+    while rows:
+        data = read_whole(folder / "depth" / f"{rows[-1][0]:06d}.png", LARGEST_IMAGE, BEGIN_AGAIN)
+        if decode_grey_png(data, plan.camera.width, plan.camera.height)[0] is not None:
+            break
         rows.pop()
     return rows
-
-
-def _is_time(text: str) -> bool:
-    with contextlib.suppress(ValueError):
-        return math.isfinite(float(text))
-    return False
-
-
-def _is_whole(path: Path, plan: CameraPlan) -> bool:
-    return (
-        decode_grey_png(read_whole(path, LARGEST_IMAGE, BEGIN_AGAIN), plan.camera.width, plan.camera.height)[0]
-        is not None
-    )
