@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.calibration.clock_surfaces import Clip, make_clip, surface_lag
 from anchorpose.calibration.first_frames import noise_per_m
 from anchorpose.camera import Camera
-from anchorpose.recording.depth_image import DepthFrames
+from anchorpose.recording.depth_image import RecordedFrames
 
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)  # edges; below is the floor, above nobody
 FAR_JUMP_M: Final = 0.08  # within three frames: more is another surface that appears, however far behind it lies
@@ -172,7 +172,7 @@ LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15  # noise; and another surface that ap
 class FrameCache:
     """Depth frames on demand; counts what is read and keeps the latest: windows of a short recording overlap."""
 
-    source: DepthFrames
+    source: RecordedFrames
     read_count: int = 0
     kept: dict[tuple[int, int], np.ndarray | None] = field(default_factory=dict)
 

@@ -32,7 +32,7 @@ from anchorpose.calibration.clock_lags import (
 )
 from anchorpose.calibration.first_frames import FloorPlane, floor_of_room
 from anchorpose.camera import Camera
-from anchorpose.recording.depth_image import DepthFrames, RecordedFrames
+from anchorpose.recording.depth_image import RecordedFrames
 from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.settings import settings
 
@@ -216,7 +216,7 @@ def _level(frames: RecordedFrames, index: int) -> Level | None:
     return Level(plane.up, plane.height_m) if isinstance(plane, FloorPlane) else None
 
 
-def estimate_clocks(source: DepthFrames, levels: Sequence[Level | None], config: ClockConfig) -> Clocks:
+def estimate_clocks(source: RecordedFrames, levels: Sequence[Level | None], config: ClockConfig) -> Clocks:
     """Every camera's clock against the first camera's.
 
     levels: one per camera, see ``motion_signal``; cameras with a pose may give it by the world's Y, others by the

@@ -178,10 +178,10 @@ def _from_one_camera(
     else:
         up, height = np.array([0.0, -1.0, 0.0]), None
         notes.append(f"no floor was found ({floor.value}): Y is the camera's up, and the floor's height is unknown")
-    start = start_of_patient(camera, sample_frames, up, height)
-    notes.append(start.reason)
+    origin_m, reason = start_of_patient(camera, sample_frames, up, height)
+    notes.append(reason)
     notes.append("the patient is assumed to face the camera: X points from the patient's start towards it")
-    posed = replace(camera, T_world_camera=_world_at(start.point_camera_m, up))
+    posed = replace(camera, T_world_camera=_world_at(origin_m, up))
     record = PoseRecord(camera.name, PoseSource.FLOOR)
     return Calibration((posed,), None if height is None else 0.0, tuple(residuals), tuple(notes), (record,))
 

@@ -46,27 +46,8 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 for _verb in (
-    demo,
-    simulate,
-    convert,
-    check,
-    calibrate,
-    track,
-    evaluate,
-    measure,
-    verify,
-    report,
-    reliability,
-    view,
-    export,
-    inspect,
-    equipment,
-    motions,
-    record,
-    live,
-    batch,
-    experiment,
-    benchmark,
+    *(demo, simulate, convert, check, calibrate, track, evaluate, measure, verify, report, reliability, view, export),
+    *(inspect, equipment, motions, record, live, batch, experiment, benchmark),
 ):
     app.command(_verb)
 

@@ -74,24 +74,17 @@ def progress_bar(description: str, at_once: bool = True) -> Iterator[Callable[[i
 
     at_once: shown before the first call, which may take long, or not: then work that is refused shows no bar.
     """
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich import progress as parts
 
     columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(),
+        parts.TextColumn("{task.description}", markup=False),
+        parts.BarColumn(),
+        parts.MofNCompleteColumn(),
+        parts.TimeElapsedColumn(),
+        parts.TextColumn("left:"),
+        parts.TimeRemainingColumn(),
     )
-    progress = Progress(*columns, console=plain_console(error=True))
+    progress = parts.Progress(*columns, console=plain_console(error=True))
     task = progress.add_task(printable(description), total=None)
 
     def advance(done: int, total: int | None) -> None:

@@ -19,6 +19,7 @@ from pydantic import AfterValidator, Field, model_validator
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.lens import COEFFICIENTS, NAMES, Intrinsics, LensModel
+from anchorpose.options import FARTHEST_M
 from anchorpose.recording.document import (
     Entry,
     FileInFolder,
@@ -145,8 +146,8 @@ def _same(one: Path, other: Path, size: int) -> bool:
         return False  # reported when the file is read
 
 
-FARTHEST_CAMERA_M: Final = 100.0
-"""A camera stands in the room of its world frame; a larger translation was written in millimetres."""
+FARTHEST_CAMERA_M: Final = FARTHEST_M
+"""A camera and a joint are in the room of their world frame; what is farther was written in millimetres."""
 
 COARSEST_DEPTH_SCALE_M: Final = 0.1
 """A step of 10 cm resolves no limb; a larger scale means that the unit was mistaken."""

@@ -194,7 +194,7 @@ def _described(bag: Bag, notes: list[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """The intrinsics, or why there are none; notes: what the user should know of them."""
+    """The intrinsics, or why there are none."""
 
     intrinsics: Intrinsics | None
     problem: str = ""
