@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 
-from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane, up_of
+from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane, level_of_pose
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
 NEARER_M: Final = 0.12  # people stand off the room by more than this
@@ -289,7 +289,7 @@ def common_surfaces(
 
     room_m, depths_m: (height, width) float32, 0 = no reading; background_m: of the empty room, None without.
     """
-    level = FloorPlane(up_of(camera), float(camera.position_m[1]), 0.0, 0.0)  # a frame that stands on Y = 0
+    level = level_of_pose(camera.require_pose())
     room = level_view(camera, level, np.full_like(room_m, np.inf), [room_m], ROOM_PX)
     people = level_view(camera, level, room_m if background_m is None else background_m, depths_m, PEOPLE_PX)
     return replace(

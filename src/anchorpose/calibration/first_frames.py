@@ -150,6 +150,11 @@ class FloorPlane:
     inlier_share: float
 
 
+def level_of_pose(T_world_camera: np.ndarray) -> FloorPlane:
+    """Return the plane Y = 0 of the world, in the camera frame."""
+    return FloorPlane(np.asarray(T_world_camera[1, :3], np.float64), float(T_world_camera[1, 3]), 0.0, 0.0)
+
+
 class NoFloor(StrEnum):
     """Why no floor was found: a result, because a frame of people alone has none."""
 

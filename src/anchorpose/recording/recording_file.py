@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -28,7 +28,7 @@ from anchorpose.recording.document import (
     Whole,
     numbers,
     read_document,
-    read_text,
+    read_rows,
     require_file_name,
     require_rigid,
 )
@@ -63,7 +63,10 @@ def read_timestamps(path: Path) -> dict[int, float]:
     times: dict[int, float] = {}
     last_frame, last_time = -1, -math.inf
     repeated = list[str]()
-    for line, cells in _rows(path):
+    (_, head), *rows = read_rows(path) or [(1, [""])]
+    if head != ["frame", "time_s"]:
+        raise InputError(path, f"starts with {','.join(head)[:60]!r}", "its first line must be frame,time_s")
+    for line, cells in rows:
         frame, time_s = _parse_row(path, line, cells)
         if frame <= last_frame:
             raise InputError(path, f"line {line}: frame {frame} does not come after {last_frame}", "sort the rows")
@@ -100,15 +103,6 @@ def require_seconds(path: Path, time_s: np.ndarray) -> None:
     if np.abs(time_s).max() > FARTHEST_TIME_S:
         problem = f"has the time {time_s[np.abs(time_s).argmax()]:.6g} s"
         raise InputError(path, problem, "write seconds, from the start of the recording or since 1970")
-
-
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    lines = read_text(path).splitlines()
-    if not lines or [cell.strip() for cell in lines[0].split(",")] != ["frame", "time_s"]:
-        raise InputError(path, f"starts with {lines[0][:60] if lines else ''!r}", "its first line must be frame,time_s")
-    for number, line in enumerate(lines[1:], start=2):
-        if line.strip():
-            yield number, line.split(",")
 
 
 def _parse_row(path: Path, line: int, cells: list[str]) -> tuple[int, float]:

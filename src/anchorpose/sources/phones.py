@@ -23,7 +23,7 @@ import numpy as np
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics
 from anchorpose.options import FASTEST_HZ
-from anchorpose.recording.document import parse_json, read_text
+from anchorpose.recording.document import parse_json, read_rows, read_text
 from anchorpose.recording.recording_file import LARGEST_SIDE_PX
 from anchorpose.sources.grey_images import (
     GREY_M,
@@ -132,14 +132,12 @@ def _movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
 
 def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
     """Return time by frame number, and positions (n, 3) metres; raises InputError where the columns are others."""
-    lines = read_text(path).splitlines()
-    columns = [cell.strip() for cell in lines[0].split(",")] if lines else []
+    (_, columns), *rows = read_rows(path) or [(1, [])]
     if not {"timestamp", "frame", "x", "y", "z"} <= set(columns):
         raise InputError(path, "does not begin with the columns timestamp, frame, x, y, z", "export it again")
     places = [columns.index(name) for name in ("timestamp", "frame", "x", "y", "z")]
     times, positions = dict[int, float](), list[list[float]]()
-    for line in lines[1:]:
-        cells = line.split(",")
+    for _, cells in rows:
         try:
             time_s, number, *position = (float(cells[place]) for place in places)
         except (ValueError, IndexError):
