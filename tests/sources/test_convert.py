@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import random
 import shutil
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -46,14 +51,131 @@ def whole(tmp_path_factory):
     return folder
 
 
-def test_a_stopped_conversion_leaves_nothing_and_the_next_one_is_whole(whole, tmp_path):
+@pytest.mark.parametrize("seed", range(12))
+def test_a_stopped_conversion_goes_on_to_the_same_bytes(whole, tmp_path, seed):
+    """Stopped at random points, also within the last image and within its row."""
+    chance, out = random.Random(seed), tmp_path / "out"
+    for _ in range(3):
+        with pytest.raises(Killed):
+            convert([whole / "in"], out, GIVEN, stop_after(chance.randrange(1, 7)))
+        with pytest.raises(InputError):
+            open_recording(out)
+        rows, images = out / "in" / "timestamps.csv", sorted((out / "in" / "depth").iterdir())
+        if images and chance.random() < 0.5:
+            images[-1].write_bytes(images[-1].read_bytes()[: chance.randrange(2000)])
+        if chance.random() < 0.5:
+            rows.write_bytes(rows.read_bytes()[: -chance.randrange(1, 9)])
+        if images and chance.random() < 0.3:
+            images[len(images) // 2].unlink()
+    run(whole / "in", out, GIVEN)
+    assert content(out) == content(whole / "out")
+
+
+def mkv(path, count):
+    """Azure Kinect's, with an image of the wrong size among the others."""
+    azure = pytest.importorskip("azure_builder")
+    whole = azure.mkv(
+        azure.images(count, "NFOV_2X2BINNED"), range(0, count * 33_333, 33_333), attached=azure.calibration()
+    )
+    place = whole.index(bytes.fromhex("1f43b675"), len(whole) // 3)
+    path.write_bytes(whole[:place] + azure.cluster(5, [(2, b"small")]) + whole[place:])
+
+
+def bag(form):
+    """A driver's, with an image of another size among the others."""
+
+    def write(path, count):
+        bags = pytest.importorskip("bags_builder")
+        sizes = [bags.SIZE if k != 2 else (10, 10) for k in range(count)]
+        sent = [bags.Sent("/depth/camera_info", "sensor_msgs/msg/CameraInfo", 1, bags.Info())]
+        for k, size in enumerate(sizes):
+            image = bags.image_of(np.full(size, 1000 + k, np.uint16), "16UC1", bags.stamp_ns(k))
+            sent.append(bags.Sent("/depth/image", "sensor_msgs/msg/Image", bags.stamp_ns(k), image))
+        bags.write_bag(path.parent, form, sent).rename(path)
+
+    return write
+
+
+RECORDERS = {"mkv": mkv, "ros1": bag("ros1"), "db3": bag("db3"), "mcap": bag("mcap")}
+
+
+@pytest.mark.parametrize("name", RECORDERS)
+def test_a_stopped_conversion_of_a_recorder_s_file_goes_on_to_the_same_bytes(tmp_path, name):
+    """A damaged image before the stop is not counted as one that was taken."""
+    RECORDERS[name](tmp_path / "in", 12)
+    whole = run(tmp_path / "in", tmp_path / "whole")
+    assert "damaged" in " ".join(whole.notes)
+    for stop in (1, 4, 3):
+        with pytest.raises(Killed):
+            convert([tmp_path / "in"], tmp_path / "out", ConvertOptions(), stop_after(stop))
+    assert run(tmp_path / "in", tmp_path / "out").notes == whole.notes
+    assert content(tmp_path / "out") == content(tmp_path / "whole")
+
+
+SLOWLY = """
+import cv2, signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a program in the background is born deaf to it
+quick = cv2.imencode
+def slow(*given):
+    time.sleep(0.05)
+    return quick(*given)
+cv2.imencode = slow
+"""
+"""So that a busy machine does not come too late to stop it."""
+
+
+def images_of(path, count):
+    build.plain_folder(path, noise(count, 160, 120))
+
+
+STOPPED = [(images_of, GIVEN, signal.SIGKILL), (images_of, GIVEN, signal.SIGINT), (images_of, GIVEN, signal.SIGTERM)]
+STOPPED += [(RECORDERS[name], ConvertOptions(), signal.SIGKILL) for name in ("mkv", "ros1")]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("write", "options", "stop"), STOPPED)
+def test_a_killed_process_leaves_no_recording_and_can_be_gone_on_with(tmp_path, write, options, stop):
+    write(tmp_path / "in", 80)
+    given = GIVE if options is GIVEN else []
+    script = f"{SLOWLY}from anchorpose.cli import main; sys.exit(main({['convert', 'in', 'out', *given]}))"
+    going = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    until = time.monotonic() + 60
+    while time.monotonic() < until and len(list(tmp_path.glob("out/*/depth/*"))) < 6:
+        time.sleep(0.002)
+    going.send_signal(stop)
+    _, said = going.communicate(timeout=60)
+    assert going.returncode != 0
+    assert not (tmp_path / "out" / "recording.json").exists()
+    if stop == signal.SIGINT:
+        assert "same command again" in said
+    run(tmp_path / "in", tmp_path / "out", options)
+    run(tmp_path / "in", tmp_path / "undisturbed", options)
+    assert content(tmp_path / "out") == content(tmp_path / "undisturbed")
+
+
+def test_another_input_or_other_options_are_refused(whole, tmp_path):
+    out = tmp_path / "out"
     with pytest.raises(Killed):
-        convert([whole / "in"], tmp_path / "out", GIVEN, stop_after(5))
-    assert not list(tmp_path.iterdir())
-    run(whole / "in", tmp_path / "out", GIVEN)
-    assert content(tmp_path / "out") == content(whole / "out")
+        convert([whole / "in"], out, GIVEN, stop_after(5))
+    build.plain_folder(tmp_path / "other", noise(20, seed=1))
+    for inputs, options in (
+        ([tmp_path / "other"], GIVEN),
+        ([whole / "in"], ConvertOptions(intrinsics=LENS, depth_scale=0.001, fps=15.0)),
+    ):
+        with pytest.raises(InputError, match="begun with other"):
+            convert(inputs, out, options, nothing)
+    run(whole / "in", out, GIVEN)
     with pytest.raises(InputError, match="finished recording"):
-        run(whole / "in", tmp_path / "out", GIVEN)
+        run(whole / "in", out, GIVEN)
+
+
+def test_a_moved_input_is_still_the_same(whole, tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(Killed):
+        convert([whole / "in"], out, GIVEN, stop_after(5))
+    shutil.copytree(whole / "in", tmp_path / "moved" / "in")
+    run(tmp_path / "moved" / "in", out, GIVEN)
+    assert content(out) == content(whole / "out")
 
 
 @pytest.mark.parametrize("what", ["file", "folder", "inside", "around", "twice", "recording"])
@@ -110,8 +232,8 @@ class MadeSource:
             camera or SourceCamera(name="c", width=WIDTH, height=HEIGHT, depth_scale=0.001, intrinsics=lens),
         )
 
-    def frames(self):
-        for k in range(len(self._times)):
+    def frames(self, skip):
+        for k in range(skip[0], len(self._times)):
             yield SourceFrame(0, self._times[k], self._grey[k])
 
 
@@ -132,6 +254,18 @@ def test_times_that_repeat_are_left_out_and_a_clock_set_back_is_refused(monkeypa
     with pytest.raises(InputError, match="clock was set back"):
         convert_made(monkeypatch, tmp_path, MadeSource(tmp_path / "f", [*times[15:], *times[:15]]))
     assert not (tmp_path / "out").exists()
+
+
+def test_files_that_were_added_meanwhile_survive_a_conversion_that_is_refused(monkeypatch, tmp_path):
+    class Visited(MadeSource):
+        def frames(self, skip):
+            (tmp_path / "out" / "notes.txt").write_text("mine")
+            yield from super().frames(skip)
+
+    with pytest.raises(InputError, match="record or export it again"):
+        convert_made(monkeypatch, tmp_path, Visited(tmp_path / "f", [0.0, 33.333, 66.667]))
+    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
+    assert not (tmp_path / "out" / "recording.json").exists()
 
 
 @pytest.mark.parametrize("times", [[0.0, 33.333, 66.667], [0.0, 1e12], [1e15, 1e15 + 1 / 30], [0.0, 5e-5, 1e-4]])

@@ -4,6 +4,8 @@ and about what tracking compares with: equipment, motions.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,7 +26,7 @@ def convert(*paths: Path, options: ConvertOptions | None = None) -> None:
     """Make a recording of the files that a camera's own recorder wrote; what the formats are: docs/guide/convert.md.
 
     Depth, times, lens and serial number are kept exactly; colour is neither read nor copied. 'track', 'calibrate',
-    'inspect' and 'view' also take such a file directly.
+    'inspect' and 'view' also take such a file directly. Stopped with Ctrl+C, the same command goes on where it was.
 
     Parameters
     ----------
@@ -37,7 +39,7 @@ def convert(*paths: Path, options: ConvertOptions | None = None) -> None:
     if len(paths) < 2:
         raise AnchorposeError("Give one or more files or folders of a recorder, and last the folder to write.")
     *inputs, out = paths
-    with progress_bar("Converting", at_once=False) as progress:
+    with _noting_how_to_go_on(out), progress_bar("Converting", at_once=False) as progress:
         done = convert_files(inputs, out, options or ConvertOptions(), progress)
     for note in done.notes:
         say(f"- {note}")
@@ -53,11 +55,23 @@ def as_recording(path: Path) -> Path:
     direct = look_at(path)
     if direct.ready:
         return direct.recording
-    with progress_bar(f"Converting {path.name}", at_once=False) as progress:
+    with _noting_how_to_go_on(direct.recording), progress_bar(f"Converting {path.name}", at_once=False) as progress:
         notes = make_recording(direct, progress)
     for note in notes:
         say(f"- {note}")
     return direct.recording
+
+
+@contextmanager
+def _noting_how_to_go_on(out: Path) -> Iterator[None]:
+    from anchorpose.results.folder import naming_place
+
+    try:
+        with naming_place(out):
+            yield
+    except KeyboardInterrupt as stopped:
+        stopped.add_note(f"{out} is not a recording yet: give the same command again to go on.")
+        raise
 
 
 COLOURS = ("green", "yellow", "red")

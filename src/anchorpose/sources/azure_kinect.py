@@ -11,7 +11,7 @@ wrapper (github.com/orbbec/OrbbecSDK-K4A-Wrapper) has the same three, unchanged.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -174,7 +174,7 @@ class AzureKinectFile:
         damaged = f"depth images left out because their size or time is damaged: {self.left_out}"
         return (*self.header_notes, damaged) if self.left_out else self.header_notes
 
-    def frames(self) -> Iterator[SourceFrame]:
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """Yield the depth images by time, one in memory at a time; damaged ones are left out, and counted in a note.
 
         Raises InputError where the file has no depth image that can be read, or reading it fails.
@@ -187,8 +187,9 @@ class AzureKinectFile:
             whole = self._whole_images(container.demux(stream), 2 * camera.width * camera.height)
             for packet in self._in_order(whole):
                 count += 1
-                time_us = self.start_us + round((packet.pts or 0) * tick_us)
-                yield SourceFrame(0, time_us / 1e6, _image(packet, camera.height, camera.width))
+                if count > skip[0]:
+                    time_us = self.start_us + round((packet.pts or 0) * tick_us)
+                    yield SourceFrame(0, time_us / 1e6, _image(packet, camera.height, camera.width))
         if not count:
             raise InputError(self.path, "holds no depth image that can be read", AGAIN)
 

@@ -1,6 +1,6 @@
-"""Convert recorders' files to a recording folder: streamed, and a whole recording or none.
+"""Convert recorders' files to a recording folder: streamed, interrupted and resumed, complete or no recording.
 
-conversion.json holds the inputs and options, to know whether a recording is of a file as it is now.
+conversion.json holds the inputs and options, to resume the conversion or to repeat it.
 """
 
 from __future__ import annotations
@@ -9,26 +9,29 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from filelock import FileLock, Timeout
+
 from anchorpose import __version__
-from anchorpose.errors import InputError
+from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import ConvertOptions
 from anchorpose.recording.document import LARGEST_BYTES, parse_json
 from anchorpose.recording.recording_file import RECORDING_FILE
 from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
-from anchorpose.recording.writable import check_place
-from anchorpose.results.folder import whole_or_nothing, write_text_whole
+from anchorpose.recording.writable import check_place, new_folder
+from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import hash_files
 from anchorpose.sources.plan import CameraPlan, CameraWriter, Plan, make_plan, turn_image
 from anchorpose.sources.source import Source, find_reader, open_source
 from anchorpose.threads import one_thread
 
 CONVERSION_FILE: Final = "conversion.json"
+LOCK_FILE: Final = ".conversion.lock"
 
 BLOCK: Final = 65536
 BLOCKS: Final = 16  # spread over a large file: another recording of the same size differs in its noise everywhere
@@ -77,7 +80,7 @@ def is_untouched(folder: Path) -> bool:
     and recording.json tell: then it can be made again without losing anybody's work."""
     for file in folder.iterdir():
         of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
-        if not of_camera and file.name not in (RECORDING_FILE, CONVERSION_FILE):
+        if not of_camera and file.name not in (RECORDING_FILE, CONVERSION_FILE, LOCK_FILE):
             return False
     document = folder / RECORDING_FILE
     if not document.exists():
@@ -133,18 +136,41 @@ class Converted:
 
 
 def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress: Progress) -> Converted:
-    """Write the recording ``out`` from recorders' files and folders, whole or not at all.
+    """Write the recording ``out`` from recorders' files and folders; recording.json comes last.
 
-    Raises InputError before anything is written where an input cannot be used, something is missing that only the user
-    can give, or ``out`` holds anything.
+    A stopped conversion of the same inputs with the same options is gone on with. Raises InputError before anything is
+    written where an input cannot be used, something is missing that only the user can give, or ``out`` holds anything
+    else.
     """
     check_places(inputs, out)
     sources = [open_source(path) for path in inputs]
     plan = make_plan(sources, options)
-    with one_thread(), whole_or_nothing(out) as folder:
-        counts, notes = _write_images(sources, plan, folder, options, progress)
-        notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
-        _finish(folder, conversion_document(inputs, options), plan, counts, notes)
+    with new_folder(out.resolve().parent, out):
+        return _convert(inputs, sources, plan, out, options, progress)
+
+
+def _convert(
+    inputs: Sequence[Path],
+    sources: Sequence[Source],
+    plan: Plan,
+    out: Path,
+    options: ConvertOptions,
+    progress: Progress,
+) -> Converted:
+    begun = conversion_document(inputs, options)
+    refusal: AnchorposeError | None = None
+    with one_thread(), _claimed(out, begun):
+        try:
+            counts, notes = _write_images(sources, plan, out, options, progress)
+        except AnchorposeError as error:
+            refusal = error
+        else:
+            notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
+            _finish(out, begun, plan, counts, notes)
+    if refusal is not None:  # because of what the files hold: going on would not help
+        if is_untouched(out):
+            shutil.rmtree(out)
+        raise refusal
     return Converted(out, tuple((name, count) for name, count in counts.items() if count), notes)
 
 
@@ -159,8 +185,33 @@ def check_places(inputs: Sequence[Path], out: Path) -> None:
         raise InputError(out, "is a file or a link", "choose another name for the recording")
     if (out / RECORDING_FILE).exists():
         raise InputError(out, "is a finished recording", "choose another name, or remove it first")
-    if out.is_dir() and any(out.iterdir()):
-        raise InputError(out, "exists and is not empty", "choose another name; nothing in it was touched")
+
+
+@contextmanager
+def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
+    """``out`` with its conversion.json, for this program alone; raises InputError where it holds something else."""
+    if out.is_dir() and any(file.name != LOCK_FILE for file in out.iterdir()):
+        found = read_conversion(out)
+        if found is None:
+            raise InputError(out, "exists and is not empty", "choose another name; nothing in it was touched")
+        if not is_same(found, begun):
+            problem = "was begun with other inputs, options or another version of anchorpose"
+            raise InputError(out, problem, "choose another name, or remove it first")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(out / LOCK_FILE)
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise InputError(out, "is being written by another anchorpose", "wait until it has finished") from None
+    except OSError as error:
+        raise InputError(out, f"cannot be written ({error.strerror})", "choose a place that you may write to") from None
+    try:
+        write_text_whole(out / CONVERSION_FILE, _json(begun))
+        yield
+    finally:
+        lock.release()
+        with suppress(OSError):  # another anchorpose may hold it by now
+            (out / LOCK_FILE).unlink()
 
 
 def _write_images(
@@ -174,9 +225,10 @@ def _write_images(
     for source, cameras in zip(sources, plan.cameras, strict=True):
         with ExitStack() as stack:
             writers = [stack.enter_context(CameraWriter(out / own.camera.name, own)) for own in cameras]
+            done += sum(writer.given for writer in writers)
             progress(done, total)
             try:
-                for frame in source.frames():
+                for frame in source.frames([writer.given for writer in writers]):
                     grey = turn_image(frame.depth, options.rotate, options.mirror)
                     writers[frame.camera].write(frame.time_s, grey)
                     done += 1
@@ -242,8 +294,8 @@ def look_at(path: Path) -> DirectInput:
         raise InputError(
             recording, "is in the way and was not made by anchorpose", "rename it, or use 'anchorpose convert'"
         )
-    if is_same(found, conversion_document([path], ConvertOptions())) and (recording / RECORDING_FILE).exists():
-        return DirectInput(path, recording, True)
+    if is_same(found, conversion_document([path], ConvertOptions())):
+        return DirectInput(path, recording, (recording / RECORDING_FILE).exists())
     if not is_untouched(recording):
         problem = f"was made when {path.name} or anchorpose was another, and holds what was added or changed since"
         raise InputError(recording, problem, "rename or remove it")

@@ -63,15 +63,18 @@ class ImageFiles:
         damaged = f"Damaged depth images that were left out: {len(self._left_out)}; the first, {first}, {problem}."
         return (*self._notes, damaged)
 
-    def frames(self) -> Iterator[SourceFrame]:
-        """Yield the depth images in order."""
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+        """Yield the depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
+        taken = 0
         for file in self._files:
             grey, problem = self._read(file.path, self.cameras[0])
             if grey is None:
                 self._left_out[file.path.name] = problem
                 continue
-            grey[grey == NO_READING] = 0
-            yield SourceFrame(0, file.time_s, grey)
+            taken += 1
+            if taken > skip[0]:
+                grey[grey == NO_READING] = 0
+                yield SourceFrame(0, file.time_s, grey)
 
 
 def read_grey_image(path: Path, camera: SourceCamera) -> tuple[np.ndarray | None, str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Final, Literal
@@ -64,9 +64,9 @@ class DepthArray:
             SourceCamera(name=name, width=width, height=height, depth_scale=scale, count=count, has_times=False),
         )
 
-    def frames(self) -> Iterator[SourceFrame]:
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """Yield the depth images in order; raises InputError where the file ends early."""
-        for position in range(self._shape[0]):
+        for position in range(skip[0], self._shape[0]):
             image = self._read(position)
             grey = to_grey(image) if self._metres else image.astype(np.uint16)
             grey[grey == NO_READING] = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -81,17 +81,18 @@ class BagSource:
         )
         return (*self._said, *self._bag.notes, *counted)
 
-    def frames(self) -> Iterator[SourceFrame]:
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """Yield the depth images; where a file is cut off, what it has up to there, with a note."""
         self._tallies = tuple(Counter[str]() for _ in self.cameras)
-        found = False
+        given = [0] * len(self.cameras)
         try:
             for frame in self._all_frames():
-                found = True
-                yield frame
+                given[frame.camera] += 1
+                if given[frame.camera] > skip[frame.camera]:
+                    yield frame
         except OSError as error:
             raise InputError(self.path, f"it cannot be read on ({error.strerror})", "check the disk") from error
-        if not found:
+        if not any(given):
             raise InputError(self.path, "none of its depth images can be read", RECORD_AGAIN)
 
     def _all_frames(self) -> Iterator[SourceFrame]:

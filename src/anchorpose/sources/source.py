@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -73,8 +73,8 @@ class Source(Protocol):
     path: Path
     cameras: tuple[SourceCamera, ...]
 
-    def frames(self) -> Iterator[SourceFrame]:
-        """Yield the depth images in the order of the file, streamed.
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+        """Yield the depth images in the order of the file, streamed; skip: how many of each camera were taken before.
 
         A damaged image is left out with a note; raises InputError where the rest of the file cannot be read.
         """
