@@ -15,6 +15,8 @@ BROWN = (-0.2, 0.1, 0.001, -0.002, -0.03)
 LENSES = {
     "brown": (LensModel.BROWN_CONRADY, BROWN),
     "azure": (LensModel.RATIONAL, AZURE),
+    "prism": (LensModel.RATIONAL, (*AZURE, 0.001, -0.002, 0.002, 0.001)),
+    "tilted": (LensModel.RATIONAL, (*AZURE, 0.001, -0.002, 0.002, 0.001, 0.03, -0.02)),
     "fisheye": (LensModel.KANNALA_BRANDT, (-0.02, 0.003, -0.001, 0.0002)),
 }
 

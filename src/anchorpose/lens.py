@@ -19,23 +19,24 @@ class LensModel(StrEnum):
     """Which of OpenCV's models the coefficients are of."""
 
     BROWN_CONRADY = "brown-conrady"  # k1 k2 p1 p2 k3
-    RATIONAL = "rational"  # k1 k2 p1 p2 k3 k4 k5 k6
+    RATIONAL = "rational"  # k1 k2 p1 p2 k3 k4 k5 k6, then perhaps s1 s2 s3 s4, then perhaps the sensor's tilt
     KANNALA_BRANDT = "kannala-brandt"  # k1 k2 k3 k4 of OpenCV's fisheye; doi:10.1109/TPAMI.2006.153
 
+
+COEFFICIENTS: Final = {LensModel.BROWN_CONRADY: (5,), LensModel.RATIONAL: (8, 12, 14), LensModel.KANNALA_BRANDT: (4,)}
+"""How many coefficients each model may have."""
 
 NAMES: Final = {
     LensModel.BROWN_CONRADY: "k1, k2, p1, p2, k3",
     LensModel.RATIONAL: "k1, k2, p1, p2, k3, k4, k5, k6",
     LensModel.KANNALA_BRANDT: "k1, k2, k3, k4",
 }
-"""The coefficients in OpenCV's order. Thin prisms and tilted sensors, which OpenCV has as well, no maker states."""
-
-COEFFICIENTS: Final = {model: names.count(",") + 1 for model, names in NAMES.items()}
-"""How many coefficients each model has."""
+"""The coefficients in OpenCV's order."""
 
 WIDEST: Final = 8.0  # tan of 83 degrees: wider than any depth camera's image
-_PLAIN, _RADIAL, _FISHEYE = 0.0, 1.0, 2.0
-_KIND, _RADIUS, _K, _SIZE = 4, 5, 6, 14  # places in a lens array, and its length
+_PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0
+_KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # places in a lens array
+_SIZE: Final = 27
 _STEPS: Final = 20  # of Newton's method; five are enough inside of the valid radius
 _EXACT_PX: Final = 1e-6
 NOWHERE: Final = -1e6  # a column and row outside of every image; kernels make integers of it, NaN has none
@@ -66,16 +67,36 @@ class Intrinsics:
 
 @lru_cache(maxsize=32)
 def lens_array(lens: Intrinsics) -> np.ndarray:
-    """(14,) float64, read only, for kernels: fx, fy, cx, cy first; the rest is for ``pixel_of_ray``."""
+    """(27,) float64, read only, for kernels: fx, fy, cx, cy first; the rest is for ``pixel_of_ray``."""
     array = np.zeros(_SIZE)
     array[:4] = lens.fx, lens.fy, lens.cx, lens.cy
-    array[_K : _K + len(lens.distortion)] = lens.distortion
-    fisheye = lens.model is LensModel.KANNALA_BRANDT
-    array[_KIND] = _FISHEYE if fisheye else _RADIAL if any(lens.distortion) else _PLAIN
+    coefficients = np.zeros(14)
+    coefficients[: len(lens.distortion)] = lens.distortion
+    array[_K : _K + 12] = coefficients[:12]
+    array[_TILT:] = _tilt(*coefficients[12:]).ravel()
+    array[_KIND] = _kind(lens.model, coefficients)
     given = WIDEST if lens.valid_radius is None else lens.valid_radius
     array[_RADIUS] = min(given, _turning_point(array))
     array.setflags(write=False)
     return array
+
+
+def _kind(model: LensModel, coefficients: np.ndarray) -> float:
+    if model is LensModel.KANNALA_BRANDT:
+        return _FISHEYE
+    if coefficients[12:].any():
+        return _TILTED
+    return _RADIAL if coefficients.any() else _PLAIN
+
+
+def _tilt(about_x: float, about_y: float) -> np.ndarray:
+    """(3, 3) projection of the image onto a sensor tilted by two angles, radians (OpenCV's tau)."""
+    cos_x, sin_x, cos_y, sin_y = np.cos(about_x), np.sin(about_x), np.cos(about_y), np.sin(about_y)
+    turn_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, sin_x], [0.0, -sin_x, cos_x]])
+    turn_y = np.array([[cos_y, 0.0, -sin_y], [0.0, 1.0, 0.0], [sin_y, 0.0, cos_y]])
+    turn = turn_y @ turn_x
+    onto = np.array([[turn[2, 2], 0.0, -turn[0, 2]], [0.0, turn[2, 2], -turn[1, 2]], [0.0, 0.0, 1.0]])
+    return np.asarray(onto @ turn)
 
 
 def _turning_point(array: np.ndarray) -> float:
@@ -114,9 +135,13 @@ def pixel_of_ray(x: float, y: float, lens: np.ndarray) -> tuple[float, float]:
     scale = _radial(radius, lens) / radius if radius > 1e-9 else 1.0
     u, v = x * scale, y * scale
     if lens[_KIND] != _FISHEYE:
-        p1, p2 = lens[_K + 2], lens[_K + 3]
-        u += 2.0 * p1 * x * y + p2 * (squared + 2.0 * x * x)
-        v += p1 * (squared + 2.0 * y * y) + 2.0 * p2 * x * y
+        p1, p2, s = lens[_K + 2], lens[_K + 3], lens[_K + 8 : _K + 12]
+        u += 2.0 * p1 * x * y + p2 * (squared + 2.0 * x * x) + squared * (s[0] + squared * s[1])
+        v += p1 * (squared + 2.0 * y * y) + 2.0 * p2 * x * y + squared * (s[2] + squared * s[3])
+    if lens[_KIND] == _TILTED:
+        t = lens[_TILT:]
+        away = t[6] * u + t[7] * v + t[8]
+        u, v = (t[0] * u + t[1] * v + t[2]) / away, (t[3] * u + t[4] * v + t[5]) / away
     return lens[0] * u + lens[2], lens[1] * v + lens[3]
 
 

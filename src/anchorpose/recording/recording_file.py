@@ -212,10 +212,11 @@ class LensEntry(Entry):
 
     @model_validator(mode="after")
     def _require_all_coefficients(self) -> LensEntry:
-        wanted = COEFFICIENTS[self.model]
-        if self.distortion is not None and len(self.distortion) != wanted:
+        counts = COEFFICIENTS[self.model]
+        if self.distortion is not None and len(self.distortion) not in counts:
+            wanted = " or ".join(map(str, counts))
             problem = f"has {len(self.distortion)} numbers, and a {self.model.value} lens has {wanted}"
-            other = [model for model, count in COEFFICIENTS.items() if len(self.distortion) == count]
+            other = [model for model, allowed in COEFFICIENTS.items() if len(self.distortion) in allowed]
             remedy = f'write "model": "{other[0].value}" beside it' if other else f"write {NAMES[self.model]}"
             raise Unfit(problem, remedy, "distortion")
         return self

@@ -79,6 +79,9 @@ def _plan_camera(source: Source, index: int, name: str, options: ConvertOptions)
     lens, pose = _lens(found, options), found.T_world_camera
     if scale is None or lens is None or (not found.has_times and options.fps is None):
         raise _incomplete(source, found, options)
+    if not can_turn(lens, options.rotate):
+        remedy = "give --rotate 180 or leave it out, and turn the camera"
+        raise InputError(source.path, "has a lens with a tilted sensor, which a quarter turn cannot keep", remedy)
     swapped = QUARTERS[options.rotate] % 2 == 1
     camera = Camera(
         name=name,
@@ -163,8 +166,14 @@ def turn_image(grey: np.ndarray, degrees: int, mirror: bool) -> np.ndarray:
     return np.ascontiguousarray(turned[:, ::-1] if mirror else turned)
 
 
+def can_turn(lens: Intrinsics, degrees: int) -> bool:
+    """Return whether OpenCV's model can describe the turned lens: a sensor's tilt has an order of its axes, which a
+    quarter turn would exchange."""
+    return QUARTERS[degrees] % 2 == 0 or not any(lens.distortion[12:14])
+
+
 def turn_lens(lens: Intrinsics, size: tuple[int, int], degrees: int, mirror: bool) -> Intrinsics:
-    """Return the lens of the turned image; size: width and height before."""
+    """Return the lens of the turned image; size: width and height before. See ``can_turn``."""
     width, height = size
     for _ in range(QUARTERS[degrees] % 2):
         lens = _quarter(lens, height)
@@ -189,24 +198,27 @@ def _quarter(lens: Intrinsics, height: int) -> Intrinsics:
     d = list(lens.distortion)
     if lens.model is not LensModel.KANNALA_BRANDT:
         d[2], d[3] = d[3], -d[2]
+        if len(d) >= 12:
+            d[8:12] = [-d[10], -d[11], d[8], d[9]]
     return replace(lens, fx=lens.fy, fy=lens.fx, cx=height - 1 - lens.cy, cy=lens.cx, distortion=tuple(d))
 
 
 def _mirror_across(lens: Intrinsics, width: int) -> Intrinsics:
-    """Mirror left to right: x becomes -x, and p2 with it."""
-    return replace(lens, cx=width - 1 - lens.cx, distortion=_negated(lens, 3))
+    """Mirror left to right: x becomes -x."""
+    d = _negated(lens, (3, 8, 9, 13))  # p2, s1, s2 and the tilt about y
+    return replace(lens, cx=width - 1 - lens.cx, distortion=d)
 
 
 def _mirror_down(lens: Intrinsics, height: int) -> Intrinsics:
-    """Mirror top to bottom: y becomes -y, and p1 with it."""
-    return replace(lens, cy=height - 1 - lens.cy, distortion=_negated(lens, 2))
+    """Mirror top to bottom: y becomes -y."""
+    d = _negated(lens, (2, 10, 11, 12))  # p1, s3, s4 and the tilt about x
+    return replace(lens, cy=height - 1 - lens.cy, distortion=d)
 
 
-def _negated(lens: Intrinsics, place: int) -> tuple[float, ...]:
-    d = list(lens.distortion)
-    if lens.model is not LensModel.KANNALA_BRANDT and d[place]:
-        d[place] = -d[place]
-    return tuple(d)
+def _negated(lens: Intrinsics, places: tuple[int, ...]) -> tuple[float, ...]:
+    if lens.model is LensModel.KANNALA_BRANDT:
+        return lens.distortion
+    return tuple(-value if place in places and value else value for place, value in enumerate(lens.distortion))
 
 
 _HEADER: Final = "frame,time_s"

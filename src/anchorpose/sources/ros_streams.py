@@ -235,9 +235,9 @@ def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, .
     known = _MODELS.get(model)
     if known is LensModel.BROWN_CONRADY and len(D) == 4:
         D = (*D, 0.0)
-    if known is LensModel.BROWN_CONRADY and len(D) == COEFFICIENTS[LensModel.RATIONAL]:
+    if known is LensModel.BROWN_CONRADY and len(D) in COEFFICIENTS[LensModel.RATIONAL]:
         known = LensModel.RATIONAL  # some drivers name the shorter model for OpenCV's eight coefficients
-    if known is None or len(D) != COEFFICIENTS[known]:
+    if known is None or len(D) not in COEFFICIENTS[known]:
         return Lens(None, f"its lens model {model!r} with {len(D)} coefficients is not known")
     return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy, distortion=D, model=known))
 
