@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from anchorpose.calibration import markers
 from anchorpose.calibration.calibration import PoseSource
 from anchorpose.calibration.markers import (
+    Board,
     MarkerLayout,
     MarkerPose,
     NoMarkers,
@@ -127,6 +128,31 @@ def test_the_stated_sigma_is_that_of_the_errors():
     assert max(scaled) < 4.5
 
 
+def test_a_board_gives_the_pose_too():
+    pose = np.eye(4)
+    pose[:3, :3] = (
+        FACING_X @ np.diag([1.0, -1.0, -1.0]) @ Rotation.from_euler("xyz", (15, -20, 0), degrees=True).as_matrix()
+    )
+    pose[:3, 3] = (0.2, 1.1, 0.35)
+    board = Board(4, 5, 0.15, 0.12, pose)
+    known = cv2.aruco.CharucoBoard((4, 5), 0.15, 0.12, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    texture = known.generateImage((1200, 1500))
+    corners = np.array([[0, 0, 0], [0.6, 0, 0], [0.6, 0.75, 0], [0, 0.75, 0]])
+    image = np.full((CAMERA.height * FINE, CAMERA.width * FINE), 120, np.uint8)
+    drawn_on(image, CAMERA, texture, transform_points(pose, corners))
+    found = pose_from_markers(
+        finished(image, 1),
+        CAMERA,
+        MarkerLayout(format="marker-layout", version=1, dictionary="DICT_4X4_50", board=board),
+    )
+    assert isinstance(found, MarkerPose)
+    off_m, off_rad = errors(found, CAMERA)
+    assert off_m < 3.5 * found.sigma_m  # one flat board of 0.6 m at 2.3 m is a matter of centimetres, and says so
+    assert off_rad < 3.5 * found.sigma_rad
+    assert 0.005 < found.sigma_m < 0.02
+    assert found.corners == 12
+
+
 def test_infrared_of_sixteen_bits_and_colour_give_the_same_as_grey():
     grey = photo(CAMERA, SPREAD)
     plain = pose_from_markers(grey, CAMERA, layout(*SPREAD))
@@ -227,6 +253,9 @@ def test_a_layout_is_read_as_it_is_written(tmp_path):
     (only,) = read_marker_layout(path).tags
     assert (only.number, only.size_m) == (4, 0.16)
     np.testing.assert_allclose(only.corners_m()[0], [-0.08, 0.08, 0.0])
+    board = {"squares_x": 5, "squares_y": 7, "square_m": 0.04, "marker_m": 0.03, "pose": np.eye(4).tolist()}
+    path.write_text(json.dumps({key: value for key, value in document(board=board).items() if key != "tags"}))
+    assert read_marker_layout(path).board is not None
 
 
 @pytest.mark.parametrize(
@@ -237,6 +266,7 @@ def test_a_layout_is_read_as_it_is_written(tmp_path):
         ({"tags": [{"id": 1, "size_m": 160, "pose": np.eye(4).tolist()}]}, "at most 5"),
         ({"tags": [{"id": 1, "size_m": 0.1, "pose": (2 * np.eye(4)).tolist()}]}, "is not a rigid motion"),
         ({"tags": document()["tags"] * 2}, "names an id twice"),
+        ({"tags": None}, "either single tags or one board"),
         ({"tagz": []}, "did you mean 'tags'"),
         ({"version": 2}, "version is 2; it must be 1: the version that this release reads"),
     ],

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Final, Literal
 
 import cv2
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -26,6 +26,8 @@ from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 SMALLEST_M: Final = 1e-3
 LARGEST_M: Final = 5.0  # a printed marker; anything larger was written in millimetres
+
+Squares = Annotated[Whole, Field(gt=1, le=100, description="how many squares a row or a column has")]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +45,22 @@ class Tag:
         return np.asarray(square @ self.T_world_tag[:3, :3].T + self.T_world_tag[:3, 3])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Board:
+    """A ChArUco board: pose with x along its rows, y down its columns and z into it, from its upper left corner."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    squares_x: Squares
+    squares_y: Squares
+    square_m: Annotated[float, Field(ge=SMALLEST_M, le=LARGEST_M, description="the side of a chess square in metres")]
+    marker_m: Annotated[float, Field(ge=SMALLEST_M, description="the side of a marker in a square, in metres")]
+    T_world_board: Annotated[Pose, Field(alias="pose")]  # (4, 4)
+
+    def __post_init__(self) -> None:
+        if self.marker_m > self.square_m:
+            raise Unfit(f"is {self.marker_m:g}", f"it must be at most square_m, {self.square_m:g}", "marker_m")
+
+
 def _require_dictionary(name: str) -> str:
     known = [name for name in dir(cv2.aruco) if name.startswith("DICT_")]
     if name not in known:
@@ -50,19 +68,23 @@ def _require_dictionary(name: str) -> str:
     return name
 
 
-def _require_distinct(tags: tuple[Tag, ...]) -> tuple[Tag, ...]:
-    if not 0 < len(tags) == len({tag.number for tag in tags}):
-        raise Unfit("is empty or names an id twice", "list every tag once; no two may have the same id")
-    return tags
-
-
 class MarkerLayout(Entry):
-    """markers.json; dictionary: OpenCV's name, such as DICT_APRILTAG_36h11."""
+    """markers.json: single tags or one board; dictionary: OpenCV's name, such as DICT_APRILTAG_36h11."""
 
     format: Literal["marker-layout"]
     version: Version
     dictionary: Annotated[str, AfterValidator(_require_dictionary)]
-    tags: Annotated[tuple[Tag, ...], AfterValidator(_require_distinct)]
+    tags: tuple[Tag, ...] | None = None
+    board: Board | None = None
+
+    @model_validator(mode="after")
+    def _require_one_kind(self) -> MarkerLayout:
+        if (self.tags is None) == (self.board is None):
+            problem = "and board are both given or both missing"
+            raise Unfit(problem, "describe either single tags or one board", "tags")
+        if self.tags is not None and not 0 < len(self.tags) == len({tag.number for tag in self.tags}):
+            raise Unfit("is empty or names an id twice", "list every tag once; no two may have the same id", "tags")
+        return self
 
 
 def read_marker_layout(path: Path) -> MarkerLayout:
@@ -71,6 +93,7 @@ def read_marker_layout(path: Path) -> MarkerLayout:
 
 
 LEAST_SIDE_PX: Final = 14.0  # the bits of a smaller tag are two pixels wide, its corners less accurate than assumed
+LEAST_BOARD_CORNERS: Final = 6
 DEPTH_READINGS: Final = 40  # at most, on a marker
 
 
@@ -110,9 +133,12 @@ def detect_markers(
     grey = _grey(image)
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, layout.dictionary))
     parameters = cv2.aruco.DetectorParameters()
-    # quads by fitted edges: half the error of corners refined one by one
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
-    found = _tag_corners(grey, layout, cv2.aruco.ArucoDetector(dictionary, parameters))
+    if layout.board is not None:
+        found = _board_corners(grey, layout.board, dictionary, parameters)
+    else:
+        # quads by fitted edges: half the error of corners refined one by one
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
+        found = _tag_corners(grey, layout, cv2.aruco.ArucoDetector(dictionary, parameters))
     if not found:
         return NoMarkers.NONE_SEEN
     found = {number: pair for number, pair in found.items() if _side_px(pair[0]) >= LEAST_SIDE_PX}
@@ -141,7 +167,7 @@ def _tag_corners(
     """Pixel and world corners of each tag of the layout that is seen exactly once: of two equal ones, one is a copy."""
     corners, numbers, _ = detector.detectMarkers(grey)
     listed = [] if numbers is None else [int(number) for number in np.ravel(numbers)]
-    places = {tag.number: tag.corners_m() for tag in layout.tags}
+    places = {tag.number: tag.corners_m() for tag in layout.tags or ()}
     return {
         number: (corner.reshape(4, 2).astype(np.float64), places[number])
         for number, corner in zip(listed, corners, strict=True)
@@ -149,9 +175,25 @@ def _tag_corners(
     }
 
 
+def _board_corners(
+    grey: np.ndarray, board: Board, dictionary: cv2.aruco.Dictionary, parameters: cv2.aruco.DetectorParameters
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """All chessboard corners of the board under the id 0; nothing where fewer than ``LEAST_BOARD_CORNERS`` are seen."""
+    size = (board.squares_x, board.squares_y)
+    known = cv2.aruco.CharucoBoard(size, board.square_m, board.marker_m, dictionary)
+    detector = cv2.aruco.CharucoDetector(known, cv2.aruco.CharucoParameters(), parameters)
+    corners, numbers, _, _ = detector.detectBoard(grey)
+    if numbers is None or len(numbers) < LEAST_BOARD_CORNERS:
+        return {}
+    places = np.asarray(known.getChessboardCorners(), dtype=np.float64)[np.asarray(numbers).ravel()]
+    return {0: (corners.reshape(-1, 2).astype(np.float64), transform_points(board.T_world_board, places))}
+
+
 def _side_px(corners: np.ndarray) -> float:
-    """Return a tag's shortest side."""
-    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).min())
+    """Of a tag its shortest side; of a board's corners, half the breadth of what they span."""
+    if len(corners) == 4:
+        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).min())
+    return float(np.ptp(corners, axis=0).min()) / 2.0
 
 
 def _depth_inside(
@@ -185,8 +227,8 @@ WORST_SIGMA_RAD: Final = 0.01  # half a degree: a centimetre at a metre
 class MarkerPose:
     """T_world_camera (4, 4); rms_px of the corners; sigma_m: of the position, one axis; sigma_rad: of the direction.
 
-    corners: how many were used; markers: ids of the tags they belong to; left_out: ids of tags that do not fit the
-    others.
+    corners: how many were used; markers: ids of the tags, or of the board's markers, they belong to; left_out: ids of
+    tags that do not fit the others.
     """
 
     T_world_camera: np.ndarray

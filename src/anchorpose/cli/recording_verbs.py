@@ -136,7 +136,7 @@ def calibrate(
     ignore_given
         Also find the poses that recording.json gives.
     markers
-        A markers.json that states where each printed AprilTag is: cameras whose folder holds an
+        A markers.json that states where each printed AprilTag or the ChArUco board is: cameras whose folder holds an
         image of them, infrared.png or color.png, are placed by these instead of by depth.
     config
         A TOML or JSON file with settings that differ from the defaults, as for track.
