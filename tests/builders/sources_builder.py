@@ -120,11 +120,23 @@ def npy(path: Path, grey: np.ndarray) -> None:
     path.with_suffix(".npy").rename(path)
 
 
+def raw_file(path: Path, grey: np.ndarray) -> None:
+    path.write_bytes(grey.astype(">u2").tobytes())
+    sidecar(path.with_suffix(".json"), byte_order="big")
+
+
+def raw_folder(path: Path, grey: np.ndarray) -> None:
+    path.mkdir()
+    for k, image in enumerate(grey):
+        (path / f"{k}.raw").write_bytes(image.astype("<u2").tobytes())
+    sidecar(path / "depth.json")
+
+
 def sidecar(path: Path, **more: object) -> None:
     fx, fy, cx, cy = LENS
     lens = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
-    known = {"depth_scale": 0.001, "fps": 30.0, "serial": "S1"}
-    path.write_text(json.dumps({"format": "depth-sidecar", "version": 1, **known, "intrinsics": lens, **more}))
+    size = {"width": WIDTH, "height": HEIGHT, "depth_scale": 0.001, "fps": 30.0, "serial": "S1"}
+    path.write_text(json.dumps({"format": "depth-sidecar", "version": 1, **size, "intrinsics": lens, **more}))
 
 
 def r3d(path: Path, depth_m: np.ndarray) -> None:
@@ -143,6 +155,7 @@ def r3d(path: Path, depth_m: np.ndarray) -> None:
 
 
 FORMATS: dict[str, Callable[[Path, np.ndarray], None]] = {
-    write.__name__: write for write in (plain_folder, pgm_folder, tum, icl, open3d, redwood, stray, npy)
+    write.__name__: write
+    for write in (plain_folder, pgm_folder, tum, icl, open3d, redwood, stray, npy, raw_file, raw_folder)
 }
 """What writes uint16 images in each format."""

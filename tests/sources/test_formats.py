@@ -189,13 +189,12 @@ def test_formats_that_cannot_be_read_are_refused_with_the_way_round(tmp_path, na
         open_source(tmp_path / name)
 
 
-def test_a_sidecar_says_what_a_folder_does_not(tmp_path):
-    build.plain_folder(tmp_path / "p", noise())
-    build.sidecar(tmp_path / "p" / "depth.json")
-    run(tmp_path / "p", tmp_path / "out")
-    assert times_of(tmp_path / "out", "p") == THIRTIETHS
-    (camera,) = open_recording(tmp_path / "out").cameras
-    assert (camera.depth_scale, camera.intrinsics.fx) == (0.001, LENS[0])
-    build.sidecar(tmp_path / "p" / "depth.json", times_s=[0.0, 0.1])
+def test_a_sidecar_that_does_not_fit_is_refused(tmp_path):
+    build.raw_folder(tmp_path / "r", noise())
+    build.sidecar(tmp_path / "r" / "depth.json", times_s=[0.0, 0.1])
     with pytest.raises(InputError, match="2 times for 7"):
+        open_source(tmp_path / "r")
+    build.plain_folder(tmp_path / "p", noise())
+    build.sidecar(tmp_path / "p" / "depth.json", width=WIDTH + 1)
+    with pytest.raises(InputError, match="width is 33"):
         open_source(tmp_path / "p")

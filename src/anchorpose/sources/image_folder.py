@@ -1,13 +1,15 @@
-"""Read depth images as one array of NumPy, or as a folder of 16-bit grey PNG or PGM, also in its subfolder ``depth``.
+"""Read depth images as one array, or as a folder of files with a sidecar that describes them.
 
-Numbers in the names show which images are missing; a sidecar depth.json may give the lens, the unit and the rate.
+Arrays: NumPy's .npy of (images, height, width). Folders: 16-bit grey PNG or PGM, also in a subfolder ``depth``, or raw
+dumps of 16-bit values, one file for all images or a folder with one each. Numbers in the names show which images are
+missing; a sidecar depth.json may give the lens, the unit and the rate.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Final, Literal
@@ -17,7 +19,7 @@ from pydantic import Field
 
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import FARTHEST_M
-from anchorpose.recording.document import Entry, Text, Version, read_document
+from anchorpose.recording.document import LARGEST_BYTES, Entry, Text, Version, parse_json, read_document
 from anchorpose.recording.recording_file import (
     COARSEST_DEPTH_SCALE_M,
     FINEST_DEPTH_SCALE_M,
@@ -25,8 +27,9 @@ from anchorpose.recording.recording_file import (
     LensEntry,
     Rate,
     Seconds,
+    Size,
 )
-from anchorpose.recording.regular_file import open_regular
+from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 from anchorpose.sources.grey_images import (
     GREY_M,
     FrameFile,
@@ -34,52 +37,52 @@ from anchorpose.sources.grey_images import (
     first_size,
     grey_size,
     images_in,
+    natural_order,
     number_of,
     to_grey,
 )
-from anchorpose.sources.source import NO_READING, Reader, SourceCamera, SourceFrame
+from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
 NEAREST_M: Final = 0.1  # the median of depth in metres lies farther, and in millimetres beyond ``FARTHEST_M``
 
 _NPY: Final = b"\x93NUMPY"
 
 
-class DepthArray:
-    """Depth images in one file (images, height, width), uint16 or metres, from byte ``start`` on."""
+class ImageArray:
+    """All depth images of one camera, which lie one after another; ``read`` gives one by its position, as uint16."""
 
-    notes = ()
-
-    def __init__(self, path: Path, shape: tuple[int, int, int], kind: np.dtype[Any], start: int) -> None:
-        self.path, self._shape, self._kind, self._start = path, shape, kind, start
-        count, height, width = shape
-        if count < 1 or not (0 < height <= LARGEST_SIDE_PX and 0 < width <= LARGEST_SIDE_PX):
-            raise InputError(path, f"holds {count} images of {width} x {height} pixels", "save the array again")
-        self._metres = kind.kind == "f"
-        if not self._metres and (kind.kind != "u" or kind.itemsize != 2):
-            raise InputError(path, f"holds numbers of type {kind}", "save depth as uint16, or as metres in float32")
-        if self._metres:
-            _require_metres(path, self._read(0))
-        scale, name = GREY_M if self._metres else None, path.resolve().stem
-        self.cameras: tuple[SourceCamera, ...] = (
-            SourceCamera(name=name, width=width, height=height, depth_scale=scale, count=count, has_times=False),
-        )
+    def __init__(
+        self,
+        path: Path,
+        camera: SourceCamera,
+        times_s: Sequence[float],
+        read: Callable[[int], np.ndarray],
+        notes: tuple[str, ...] = (),
+    ) -> None:
+        self.path, self.notes, self._times_s, self._read = path, notes, times_s, read
+        self.cameras: tuple[SourceCamera, ...] = (replace(camera, count=len(times_s)),)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """Yield the depth images in order; raises InputError where the file ends early."""
-        for position in range(skip[0], self._shape[0]):
-            image = self._read(position)
-            grey = to_grey(image) if self._metres else image.astype(np.uint16)
+        for position in range(skip[0], len(self._times_s)):
+            grey = self._read(position)
             grey[grey == NO_READING] = 0
-            yield SourceFrame(0, float(position), grey)
+            yield SourceFrame(0, float(self._times_s[position]), grey)
 
-    def _read(self, position: int) -> np.ndarray:
-        size = math.prod(self._shape[1:]) * self._kind.itemsize
-        with open_regular(self.path) as file:
-            place = file.seek(self._start + position * size)
-            data = file.read(min(size, max(0, self.path.stat().st_size - place)))  # a size may be damaged
+
+def _reader(path: Path, start: int, shape: tuple[int, ...], kind: np.dtype[Any]) -> Callable[[int], np.ndarray]:
+    """Return what reads the image (height, width) at a position of a file; it raises InputError where that ends."""
+    size = math.prod(shape) * kind.itemsize
+
+    def read(position: int) -> np.ndarray:
+        with open_regular(path) as file:
+            place = file.seek(start + position * size)
+            data = file.read(min(size, max(0, path.stat().st_size - place)))  # a size may be damaged
         if len(data) < size:
-            raise InputError(self.path, f"ends within image {position} of {self._shape[0]}", "copy or save it again")
-        return np.frombuffer(data, self._kind).reshape(self._shape[1:])
+            raise InputError(path, f"ends within image {position}", "copy or save it again")
+        return np.frombuffer(data, kind).reshape(shape)
+
+    return read
 
 
 def _is_array(path: Path, head: bytes) -> bool:
@@ -87,7 +90,7 @@ def _is_array(path: Path, head: bytes) -> bool:
     return head.startswith(_NPY)
 
 
-def _open_array(path: Path) -> DepthArray:
+def _open_array(path: Path) -> ImageArray:
     """Raises InputError where the array is not of depth images."""
     with open_regular(path) as file:
         try:
@@ -98,7 +101,23 @@ def _open_array(path: Path) -> DepthArray:
     if len(shape) != 3 or columns or kind.hasobject:
         problem = f"holds an array of shape {shape}" + (" in MATLAB's order" if columns else "")
         raise InputError(path, problem, "save depth as (images, height, width), with numpy.ascontiguousarray")
-    return DepthArray(path, shape, kind, start)
+    count, height, width = shape
+    if count < 1 or not (0 < height <= LARGEST_SIDE_PX and 0 < width <= LARGEST_SIDE_PX):
+        raise InputError(path, f"holds {count} images of {width} x {height} pixels", "save the array again")
+    metres = kind.kind == "f"
+    if not metres and (kind.kind != "u" or kind.itemsize != 2):
+        raise InputError(path, f"holds numbers of type {kind}", "save depth as uint16, or as metres in float32")
+    read = _reader(path, start, (height, width), kind)
+    if metres:
+        _require_metres(path, read(0))
+    scale, to_integers = (GREY_M, to_grey) if metres else (None, _as_uint16)
+    name = path.resolve().stem
+    camera = SourceCamera(name=name, width=width, height=height, depth_scale=scale, has_times=False)
+    return ImageArray(path, camera, range(count), lambda position: to_integers(read(position)))
+
+
+def _as_uint16(image: np.ndarray) -> np.ndarray:
+    return image.astype(np.uint16)
 
 
 def _require_metres(path: Path, image: np.ndarray) -> None:
@@ -117,6 +136,8 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 
 
 SIDECAR: Final = "depth.json"
+"""The name of the sidecar of a folder; that of a single file is the file's name with .json instead of its ending."""
+
 LOOK_AT: Final = 100  # images before a folder counts as one without depth: colour may lie among them
 
 FASTEST_S, SLOWEST_S = 0.003, 1.0
@@ -124,10 +145,13 @@ FASTEST_S, SLOWEST_S = 0.003, 1.0
 
 
 class SidecarDocument(Entry):
-    """``depth-sidecar``: what is known of the depth images of a folder."""
+    """``depth-sidecar``: what is known of depth images; ``width`` and ``height`` are needed for raw dumps only."""
 
     format: Literal["depth-sidecar"]
     version: Version
+    width: Size | None = None
+    height: Size | None = None
+    byte_order: Literal["little", "big"] = "little"
     depth_scale: Annotated[float, Field(ge=FINEST_DEPTH_SCALE_M, le=COARSEST_DEPTH_SCALE_M)] | None = None
     fps: Rate | None = None
     times_s: tuple[Seconds, ...] | None = None
@@ -152,7 +176,9 @@ def _open_images(path: Path) -> ImageFiles:
         name=path.resolve().name, width=width, height=height, depth_scale=None, count=len(files), has_times=has_times
     )
     if (path / SIDECAR).is_file():
-        camera, files = _described(path / SIDECAR, camera, files)
+        given = read_document(path / SIDECAR, SidecarDocument)
+        camera, times = camera_of(given, camera, path / SIDECAR), file_times(given, path / SIDECAR, files)
+        files = times if times is not None else files
     return ImageFiles(path, camera, files, notes)
 
 
@@ -171,10 +197,12 @@ def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
     return [FrameFile(file, float(number)) for number, file in sorted(zip(known, images, strict=True))], False
 
 
-def _described(path: Path, camera: SourceCamera, files: list[FrameFile]) -> tuple[SourceCamera, list[FrameFile]]:
-    """Return the camera and its numbered files with what the sidecar says; raises InputError where it does not fit."""
-    given = read_document(path, SidecarDocument)
-    known = replace(
+def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> SourceCamera:
+    """Return ``camera`` with what the sidecar ``path`` says; raises InputError where the images have another size."""
+    for name, own, said in (("width", camera.width, given.width), ("height", camera.height, given.height)):
+        if said is not None and said != own:
+            raise InputError(path, f"{name} is {said}, the images have {own}", "correct the number")
+    return replace(
         camera,
         depth_scale=given.depth_scale,
         intrinsics=given.intrinsics.lens() if given.intrinsics is not None else None,
@@ -182,18 +210,99 @@ def _described(path: Path, camera: SourceCamera, files: list[FrameFile]) -> tupl
         serial=given.serial or "",
         has_times=camera.has_times or given.times_s is not None or given.fps is not None,
     )
-    times_s = given.times_s
-    if times_s is None:
-        per_second = given.fps if given.fps is not None and not camera.has_times else 1.0
-        times_s = tuple(file.time_s / per_second for file in files)
-    elif len(times_s) != len(files):
-        problem = f"times_s has {len(times_s)} times for {len(files)} depth images"
-        raise InputError(path, problem, "write one time per image")
-    return known, [replace(file, time_s=time_s) for file, time_s in zip(files, times_s, strict=True)]
+
+
+def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndarray | None:
+    """Return (n,) seconds of images with these numbers, or None; raises InputError where ``times_s`` has another
+    length."""
+    if given.times_s is not None:
+        if len(given.times_s) != len(numbers):
+            problem = f"times_s has {len(given.times_s)} times for {len(numbers)} depth images"
+            raise InputError(path, problem, "write one time per image")
+        return np.array(given.times_s)
+    return None if given.fps is None else numbers / given.fps
+
+
+def file_times(given: SidecarDocument, path: Path, files: Sequence[FrameFile]) -> list[FrameFile] | None:
+    """Return the files, now numbered, with the sidecar's times; None where it has none."""
+    times = times_of(given, path, np.array([file.time_s for file in files]))
+    return None if times is None else [replace(file, time_s=t) for file, t in zip(files, times.tolist(), strict=True)]
 
 
 def _images(path: Path) -> list[Path]:
     return images_in(path) or images_in(path / "depth")
 
 
-READERS: Final = (Reader(_is_array, _open_array), Reader(_is_images, _open_images))
+def _is_raw_dump(path: Path, head: bytes) -> bool:
+    """Return whether a sidecar that gives a size describes this file or folder."""
+    sidecar = _sidecar(path)
+    if sidecar == path:
+        return False
+    try:
+        values = parse_json(read_bounded(sidecar, LARGEST_BYTES))
+    except (Unreadable, ValueError):
+        return False
+    return (
+        isinstance(values, dict)
+        and values.get("format") == "depth-sidecar"
+        and (path.is_file() or bool(_raw_files(path)))
+    )
+
+
+def _open_raw(path: Path) -> Source:
+    """Raises InputError where the sidecar does not fit."""
+    sidecar = _sidecar(path)
+    given = read_document(sidecar, SidecarDocument)
+    if given.width is None or given.height is None:
+        raise InputError(sidecar, "has no width and height", "add both: raw images do not tell their size")
+    name = path.resolve().stem if path.is_file() else path.resolve().name
+    camera = camera_of(
+        given,
+        SourceCamera(name=name, width=given.width, height=given.height, depth_scale=None, has_times=False),
+        sidecar,
+    )
+    order = ">u2" if given.byte_order == "big" else "<u2"
+    if path.is_file():
+        return _open_raw_file(path, camera, order, given)
+    files, _ = frame_files(sorted(_raw_files(path), key=natural_order))
+    files = file_times(given, sidecar, files) or files
+    return ImageFiles(path, camera, files, read=lambda file, shape: _read_raw(file, shape, order))
+
+
+def _open_raw_file(path: Path, camera: SourceCamera, order: str, given: SidecarDocument) -> ImageArray:
+    kind = np.dtype(order)
+    count, rest = divmod(path.stat().st_size, kind.itemsize * camera.width * camera.height)
+    if count == 0:
+        problem = f"is shorter than one image of {camera.width} x {camera.height} pixels"
+        raise InputError(path, problem, "check width and height in its sidecar")
+    numbers = np.arange(count, dtype=float)
+    times_s = times_of(given, _sidecar(path), numbers)
+    cut = f"{path.name} ends within an image, which was left out; its sidecar's width and height may be wrong."
+    read = _reader(path, 0, (camera.height, camera.width), kind)
+    return ImageArray(
+        path,
+        camera,
+        (numbers if times_s is None else times_s).tolist(),
+        lambda position: _as_uint16(read(position)),
+        (cut,) if rest else (),
+    )
+
+
+def _read_raw(path: Path, camera: SourceCamera, order: str) -> tuple[np.ndarray | None, str]:
+    wanted, size = 2 * camera.width * camera.height, path.stat().st_size
+    if size != wanted:
+        return None, f"has {size} bytes, an image of this size has {wanted}"
+    with open_regular(path) as file:
+        data = file.read(wanted)
+    return np.frombuffer(data, order).reshape(camera.height, camera.width).astype(np.uint16), ""
+
+
+def _sidecar(path: Path) -> Path:
+    return path / SIDECAR if path.is_dir() else path.with_suffix(".json")
+
+
+def _raw_files(folder: Path) -> list[Path]:
+    return [file for file in folder.iterdir() if file.suffix.lower() in {".raw", ".bin"} and file.name[0] != "."]
+
+
+READERS: Final = (Reader(_is_array, _open_array), Reader(_is_raw_dump, _open_raw), Reader(_is_images, _open_images))
