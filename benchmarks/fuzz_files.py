@@ -149,6 +149,7 @@ def readers() -> dict[str, Make]:
     """Return what writes a whole file of each format, by name."""
     import azure_builder
     import bags_builder
+    import scipy.io
     import vendor_bags_builder as vendor
 
     def built(build: Callable[[Path], Path]) -> Make:
@@ -156,6 +157,10 @@ def readers() -> dict[str, Make]:
 
     def images(write: Callable[[Path, np.ndarray], None]) -> Make:
         return lambda path: write(path, sources_builder.noise(3))
+
+    def unpacked(path: Path, grey: np.ndarray) -> None:
+        with path.open("wb") as file:
+            scipy.io.savemat(file, {"depth": np.moveaxis(grey, 0, 2), "note": "x"})
 
     depth_m = np.random.default_rng(0).uniform(0.3, 4.0, (3, 16, 12)).astype(np.float32)
     return {
@@ -167,4 +172,5 @@ def readers() -> dict[str, Make]:
         "orbbec-2.3": built(partial(vendor.orbbec_bag, sdk="2.3")),
         "record3d": lambda path: sources_builder.r3d(path, depth_m),
         **{name: images(write) for name, write in sources_builder.FORMATS.items()},
+        "mat-unpacked": images(unpacked),
     }

@@ -105,6 +105,18 @@ def redwood(path: Path, grey: np.ndarray) -> None:
         write_png(path / "depth" / f"{k + 1:07d}-{33369 * k:012d}.png", image)
 
 
+def scannet(path: Path, grey: np.ndarray) -> None:
+    for k, image in enumerate(grey):
+        write_png(path / "depth" / f"{k}.png", image)
+        (path / "pose").mkdir(exist_ok=True)
+        pose = np.eye(4)
+        pose[0, 3] = 0.1 * k
+        np.savetxt(path / "pose" / f"{k}.txt", pose)
+    fx, fy, cx, cy = LENS
+    (path / "intrinsic").mkdir()
+    np.savetxt(path / "intrinsic" / "intrinsic_depth.txt", [[fx, 0, cx, 0], [0, fy, cy, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
 def stray(path: Path, grey: np.ndarray) -> None:
     for k, image in enumerate(grey):
         write_png(path / "depth" / f"{k:06d}.png", image)
@@ -118,6 +130,13 @@ def stray(path: Path, grey: np.ndarray) -> None:
 def npy(path: Path, grey: np.ndarray) -> None:
     np.save(path.with_suffix(".npy"), grey.astype(">u2"))
     path.with_suffix(".npy").rename(path)
+
+
+def mat(path: Path, grey: np.ndarray) -> None:
+    import scipy.io
+
+    with path.open("wb") as file:
+        scipy.io.savemat(file, {"depth": np.moveaxis(grey, 0, 2), "note": "x"}, do_compression=True)
 
 
 def raw_file(path: Path, grey: np.ndarray) -> None:
@@ -156,6 +175,6 @@ def r3d(path: Path, depth_m: np.ndarray) -> None:
 
 FORMATS: dict[str, Callable[[Path, np.ndarray], None]] = {
     write.__name__: write
-    for write in (plain_folder, pgm_folder, tum, icl, open3d, redwood, stray, npy, raw_file, raw_folder)
+    for write in (plain_folder, pgm_folder, tum, icl, open3d, redwood, scannet, stray, npy, mat, raw_file, raw_folder)
 }
 """What writes uint16 images in each format."""

@@ -13,6 +13,7 @@ from anchorpose.errors import InputError
 from anchorpose.options import ConvertOptions
 from anchorpose.recording.depth_image import FARTHEST_M
 from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.sources.grey_images import GREY_M
 from anchorpose.sources.source import open_source
 
 THIRTIETHS = [round(k / 30, 6) for k in range(FRAMES)]
@@ -29,9 +30,11 @@ NEEDS = {
     "plain_folder": GIVEN,
     "pgm_folder": GIVEN,
     "npy": GIVEN,
+    "mat": GIVEN,
     "tum": ConvertOptions(intrinsics=LENS),
     "icl": ConvertOptions(intrinsics=LENS, fps=30.0),
     "redwood": ConvertOptions(intrinsics=LENS, depth_scale=0.001),
+    "scannet": ConvertOptions(fps=30.0),
 }
 """What each format does not say."""
 
@@ -83,13 +86,18 @@ def test_a_camera_that_was_carried_is_named(tmp_path):
     odometry = tmp_path / "s" / "odometry.csv"
     odometry.write_text(odometry.read_text().replace("000000, 0.1,", "000000, 0.4,"))
     assert any("moved by 0.30 m" in note for note in run(tmp_path / "s", tmp_path / "o2").notes)
+    build.scannet(tmp_path / "t", noise())
+    notes = run(tmp_path / "t", tmp_path / "o3", NEEDS["scannet"]).notes
+    assert any("moved by 0.30 m" in note for note in notes)
 
 
-def test_metres_become_steps_of_a_quarter_millimetre(tmp_path):
+@pytest.mark.parametrize("name", ["npy", "mat"])
+def test_metres_become_steps_of_a_quarter_millimetre(tmp_path, name):
     depth_m = np.random.default_rng(1).uniform(0.3, 16.0, (3, HEIGHT, WIDTH)).astype(np.float32)
     depth_m[:, 0], depth_m[:, 1], depth_m[:, 2], depth_m[:, 3] = np.nan, 0.0, np.inf, 20.0
-    np.save(tmp_path / "a.npy", depth_m)
-    run(tmp_path / "a.npy", tmp_path / "out", ConvertOptions(intrinsics=LENS, fps=30.0))
+    FORMATS[name](tmp_path / "a", depth_m) if name == "mat" else np.save(tmp_path / "a.npy", depth_m)
+    source = tmp_path / ("a" if name == "mat" else "a.npy")
+    run(source, tmp_path / "out", ConvertOptions(intrinsics=LENS, fps=30.0))
     (camera,) = open_recording(tmp_path / "out").cameras
     back_m = depth_of(tmp_path / "out", "a") * camera.depth_scale
     assert not back_m[:, :4].any()
@@ -145,6 +153,22 @@ def test_an_array_that_states_gigabytes_costs_no_memory(tmp_path):
     assert peak < 50_000_000
 
 
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("kind", ["<u2", "<f4", "<f8", ">u2"])
+def test_an_array_of_matlab_s_beside_others(tmp_path, compressed, kind):
+    """Written by scipy: another name, another number of dimensions, text and a cell stand beside it."""
+    import scipy.io
+
+    grey = noise(4)
+    depth = np.moveaxis(grey if kind.endswith("u2") else grey * GREY_M, 0, 2).astype(kind)
+    others = {"flat": np.eye(3), "text": "depth", "cells": np.array([1, "a"], object), "other": depth + 1, "empty": []}
+    with (tmp_path / "in").open("wb") as file:
+        scipy.io.savemat(file, {**others, "my_depth": depth}, do_compression=compressed)
+    given = GIVEN if kind.endswith("u2") else ConvertOptions(intrinsics=LENS, fps=30.0)
+    run(tmp_path / "in", tmp_path / "out", given)
+    assert np.array_equal(depth_of(tmp_path / "out", "in"), expected(grey))
+
+
 def test_missing_numbers_are_missing_moments(tmp_path):
     grey = noise()
     build.plain_folder(tmp_path / "p", grey)
@@ -180,7 +204,7 @@ def test_a_damaged_image_is_left_out_and_named(tmp_path):
         ("a.bin", b"NI10\0\0", "OpenNI"),
         ("a.mcap", b"\x89MCAP0\r\n\x01\x1a" + bytes(12) + b"libmcap stereolabs", "ZED"),
         ("a.svo", b"anything", "ZED"),
-        ("a.bin", b"MATLAB 5.0 MAT-file", "imwrite"),
+        ("a.bin", b"MATLAB 7.3 MAT-file", "-v7"),
     ],
 )
 def test_formats_that_cannot_be_read_are_refused_with_the_way_round(tmp_path, name, head, says):

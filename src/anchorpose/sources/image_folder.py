@@ -101,13 +101,22 @@ def _open_array(path: Path) -> ImageArray:
     if len(shape) != 3 or columns or kind.hasobject:
         problem = f"holds an array of shape {shape}" + (" in MATLAB's order" if columns else "")
         raise InputError(path, problem, "save depth as (images, height, width), with numpy.ascontiguousarray")
+    return image_array(path, shape, kind, _reader(path, start, shape[1:], kind))
+
+
+def image_array(
+    path: Path, shape: tuple[int, int, int], kind: np.dtype[Any], read: Callable[[int], np.ndarray]
+) -> ImageArray:
+    """Return the source of an array (images, height, width); ``read`` gives an image by its position, as stored.
+
+    Raises InputError where its size or its numbers are not those of depth images.
+    """
     count, height, width = shape
     if count < 1 or not (0 < height <= LARGEST_SIDE_PX and 0 < width <= LARGEST_SIDE_PX):
         raise InputError(path, f"holds {count} images of {width} x {height} pixels", "save the array again")
     metres = kind.kind == "f"
     if not metres and (kind.kind != "u" or kind.itemsize != 2):
         raise InputError(path, f"holds numbers of type {kind}", "save depth as uint16, or as metres in float32")
-    read = _reader(path, start, (height, width), kind)
     if metres:
         _require_metres(path, read(0))
     scale, to_integers = (GREY_M, to_grey) if metres else (None, _as_uint16)

@@ -23,7 +23,7 @@ import numpy as np
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics
 from anchorpose.options import FASTEST_HZ
-from anchorpose.recording.document import parse_json, read_rows, read_text
+from anchorpose.recording.document import parse_json, read_rows
 from anchorpose.recording.recording_file import LARGEST_SIDE_PX
 from anchorpose.sources.grey_images import (
     GREY_M,
@@ -35,11 +35,17 @@ from anchorpose.sources.grey_images import (
     number_of,
     to_grey,
 )
-from anchorpose.sources.source import MILLIMETRE_M, Reader, SourceCamera, finite, finite_list
+from anchorpose.sources.source import (
+    MILLIMETRE_M,
+    Reader,
+    SourceCamera,
+    finite,
+    finite_list,
+    movement_note,
+    read_matrix,
+)
 
 VIDEO: Final = (1920, 1440)  # what ARKit's camera has on these devices; checked by the principal point
-
-STANDS_STILL_M: Final = 0.03  # a phone on a tripod; its own estimate of where it is wanders by some millimetres
 
 OFF_CENTRE: Final = 0.1  # of the width: real lenses are within 0.02
 
@@ -73,7 +79,7 @@ def _open_stray(path: Path) -> ImageFiles:
     times, positions_m = _odometry(path / "odometry.csv")
     known = {number: file for file in images if (number := number_of(file)) in times}
     files = [FrameFile(file, times[number]) for number, file in sorted(known.items()) if number is not None]
-    notes = list(_movement_note(positions_m))
+    notes = list(movement_note(positions_m))
     if len(files) < len(images):
         notes.append(f"Depth images without a time in odometry.csv, left out: {len(images) - len(files)}.")
     camera = SourceCamera(
@@ -81,7 +87,7 @@ def _open_stray(path: Path) -> ImageFiles:
         width=size[0],
         height=size[1],
         depth_scale=MILLIMETRE_M,
-        intrinsics=scaled_lens(path / "camera_matrix.csv", _read_matrix(path / "camera_matrix.csv"), VIDEO, size),
+        intrinsics=scaled_lens(path / "camera_matrix.csv", read_matrix(path / "camera_matrix.csv", 3, 3), VIDEO, size),
         model="iPhone or iPad LiDAR (Stray Scanner)",
         count=len(files),
     )
@@ -105,29 +111,6 @@ def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> I
         cx=float((matrix[0, 2] + 0.5) * wide - 0.5),
         cy=float((matrix[1, 2] + 0.5) * high - 0.5),
     )
-
-
-def _read_matrix(path: Path) -> np.ndarray:
-    """Return (3, 3) float64 of a text file, separated by spaces or commas; raises InputError."""
-    try:
-        cells = [line.replace(",", " ").split() for line in read_text(path).splitlines() if line.strip()]
-        matrix = np.array(cells, dtype=np.float64)
-    except ValueError:
-        matrix = np.empty(0)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise InputError(path, "is not a matrix of 3 x 3 numbers", "export it again")
-    return matrix
-
-
-def _movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
-    """Return a sentence where a camera at ``positions_m`` (n, 3) was moved; NaN rows are unknown."""
-    known = positions_m[np.isfinite(positions_m).all(axis=1)]
-    if len(known) == 0:
-        return ()
-    moved_m = float(np.linalg.norm(known - np.median(known, axis=0), axis=1).max())
-    if moved_m <= STANDS_STILL_M:
-        return ()
-    return (f"The camera was moved by {moved_m:.2f} m while it recorded: tracking needs one that stands still.",)
 
 
 def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
@@ -186,7 +169,7 @@ def _open_record3d(path: Path) -> ImageFiles:
     )
     files = [FrameFile(Path(name), time_s) for name, time_s in zip(names, times_s, strict=True)]
     archive = zipfile.ZipFile(path)  # closed with the source
-    notes = _movement_note(_positions(values))
+    notes = movement_note(_positions(values))
     return ImageFiles(path, camera, files, notes, lambda name, shape: _decode(archive, name.as_posix(), shape))
 
 

@@ -1,9 +1,10 @@
-"""Folders of depth images as data sets are published: TUM and ICL-NUIM, Open3D and Redwood.
+"""Folders of depth images as data sets are published: TUM and ICL-NUIM, Open3D, Redwood and ScanNet.
 
 TUM: a text file lists times and depth images, in 1/5000 m (the benchmark's file formats page); the lens is published
 per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON file with ``intrinsic_matrix``,
-column by column; ``depth_scale`` there is grey values per metre (Open3D's RGBDVideoMetadata). Times that a
-folder does not hold are not invented.
+column by column; ``depth_scale`` there is grey values per metre (Open3D's RGBDVideoMetadata). ScanNet's reader of .sens
+files: intrinsic/intrinsic_depth.txt, depth in mm, and poses in a world of their own that changes with a camera that is
+carried. Times that a folder does not hold are not invented.
 """
 
 from __future__ import annotations
@@ -13,18 +14,30 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
 from anchorpose.options import FASTEST_HZ
 from anchorpose.recording.document import LARGEST_BYTES, parse_json, read_json, read_text
 from anchorpose.recording.regular_file import Unreadable, read_bounded
-from anchorpose.sources.grey_images import FrameFile, ImageFiles, Size, first_size, images_in
+from anchorpose.sources.grey_images import FrameFile, ImageFiles, Size, first_size, images_in, natural_order
 from anchorpose.sources.image_folder import frame_files
-from anchorpose.sources.source import MILLIMETRE_M, Reader, SourceCamera, finite, finite_list
+from anchorpose.sources.source import (
+    MILLIMETRE_M,
+    Reader,
+    SourceCamera,
+    finite,
+    finite_list,
+    movement_note,
+    read_matrix,
+)
 
 TUM_M: Final = 1.0 / 5000.0
 
 LISTS: Final = ("depth.txt", "associations.txt", "associate.txt", "associated.txt", "association.txt")
+
+POSES_READ: Final = 100  # spread over the recording; enough to see that a camera was carried
 
 
 def _is_tum(path: Path, head: bytes) -> bool:
@@ -102,11 +115,14 @@ def _open_exported(path: Path) -> ImageFiles:
     images = images_in(path / "depth")
     size = first_size(path / "depth", images)
     files, has_times = frame_files(images)
-    values = read_json(found)
-    camera, notes = _open3d_camera(found, values, size)
-    fps = finite(values.get("fps"))
-    if not has_times and fps is not None and 0 < fps <= FASTEST_HZ:
-        files, has_times = [FrameFile(file.path, file.time_s / fps) for file in files], True
+    if found == _scannet_file(path):
+        camera, notes = _scannet_camera(found, size), movement_note(_positions(path / "pose"))
+    else:
+        values = read_json(found)
+        camera, notes = _open3d_camera(found, values, size)
+        fps = finite(values.get("fps"))
+        if not has_times and fps is not None and 0 < fps <= FASTEST_HZ:
+            files, has_times = [FrameFile(file.path, file.time_s / fps) for file in files], True
     camera = replace(camera, name=path.resolve().name, count=len(files), has_times=has_times)
     return ImageFiles(path, camera, files, notes)
 
@@ -131,6 +147,14 @@ def _open3d_camera(path: Path, values: dict[str, Any], size: Size) -> tuple[Sour
     return camera, notes
 
 
+def _scannet_camera(path: Path, size: Size) -> SourceCamera:
+    matrix = read_matrix(path, 4, 4)
+    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        raise InputError(path, "has no focal lengths above 0", "export it again")
+    lens = Intrinsics(fx=matrix[0, 0], fy=matrix[1, 1], cx=matrix[0, 2], cy=matrix[1, 2])
+    return SourceCamera(name="", width=size[0], height=size[1], depth_scale=MILLIMETRE_M, intrinsics=lens)
+
+
 def _lens(path: Path, values: dict[str, Any]) -> Intrinsics:
     matrix = finite_list(values.get("intrinsic_matrix"), 9)
     if matrix is None or matrix[0] <= 0 or matrix[4] <= 0:
@@ -139,7 +163,21 @@ def _lens(path: Path, values: dict[str, Any]) -> Intrinsics:
     return Intrinsics(fx=matrix[0], fy=matrix[4], cx=matrix[6], cy=matrix[7])
 
 
+def _positions(folder: Path) -> np.ndarray:
+    """Return (n, 3) metres of some of the poses; damaged ones are left out, since nothing but a note rests on them."""
+    files = sorted(folder.glob("*.txt"), key=natural_order)
+    positions = list[np.ndarray]()
+    for file in files[:: max(1, len(files) // POSES_READ)]:
+        try:
+            positions.append(read_matrix(file, 4, 4)[:3, 3])
+        except InputError:
+            continue
+    return np.array(positions).reshape(-1, 3)
+
+
 def _camera_file(path: Path) -> Path | None:
+    if _scannet_file(path).is_file():
+        return _scannet_file(path)
     for file in sorted(path.glob("*.json")):
         try:
             values = parse_json(read_bounded(file, LARGEST_BYTES))
@@ -152,6 +190,10 @@ def _camera_file(path: Path) -> Path | None:
 
 def _text(value: Any) -> str:
     return value if isinstance(value, str) else ""
+
+
+def _scannet_file(path: Path) -> Path:
+    return path / "intrinsic" / "intrinsic_depth.txt"
 
 
 READERS: Final = (Reader(_is_tum, _open_tum), Reader(_is_exported, _open_exported))

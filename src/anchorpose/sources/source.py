@@ -13,17 +13,21 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
+from anchorpose.recording.document import read_text
 from anchorpose.recording.regular_file import open_regular
 
 MILLIMETRE_M: Final = 0.001
 
 NO_READING: Final = 65535  # beside 0; what sensors give for "too far" or "too near"
 
+STANDS_STILL_M: Final = 0.03  # a phone on a tripod; its own estimate of where it is wanders by some millimetres
+
 MODULES: Final = (
     "azure_kinect",
     "ros_bags",
     "phones",
     "published_folders",
+    "mat_file",
     "image_folder",  # last: most folders above hold a folder of images
 )
 """Modules of this package with ``READERS``, in the order in which they are asked; they are imported one by one."""
@@ -98,6 +102,17 @@ class Reader:
     open_source: Callable[[Path], Source]
 
 
+def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
+    """Return a sentence where a camera at ``positions_m`` (n, 3) was moved; NaN rows are unknown."""
+    known = positions_m[np.isfinite(positions_m).all(axis=1)]
+    if len(known) == 0:
+        return ()
+    moved_m = float(np.linalg.norm(known - np.median(known, axis=0), axis=1).max())
+    if moved_m <= STANDS_STILL_M:
+        return ()
+    return (f"The camera was moved by {moved_m:.2f} m while it recorded: tracking needs one that stands still.",)
+
+
 def find_reader(path: Path) -> Reader | None:
     """Return the reader that knows a file or folder by its content, or None.
 
@@ -148,6 +163,18 @@ def finite_list(value: Any, count: int) -> list[float] | None:
     return numbers if len(numbers) == count else None
 
 
+def read_matrix(path: Path, rows: int, columns: int) -> np.ndarray:
+    """Return (rows, columns) float64 of a text file, separated by spaces or commas; raises InputError."""
+    try:
+        cells = [line.replace(",", " ").split() for line in read_text(path).splitlines() if line.strip()]
+        matrix = np.array(cells, dtype=np.float64)
+    except ValueError:
+        matrix = np.empty(0)
+    if matrix.shape != (rows, columns) or not np.isfinite(matrix).all():
+        raise InputError(path, f"is not a matrix of {rows} x {columns} numbers", "export it again")
+    return matrix
+
+
 OTHERS_OWN: Final = (
     (
         b"EVENTS1\0",
@@ -160,7 +187,7 @@ OTHERS_OWN: Final = (
         "export its depth images as 16-bit PNG with OpenNI's NiViewer or a few lines of OpenNI's Python package, and "
         "convert their folder",
     ),
-    (b"MATLAB", "is a MATLAB file", "save its depth images as 16-bit PNG with imwrite, and convert their folder"),
+    (b"MATLAB 7.3", "is a MATLAB file of version 7.3", "save it again in MATLAB with '-v7'"),
 )
 """First bytes of files that only their own software reads, what they are, and what to do instead."""
 
