@@ -14,7 +14,7 @@ import pytest
 from sources_builder import noise, plain_folder
 
 from anchorpose.cli import app, main
-from anchorpose.live.playback import Playback
+from anchorpose.live.cameras import Playback
 from anchorpose.recording.reader import open_recording
 from anchorpose.results.corrections import corrections_of_run, write_corrections
 from anchorpose.results.run_record import read_run
@@ -161,7 +161,7 @@ def test_a_command_that_is_shown_works(command, world, tmp_path, monkeypatch, ca
     def stopped(self: ViewerServer) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("anchorpose.live.realsense.open_realsense", camera)
+    monkeypatch.setattr("anchorpose.live.cameras.open_realsense", camera)
     monkeypatch.setattr(ViewerServer, "serve_forever", stopped)
     monkeypatch.setattr("webbrowser.open", lambda address: True)
     code = main(shortened(command))

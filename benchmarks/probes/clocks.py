@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from probe import Row, Scene, answer
 
-from anchorpose.calibration.clock_lags import pose_level
 from anchorpose.calibration.clocks import ClockConfig, Clocks, estimate_clocks
+from anchorpose.calibration.first_frames import level_of_pose
 from anchorpose.camera import Camera
 from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.simulate.clinic import Clinic, draw_clinic, random_stream
@@ -72,7 +72,7 @@ def lazy_clinic(config: SimulationConfig) -> LazyClinic:
 def measure(scene: Scene) -> Iterator[Row]:
     """Estimate the clocks twice."""
     config, known = scene.simulated, lazy_clinic(scene.simulated)
-    levels = [pose_level(camera) for camera in known.cameras]
+    levels = [level_of_pose(camera.require_pose()) for camera in known.cameras]
     blind = replace(known, cameras=tuple(replace(camera, T_world_camera=None) for camera in known.cameras))
     for part, seen in (("poses known", known), ("poses unknown", blind)):
         clocks = estimate_clocks(seen, levels, ClockConfig())

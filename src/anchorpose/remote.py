@@ -15,7 +15,6 @@ from typing import Any, Final
 from urllib.parse import unquote
 
 from anchorpose.errors import InputError, MissingPackage, without_password
-from anchorpose.results.folder import RESULTS
 
 EXTRAS: Final = {
     "sftp": ("sshfs", "sftp"),
@@ -77,55 +76,38 @@ def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
 
 
 @contextmanager
-def local_results(given: str | Path, overwrite: bool = False) -> Iterator[Path]:
+def local_results(given: str | Path) -> Iterator[Path]:
     """The path itself, or a folder to make what then goes to an address, when the block ends without an error.
 
-    It is copied under a temporary name and then renamed. ``overwrite`` replaces results that are at the address;
-    anything else there, and results without it, are refused before any work. Raises InputError and MissingPackage, as
-    ``local_copy``.
+    It is copied under a temporary name and then renamed. What is at the address already is refused before any work, and
+    never replaced. Raises InputError and MissingPackage, as ``local_copy``.
     """
     if not is_address(given):
         yield Path(given)
         return
     address = str(given)
-    with _connected(address, "written") as (system, place):
-        if system.exists(place):
-            if not all(system.isfile(f"{place}/{mark}") for mark in RESULTS.marks):
-                remedy = "choose another name; nothing in it was touched"
-                raise InputError(address, "exists and is not a results folder", remedy)
-            if not overwrite:
-                raise InputError(address, "exists already", "choose another name, or give --overwrite to replace it")
+    with _new_place(address):
+        pass
     with TemporaryDirectory(prefix="anchorpose-") as folder:
         made = Path(folder) / name_of(address)
         yield made
-        _publish(made, address)
+        with _new_place(address) as (system, place):
+            partial = f"{place}.partial-{secrets.token_hex(4)}"
+            try:
+                system.put(f"{made}/", f"{partial}/", recursive=True)
+            except BaseException:
+                with suppress(Exception):  # the first error counts
+                    system.rm(partial, recursive=True)
+                raise
+            _rename(system, partial, place)
 
 
-def _publish(made: Path, address: str) -> None:
+@contextmanager
+def _new_place(address: str) -> Iterator[tuple[Any, str]]:
     with _connected(address, "written") as (system, place):
-        mark = secrets.token_hex(4)
-        partial, replaced, kept = (f"{place}.{kind}-{mark}" for kind in ("partial", "replaced", "kept"))
-        try:
-            system.put(f"{made}/", f"{partial}/", recursive=True)
-        except BaseException:
-            with suppress(Exception):  # the first error counts
-                system.rm(partial, recursive=True)
-            raise
-        existed = system.exists(place)
-        if existed:
-            _rename(system, place, replaced)
-        _rename(system, partial, place)
-        if existed:
-            _remove_own(system, replaced, kept)
-
-
-def _remove_own(system: Any, replaced: str, kept: str) -> None:
-    """Removes results that were replaced; with files of the user among them, all of it gets the name ``kept``."""
-    files = [file.removeprefix(replaced).lstrip("/") for file in system.find(replaced)]
-    if all(RESULTS.owns(file) for file in files):
-        system.rm(replaced, recursive=True)
-    else:
-        _rename(system, replaced, kept)
+        if system.exists(place):
+            raise InputError(address, "exists already", "choose another name, or remove it there first")
+        yield system, place
 
 
 def _rename(system: Any, source: str, target: str) -> None:

@@ -75,7 +75,8 @@ def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInp
     recording, source, calibration = with_height(open_recording(folder), config.height_m), None, None
     if user.calibration is not None:
         recording, source = with_poses(recording, user.calibration), PoseSource.FILE
-        calibration = _calibration_record(user.calibration)
+        file = user.calibration / CALIBRATION_FILE if user.calibration.is_dir() else user.calibration
+        calibration = CalibrationUsed(*hash_files([file], file.parent)[0])
     frame_range(recording, config.start, config.stop)
     given = None if user.corrections is None else _read_review(user.corrections)
     hashes = _hash_inputs(recording, config)
@@ -85,12 +86,6 @@ def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInp
         _require_about(given, recording, hashes)
         config = _with_named_patient(config, given)
     return TrackInputs(recording, config, hashes, given, source, calibration)
-
-
-def _calibration_record(path: Path) -> CalibrationUsed:
-    file = path / CALIBRATION_FILE if path.is_dir() else path
-    ((name, digest),) = hash_files([file], file.parent)
-    return CalibrationUsed(name, digest)
 
 
 def _read_review(path: Path) -> ReviewFile:

@@ -7,8 +7,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
-from anchorpose.batch.names import LONGEST_NAME, open_folder
-from anchorpose.batch.sessions import Session, find_sessions
+from anchorpose.batch.sessions import LONGEST_NAME, Session, find_sessions, open_folder
 from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.errors import InputError
 

@@ -13,10 +13,10 @@ from results_builder import make_frame, standing_joints
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
+from anchorpose.live.cameras import Playback
+from anchorpose.live.feed import LiveImage
 from anchorpose.live.output import LiveFrame
 from anchorpose.live.page_server import PageOutput
-from anchorpose.live.playback import Playback
-from anchorpose.live.source import LiveImage
 from anchorpose.recording.recording import Recording
 
 LATENCY_S = 0.05

@@ -9,13 +9,14 @@ import pytest
 from moving_room import FRONT, LEFT, MovingRoom, standing
 from room_builder import unposed
 
-from anchorpose.calibration.clock_lags import MotionSignal, PairLag, motion_signal, pose_level, signal_lags
+from anchorpose.calibration.clock_lags import MotionSignal, PairLag, motion_signal, signal_lags
 from anchorpose.calibration.clock_surfaces import make_clip, surface_lag
 from anchorpose.calibration.clocks import ClockConfig, ClockSource, NoClock, clock_notes, estimate_clocks, fit_clocks
+from anchorpose.calibration.first_frames import level_of_pose
 from anchorpose.recording.recording import Clock
 
 AHEAD_S = 0.613  # neither a whole number of frames nor half of one
-LEVELS = (pose_level(FRONT), pose_level(LEFT))
+LEVELS = (level_of_pose(FRONT.require_pose()), level_of_pose(LEFT.require_pose()))
 
 
 @pytest.fixture(scope="module")

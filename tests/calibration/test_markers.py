@@ -104,7 +104,7 @@ def errors(found: MarkerPose, camera: Camera) -> tuple[float, float]:
 
 
 def layout(*tags: Tag) -> MarkerLayout:
-    return MarkerLayout(DICTIONARY, tags, None)
+    return MarkerLayout(format="marker-layout", version=1, dictionary=DICTIONARY, tags=tags)
 
 
 def test_four_tags_in_two_depths_give_the_pose_to_millimetres():
@@ -140,7 +140,11 @@ def test_a_board_gives_the_pose_too():
     corners = np.array([[0, 0, 0], [0.6, 0, 0], [0.6, 0.75, 0], [0, 0.75, 0]])
     image = np.full((CAMERA.height * FINE, CAMERA.width * FINE), 120, np.uint8)
     drawn_on(image, CAMERA, texture, transform_points(pose, corners))
-    found = pose_from_markers(finished(image, 1), CAMERA, MarkerLayout("DICT_4X4_50", (), board))
+    found = pose_from_markers(
+        finished(image, 1),
+        CAMERA,
+        MarkerLayout(format="marker-layout", version=1, dictionary="DICT_4X4_50", board=board),
+    )
     assert isinstance(found, MarkerPose)
     off_m, off_rad = errors(found, CAMERA)
     assert off_m < 3.5 * found.sigma_m  # one flat board of 0.6 m at 2.3 m is a matter of centimetres, and says so
@@ -287,7 +291,7 @@ def test_a_camera_with_a_picture_of_the_markers_is_placed_and_the_others_keep_wh
     side = replace(unplaced, name="side")
     recording = recording_with(tmp_path, unplaced, side)
     cv2.imwrite(str(tmp_path / CAMERA.name / "infrared.png"), photo(CAMERA, SPREAD))
-    placed, records = place_by_markers(recording, MarkerLayout(DICTIONARY, SPREAD, None))
+    placed, records = place_by_markers(recording, layout(*SPREAD))
     assert np.abs(placed.cameras[0].require_pose() - CAMERA.require_pose()).max() < 0.02
     assert placed.cameras[1].T_world_camera is None
     assert list(records) == [CAMERA.name]
@@ -297,16 +301,16 @@ def test_a_camera_with_a_picture_of_the_markers_is_placed_and_the_others_keep_wh
 
 def test_images_that_give_no_pose_are_refused_by_name(tmp_path):
     recording = recording_with(tmp_path, CAMERA)
-    layout = MarkerLayout(DICTIONARY, SPREAD, None)
+    of_tags = layout(*SPREAD)
     with pytest.raises(InputError, match=r"infrared\.png or color\.png"):
-        place_by_markers(recording, layout)
+        place_by_markers(recording, of_tags)
     path = tmp_path / CAMERA.name / "color.png"
     cv2.imwrite(str(path), np.full((CAMERA.height, CAMERA.width), 90, np.uint8))
     with pytest.raises(InputError, match=r"color\.png.*none of the markers"):
-        place_by_markers(recording, layout)
+        place_by_markers(recording, of_tags)
     cv2.imwrite(str(path), np.full((40, 30), 90, np.uint8))
     with pytest.raises(InputError, match="30 x 40 pixels"):
-        place_by_markers(recording, layout)
+        place_by_markers(recording, of_tags)
     path.write_bytes(b"no picture")
     with pytest.raises(InputError, match="not a readable image"):
-        place_by_markers(recording, layout)
+        place_by_markers(recording, of_tags)

@@ -6,9 +6,8 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.lens import Intrinsics
-from anchorpose.live.backlog import STEP_S, Backlog, _pack
-from anchorpose.live.feed import Feed, LiveSet
-from anchorpose.live.source import LiveImage
+from anchorpose.live.feed import Feed, LiveImage, LiveSet
+from anchorpose.live.first_seconds import STEP_S, Backlog, _pack
 
 INTRINSICS = Intrinsics(fx=3.0, fy=3.0, cx=2.0, cy=1.5)
 CAMERA = Camera(name="front", width=4, height=3, depth_scale=0.001, intrinsics=INTRINSICS)

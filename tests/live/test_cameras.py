@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.live.orbbec import open_orbbec
+from anchorpose.live.cameras import open_orbbec
 
 STAND_IN = """
 import json, sys, time
@@ -50,7 +50,7 @@ def test_without_the_makers_package_the_sentence_says_how_to_get_it():
 
 def test_a_realsense_is_read_through_its_own_library(tmp_path):
     rs = pytest.importorskip("pyrealsense2", exc_type=ImportError)
-    from anchorpose.live.realsense import start
+    from anchorpose.live.cameras import start
 
     path = tmp_path / "camera.db3"
     record_stand_in(rs, path)
@@ -72,7 +72,7 @@ def test_a_realsense_is_read_through_its_own_library(tmp_path):
 
 def test_no_realsense_is_one_sentence():
     pytest.importorskip("pyrealsense2", exc_type=ImportError)
-    from anchorpose.live.realsense import open_realsense
+    from anchorpose.live.cameras import open_realsense
 
     with pytest.raises(AnchorposeError, match="No RealSense camera 77 can be started"):
         open_realsense("77", None)

@@ -21,8 +21,8 @@ from live_builder import Again
 
 from anchorpose.cli import main
 from anchorpose.errors import InputError
+from anchorpose.live.feed import Intake
 from anchorpose.live.first_seconds import LiveOptions
-from anchorpose.live.intake import Intake
 from anchorpose.live.session import _finish
 from anchorpose.live.stored import SESSION_FILE, SessionStore, StoredPatient, read_session
 from anchorpose.results.folder import JOURNAL, unfinished_results
@@ -47,7 +47,7 @@ def recording(tmp_path_factory) -> Path:
 @pytest.fixture
 def played(recording, monkeypatch) -> str:
     """The name of a source that plays forward and backward without an end."""
-    monkeypatch.setattr("anchorpose.live.playback.Playback", lambda found: Again(found, FPS))
+    monkeypatch.setattr("anchorpose.live.cameras.Playback", lambda found: Again(found, FPS))
     return str(recording)
 
 
@@ -86,7 +86,7 @@ def test_a_full_disk_ends_the_session_and_what_is_stored_becomes_results(played,
 def test_a_killed_session_is_finished_with_all_that_was_stored(recording, tmp_path):
     program = (
         "import sys; from live_builder import Again; from anchorpose.cli import main;"
-        f" from anchorpose.live import playback; playback.Playback = lambda one: Again(one, {FPS}); sys.exit(main())"
+        f" from anchorpose.live import cameras; cameras.Playback = lambda one: Again(one, {FPS}); sys.exit(main())"
     )
     command = [sys.executable, "-c", program, "live", str(recording), "-o", str(tmp_path / "session"), *LIVE]
     paths = os.pathsep.join(sys.path)
@@ -192,7 +192,7 @@ def test_a_body_that_is_gone_is_named(tmp_path, monkeypatch, capsys):
 
 def test_results_below_the_current_folder_are_accepted(recording, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("anchorpose.live.playback.Playback.images", lambda self, stop: iter(()))
+    monkeypatch.setattr("anchorpose.live.cameras.Playback.images", lambda self, stop: iter(()))
     assert main(["live", str(recording), "-o", "session"]) == 2
     assert "Nothing can be tracked" in capsys.readouterr().err
 

@@ -14,9 +14,8 @@ from live_builder import live_frame_of, page_running, standing_frame
 from viewer_page import until
 
 from anchorpose.joints import JointState
-from anchorpose.live.output import LiveFrame
+from anchorpose.live.output import LiveFrame, PersonInView
 from anchorpose.live.page_server import PageOutput
-from anchorpose.live.people import PersonInView
 
 
 class Playing:

@@ -14,9 +14,8 @@ from live_builder import live_frame_of, page_running, standing_frame
 
 from anchorpose.cli import main
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, LOST
-from anchorpose.live.output import angles_of
+from anchorpose.live.output import PersonInView, angles_of
 from anchorpose.live.page_server import BUFFER_BYTES, PageOutput
-from anchorpose.live.people import PersonInView
 from anchorpose.results.joint_angles import ANGLE_NAMES
 
 

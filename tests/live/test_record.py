@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.live.playback import Playback
-from anchorpose.live.record import median_reading, record_live
+from anchorpose.live.cameras import Playback
+from anchorpose.live.recorder import median_reading, record_live
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording

@@ -14,13 +14,13 @@ from anchorpose.camera import Camera
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.lens import Intrinsics
 from anchorpose.live import recorder as module
-from anchorpose.live.intake import Intake
+from anchorpose.live.feed import Intake, LiveImage
 from anchorpose.live.recorder import UNFINISHED_FILE, Recorder, finish_recording
-from anchorpose.live.source import LiveCamera, LiveImage
 from anchorpose.recording.reader import open_recording, read_frame
+from anchorpose.sources.plan import CameraPlan
 
 LENS = Intrinsics(fx=60.0, fy=60.0, cx=32.0, cy=24.0)
-CAMERA = LiveCamera(
+CAMERA = CameraPlan(
     camera=Camera(name="left", width=64, height=48, depth_scale=0.001, intrinsics=LENS), model="Stand-in", serial="7"
 )
 

@@ -97,7 +97,7 @@ class Choosing(Collecting):
 
 @pytest.mark.slow
 def test_a_therapist_is_made_the_patient_and_the_results_of_both_are_apart(tmp_path, monkeypatch):
-    monkeypatch.setattr("anchorpose.live.backlog.STEP_S", 0.5)  # a busy machine must catch up, too
+    monkeypatch.setattr("anchorpose.live.first_seconds.STEP_S", 0.5)  # a busy machine must catch up, too
     simulate_recording(tmp_path / "out", replace(clinic(61020, SECONDS, FPS), cameras=1, therapists=1))
     stop = Event()
     output, options = Choosing(stop), LiveOptions(config=TrackConfig(), start_s=4.0)

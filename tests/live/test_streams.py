@@ -24,7 +24,7 @@ def frame_sent() -> LiveFrame:
 
 def test_a_lab_streaming_layer_client_reads_joints_with_capture_time_and_metadata():
     pylsl = pytest.importorskip("pylsl")
-    from anchorpose.live.lsl import LslOutput
+    from anchorpose.live.output import LslOutput
 
     output = LslOutput()
     try:
@@ -55,7 +55,7 @@ def test_an_osc_receiver_gets_one_bundle_per_frame():
     pytest.importorskip("pythonosc")
     from pythonosc.osc_bundle import OscBundle
 
-    from anchorpose.live.osc import OscOutput
+    from anchorpose.live.output import OscOutput
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
@@ -93,7 +93,7 @@ def test_an_osc_target_that_is_not_there_delays_nothing():
 @pytest.mark.thorough
 def test_a_lab_streaming_layer_client_that_never_reads_delays_nothing():
     pylsl = pytest.importorskip("pylsl")
-    from anchorpose.live.lsl import LslOutput
+    from anchorpose.live.output import LslOutput
 
     outputs = Outputs([LslOutput()])
     (found,) = pylsl.resolve_bypred("name='anchorpose' and type='Mocap'", timeout=5.0)
@@ -138,7 +138,7 @@ def test_an_output_that_fails_is_left_out_and_the_others_go_on():
 
 
 def test_without_the_package_the_sentence_names_the_extra(monkeypatch):
-    from anchorpose.live.lsl import LslOutput
+    from anchorpose.live.output import LslOutput
 
     monkeypatch.setitem(__import__("sys").modules, "pylsl", None)
     with pytest.raises(MissingPackage, match=r"anchorpose\[live\]"):

@@ -15,7 +15,6 @@ import pytest
 from anchorpose.cli import main
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.remote import is_address, local_copy, local_results, name_of
-from anchorpose.results.folder import RESULTS
 
 
 @pytest.fixture
@@ -119,19 +118,12 @@ def write_tree(folder: Path, text: str = "1") -> Path:
     return folder
 
 
-def write_results(folder: Path, text: str = "1") -> Path:
-    folder.mkdir()
-    for name in RESULTS.marks:
-        (folder / name).write_text(text)
-    return folder
-
-
 def tree(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def upload(folder: Path, address: str, overwrite: bool = False) -> None:
-    with local_results(address, overwrite) as made:
+def upload(folder: Path, address: str) -> None:
+    with local_results(address) as made:
         folder.rename(made)
 
 
@@ -144,34 +136,14 @@ def test_what_goes_to_an_address_comes_back_the_same(place: str, tmp_path: Path)
     assert not copy.exists()
 
 
-def test_an_existing_result_is_replaced_only_when_asked_and_then_whole(place: str, tmp_path: Path) -> None:
-    one = write_results(tmp_path / "one")
-    (one / "report.html").write_text("1")
-    upload(one, f"{place}/one")
-    with pytest.raises(InputError, match="exists already"):
-        upload(write_results(tmp_path / "two", "2"), f"{place}/one")
-    upload(tmp_path / "two", f"{place}/one", overwrite=True)
-    with local_copy(f"{place}/one") as copy:
-        assert tree(copy) == dict.fromkeys(RESULTS.marks, b"2")
-
-
-def test_what_is_no_result_at_an_address_is_not_replaced(place: str, tmp_path: Path) -> None:
+def test_what_is_at_an_address_is_never_replaced(place: str, tmp_path: Path) -> None:
     before = tree(write_tree(tmp_path / "one"))
     upload(tmp_path / "one", f"{place}/one")
-    with pytest.raises(InputError, match="is not a results folder"):
-        upload(write_results(tmp_path / "two"), f"{place}/one", overwrite=True)
+    with pytest.raises(InputError, match="exists already"):
+        upload(write_tree(tmp_path / "two", "2"), f"{place}/one")
+    assert main(["track", str(tmp_path / "two"), "-o", f"{place}/one", "--overwrite"]) == 2
     with local_copy(f"{place}/one") as copy:
         assert tree(copy) == before
-
-
-def test_files_of_the_user_at_an_address_survive_a_replacement(sftp: tuple[str, Path], tmp_path: Path) -> None:
-    address, served = sftp
-    upload(write_results(tmp_path / "one"), f"{address}/one")
-    (served / "one" / "notes.txt").write_text("mine")
-    upload(write_results(tmp_path / "two", "2"), f"{address}/one", overwrite=True)
-    assert tree(served / "one") == dict.fromkeys(RESULTS.marks, b"2")
-    (kept,) = served.glob("one.kept-*")
-    assert (kept / "notes.txt").read_text() == "mine"
 
 
 def test_work_that_fails_writes_nothing(place: str, tmp_path: Path) -> None:
@@ -188,8 +160,7 @@ def test_work_that_fails_writes_nothing(place: str, tmp_path: Path) -> None:
 
 def test_a_server_keeps_no_temporary_names(sftp: tuple[str, Path], tmp_path: Path) -> None:
     address, served = sftp
-    for text in ("1", "2"):
-        upload(write_results(tmp_path / text, text), f"{address}/one", overwrite=True)
+    upload(write_tree(tmp_path / "one"), f"{address}/one")
     assert [path.name for path in served.iterdir()] == ["one"]
 
 

@@ -98,10 +98,11 @@ from anchorpose.camera import Camera
 from anchorpose.lens import Intrinsics
 from anchorpose.live.page_server import PageOutput
 from anchorpose.live.recorder import Recorder
-from anchorpose.live.source import LiveCamera, LiveImage
+from anchorpose.live.feed import LiveImage
+from anchorpose.sources.plan import CameraPlan
 lens = Intrinsics(fx=60.0, fy=60.0, cx=32.0, cy=24.0)
 camera = Camera(name="front", width=64, height=48, depth_scale=0.001, intrinsics=lens)
-recorder, page = Recorder(Path(sys.argv[1]), [LiveCamera(camera=camera)]), PageOutput("127.0.0.1", 0)
+recorder, page = Recorder(Path(sys.argv[1]), [CameraPlan(camera=camera)]), PageOutput("127.0.0.1", 0)
 print(page.address, flush=True)
 given = 0
 while not select.select([sys.stdin], [], [], 0.02)[0]:

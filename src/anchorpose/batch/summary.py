@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -76,49 +76,21 @@ class MeasureRow:
     why: str | None
 
 
-def _schema(**types: Any) -> pa.Schema:
-    return pa.schema(list(types.items()))
+_TEXT: Final = pa.string()
+_TYPES: Final = {"str": _TEXT, "int": pa.int64(), "float": pa.float64()}
 
 
-_TEXT, _NUMBER = pa.string(), pa.float64()
-SESSIONS: Final = RecordTable(
-    file="sessions.parquet",
-    record=SessionRow,
-    schema=_schema(
-        session=_TEXT,
-        recording=_TEXT,
-        subject=_TEXT,
-        state=_TEXT,
-        why=_TEXT,
-        frames=pa.int64(),
-        length_s=_NUMBER,
-        seen_share=_NUMBER,
-        inferred_share=_NUMBER,
-        lost_share=_NUMBER,
-        work_s=_NUMBER,
-    ),
-    known={"state": STATES},
-    remedy=AGAIN,
-)
+def _table(file: str, record: type, **known: tuple[str, ...]) -> RecordTable[Any]:
+    """Return a table with a column for each field of a record, of the type of its annotation."""
+    columns = [(field.name, _TYPES[str(field.type).partition(" ")[0]]) for field in fields(record)]
+    return RecordTable(file=file, record=record, schema=pa.schema(columns), known=known, remedy=AGAIN)
+
+
+SESSIONS: Final = _table("sessions.parquet", SessionRow, state=STATES)
+MEASURES: Final = _table("measures.parquet", MeasureRow)
 PAGE_FILE: Final = "index.html"
 WRITTEN: Final = (".parquet", ".csv")  # forms of each table
 MOVE_AWAY: Final = "move it away, or choose another folder for the batch"
-MEASURES: Final = RecordTable(
-    file="measures.parquet",
-    record=MeasureRow,
-    schema=_schema(
-        session=_TEXT,
-        subject=_TEXT,
-        measure=_TEXT,
-        side=_TEXT,
-        part=_TEXT,
-        value=_NUMBER,
-        unit=_TEXT,
-        sigma=_NUMBER,
-        why=_TEXT,
-    ),
-    remedy=AGAIN,
-)
 
 
 def note_outcome(out: Path, outcome: Outcome) -> None:

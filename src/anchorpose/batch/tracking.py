@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.batch.cluster import Job, Place, run_jobs
-from anchorpose.batch.names import open_folder
-from anchorpose.batch.sessions import Session
+from anchorpose.batch.sessions import Session, open_folder
 from anchorpose.batch.summary import (
     LOGS_FOLDER,
     RESULTS_FOLDER,

@@ -162,8 +162,8 @@ def _place(first: LevelView, second: LevelView, rough_clocks: bool) -> SurfaceFi
     if not accurate:
         return NoCameraToCamera.UNSURE
     best = min(accurate, key=lambda fit: fit.residual_m)
-    others = [fit for fit in accurate if _distance_m(fit, best) > DISTINCT_M]
-    return NoCameraToCamera.AMBIGUOUS if others else best
+    away_m = [np.linalg.norm(fit.T_first_second[:3, 3] - best.T_first_second[:3, 3]) for fit in accurate]
+    return NoCameraToCamera.AMBIGUOUS if max(away_m) > DISTINCT_M else best
 
 
 def _is_accurate(fit: SurfaceFit, rough_clocks: bool) -> bool:
@@ -173,10 +173,6 @@ def _is_accurate(fit: SurfaceFit, rough_clocks: bool) -> bool:
         and fit.sigma_m <= sigma * WORST_SIGMA_M
         and fit.sigma_rad <= sigma * WORST_SIGMA_RAD
     )
-
-
-def _distance_m(one: SurfaceFit, other: SurfaceFit) -> float:
-    return float(np.linalg.norm(one.T_first_second[:3, 3] - other.T_first_second[:3, 3]))
 
 
 def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:

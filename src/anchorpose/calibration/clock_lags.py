@@ -18,9 +18,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from anchorpose.calibration.clock_surfaces import Clip, make_clip, surface_lag
-from anchorpose.calibration.first_frames import noise_per_m
+from anchorpose.calibration.first_frames import FloorPlane, noise_per_m
 from anchorpose.camera import Camera
-from anchorpose.recording.depth_image import DepthFrames
+from anchorpose.recording.depth_image import RecordedFrames
 
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)  # edges; below is the floor, above nobody
 FAR_JUMP_M: Final = 0.08  # within three frames: more is another surface that appears, however far behind it lies
@@ -33,14 +33,6 @@ PEAKS_APART_S: Final = 0.4  # a second peak nearer than this belongs to the firs
 LEAST_PEAK: Final = 0.4  # correlation; on simulated clinics right lags had 0.41 to 0.84, wrong ones up to 0.42
 CERTAIN_LEAD: Final = 2.0  # times the second peak, to be accepted without a check by surfaces
 PEAKS: Final = 4  # checked by surfaces where none is certain
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Level:
-    """Heights from one camera's frames: up (3,) unit, camera frame; height_m of the camera, over any fixed level."""
-
-    up: np.ndarray
-    height_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,15 +57,8 @@ class SignalLag:
         return self.peak >= max(LEAST_PEAK, CERTAIN_LEAD * self.second)
 
 
-def pose_level(camera: Camera) -> Level | None:
-    """Heights by a known pose: the world's Y; None where the pose is unknown."""
-    if camera.T_world_camera is None:
-        return None
-    return Level(camera.T_world_camera[1, :3], float(camera.T_world_camera[1, 3]))
-
-
 def motion_signal(
-    frames: Iterable[tuple[float, np.ndarray]], camera: Camera, level: Level | None, noise: float
+    frames: Iterable[tuple[float, np.ndarray]], camera: Camera, level: FloorPlane | None, noise: float
 ) -> MotionSignal:
     """The signal of consecutive frames (time, depth (height, width) float32, 0 = no reading) of one camera.
 
@@ -117,7 +102,7 @@ def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reac
     return tuple(SignalLag(lag, best[k], max(best[:k] + best[k + 1 :], default=0.0)) for k, lag in enumerate(lags))
 
 
-def _bands(rays: np.ndarray, depth_m: np.ndarray, level: Level | None) -> np.ndarray:
+def _bands(rays: np.ndarray, depth_m: np.ndarray, level: FloorPlane | None) -> np.ndarray:
     if level is None:
         return np.ones(len(depth_m), dtype=np.int64)
     height = (rays @ level.up[:2] + level.up[2]) * depth_m + level.height_m
@@ -172,7 +157,7 @@ LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15  # noise; and another surface that ap
 class FrameCache:
     """Depth frames on demand; counts what is read and keeps the latest: windows of a short recording overlap."""
 
-    source: DepthFrames
+    source: RecordedFrames
     read_count: int = 0
     kept: dict[tuple[int, int], np.ndarray | None] = field(default_factory=dict)
 
@@ -257,7 +242,9 @@ def _motion(frames: FrameCache, time_s: float) -> float:
     return float((np.minimum(change[moved], MOST_CHANGE_M) * near**2).sum() * STEP_PX**2 / (lens.fx * lens.fy))
 
 
-def rough_lags(frames: FrameCache, levels: Sequence[Level | None], busiest_s: Sequence[float]) -> list[RoughLag | None]:
+def rough_lags(
+    frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
+) -> list[RoughLag | None]:
     """The lag of each camera from signals; the surfaces choose between a certain one and the lag of the time stamps,
     or, where none is certain, among the best of them all. None where neither gives one."""
     same = [level if all(other is not None for other in levels) else None for level in levels]
@@ -311,7 +298,7 @@ def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, 
 
 
 def _best_lags(
-    frames: FrameCache, camera: int, at_s: float, reference: MotionSignal, level: Level | None
+    frames: FrameCache, camera: int, at_s: float, reference: MotionSignal, level: FloorPlane | None
 ) -> list[SignalLag]:
     """The lags about each guess, the best first."""
     found: list[SignalLag] = []
@@ -323,7 +310,9 @@ def _best_lags(
     return sorted(found, key=lambda lag: -lag.peak)
 
 
-def _block_signal(frames: FrameCache, camera: int, at_s: float, half_s: float, level: Level | None) -> MotionSignal:
+def _block_signal(
+    frames: FrameCache, camera: int, at_s: float, half_s: float, level: FloorPlane | None
+) -> MotionSignal:
     block = frames.between(camera, at_s - half_s, at_s + half_s)
     if len(block) < 3:
         return MotionSignal(np.empty(0), np.empty((0, 1)))

@@ -97,13 +97,13 @@ def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> S
     lag_s = float(lags[np.nanargmin(cost)])
     for _ in range(ROUNDS):
         sides = (_normal_equation(there, lag_s), _normal_equation(back, -lag_s))
-        points, weight = sum(side.points for side in sides), sum(side.weight for side in sides)
+        weight, points = sides[0][0] + sides[1][0], sides[0][2] + sides[1][2]
         if points < LEAST_POINTS or weight <= 0:
             return None
-        step = (sides[1].pull.sum() - sides[0].pull.sum()) / weight
+        step = (sides[1][1].sum() - sides[0][1].sum()) / weight
         lag_s += float(np.clip(step, -step_s, step_s))
         if abs(step) < SETTLED_S:
-            sigma_s = float(np.sqrt(sum((side.pull**2).sum() for side in sides))) / weight
+            sigma_s = float(np.sqrt(sum((pull**2).sum() for _, pull, _ in sides))) / weight
             misfit_m = float(np.sqrt(_truncated_misfit(there, back, lag_s)))
             return SurfaceLag(lag_s, sigma_s, points, misfit_m) if abs(lag_s - around_s) <= reach_s + step_s else None
     return None
@@ -120,27 +120,6 @@ class _LookUp:
     pixel: np.ndarray
     depth_m: np.ndarray
     period_s: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Residuals:
-    """(k,) each. index: of the point; residual_m: the target's depth less the point's; rate, slope: m/s of the depth,
-    from the outer and from the inner two of four frames, so that their noise is independent."""
-
-    index: np.ndarray
-    residual_m: np.ndarray
-    rate: np.ndarray
-    slope: np.ndarray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Normal:
-    """pull (chunks,): rates times residuals, uncorrelated at the true lag, by chunks of time; weight: how fast their
-    sum changes with the lag; points: residuals."""
-
-    weight: float
-    pull: np.ndarray
-    points: int
 
 
 def _smoothed(depth_m: np.ndarray) -> np.ndarray:
@@ -205,8 +184,9 @@ def _look_up(source: Clip, target: Clip) -> _LookUp:
     return _LookUp(source, target, source.frame[kept], pixel, points[kept, 2], period_s)
 
 
-def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> _Residuals:
-    """The residuals of the points that both cameras see at this lag.
+def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return, of each point that both cameras see at this lag: its index, the target's depth less its own (m), and the
+    rate and the slope of that depth (m/s), from the outer and the inner two of four frames: their noise is independent.
 
     The depth comes from the frames just before and after, its rate from the ones around those: noise that enters both
     would pull the lag towards the middle between two frames.
@@ -228,33 +208,35 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> _Residuals:
     one = (four.min(axis=0) > 0) & (np.ptp(four, axis=0) < ONE_SURFACE_M) & (np.abs(rate) > still)
     depth = four[1] + (four[2] - four[1]) * share[frame]
     slope = (four[2] - four[1]) / (target_s[before + 1] - target_s[before])[frame]
-    return _Residuals(index[one], (depth - look.depth_m[index])[one], rate[one], slope[one])
+    return index[one], (depth - look.depth_m[index])[one], rate[one], slope[one]
 
 
 def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
     """Mean squared residual of both directions, none above that of another surface; NaN where there are too few."""
-    both = [_residuals(look, lag, every=4).residual_m for look, lag in ((there, lag_s), (back, -lag_s))]
+    both = [_residuals(look, lag, every=4)[1] for look, lag in ((there, lag_s), (back, -lag_s))]
     residual = np.concatenate(both)
     if 4 * len(residual) < LEAST_POINTS:
         return float("nan")
     return float(np.minimum(residual**2, SAME_SURFACE_M**2).mean())
 
 
-def _normal_equation(look: _LookUp, lag_s: float) -> _Normal:
-    found = _residuals(look, lag_s)
-    same = np.abs(found.residual_m) < SAME_SURFACE_M
-    index = found.index[same]
+def _normal_equation(look: _LookUp, lag_s: float) -> tuple[float, np.ndarray, int]:
+    """Return how fast the sum of rates times residuals changes with the lag, these sums by chunks of time, and how many
+    residuals there are; at the true lag the sums are uncorrelated."""
+    index, residual, rate, slope = _residuals(look, lag_s)
+    same = np.abs(residual) < SAME_SURFACE_M
+    index = index[same]
     if not len(index):
-        return _Normal(0.0, np.zeros(1), 0)
+        return 0.0, np.zeros(1), 0
     width = look.target.camera.width
     patch = look.pixel[index] // width // PATCH_PX * width
     patch += look.pixel[index] % width // PATCH_PX
-    residual, rate = (_less_patch_mean(values[same], patch) for values in (found.residual_m, found.rate))
+    residual, rate = (_less_patch_mean(values[same], patch) for values in (residual, rate))
     weight, _ = huber_weights(residual)
     source_s = look.source.time_s
     chunk = ((source_s[look.frame[index]] - source_s[0]) / CHUNK_S).astype(np.int64)
     pull = np.bincount(chunk, weight * rate * residual)
-    return _Normal(float((weight * rate * found.slope[same]).sum()), pull, len(index))
+    return float((weight * rate * slope[same]).sum()), pull, len(index)
 
 
 def _less_patch_mean(values: np.ndarray, patch: np.ndarray) -> np.ndarray:

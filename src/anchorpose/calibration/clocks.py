@@ -21,18 +21,16 @@ from anchorpose.calibration.clock_lags import (
     REACH_S,
     WINDOW_S,
     FrameCache,
-    Level,
     PairLag,
     RoughLag,
     busiest_times,
     fine_lags,
-    pose_level,
     rough_lags,
     stamped_lags,
 )
-from anchorpose.calibration.first_frames import FloorPlane, floor_of_room
+from anchorpose.calibration.first_frames import FloorPlane, floor_of_room, level_of_pose
 from anchorpose.camera import Camera
-from anchorpose.recording.depth_image import DepthFrames, RecordedFrames
+from anchorpose.recording.depth_image import RecordedFrames
 from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.settings import settings
 
@@ -200,11 +198,11 @@ def clocks_of_results(cameras: Sequence[Camera], known: Mapping[str, Clock]) -> 
     return Clocks((_reference(cameras), *others), None, 0)
 
 
-def _level(frames: RecordedFrames, index: int) -> Level | None:
-    """Heights by the camera's pose or by the floor it sees; None without either."""
+def _level(frames: RecordedFrames, index: int) -> FloorPlane | None:
+    """Return the world's Y = 0 where the camera has a pose, else the floor it sees; None without either."""
     camera, recording = frames.cameras[index], frames.recording
     if camera.T_world_camera is not None:
-        return pose_level(camera)
+        return level_of_pose(camera.T_world_camera)
     room = recording.backgrounds_m[index]
     if room is None:
         positions = np.linspace(0, len(frames.times_s[index]) - 1, FLOOR_FRAMES).astype(int)
@@ -213,10 +211,10 @@ def _level(frames: RecordedFrames, index: int) -> Level | None:
             return None
         room = np.median(np.stack(seen), axis=0).astype(np.float32)
     plane = floor_of_room(camera, room, ())
-    return Level(plane.up, plane.height_m) if isinstance(plane, FloorPlane) else None
+    return plane if isinstance(plane, FloorPlane) else None
 
 
-def estimate_clocks(source: DepthFrames, levels: Sequence[Level | None], config: ClockConfig) -> Clocks:
+def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None], config: ClockConfig) -> Clocks:
     """Every camera's clock against the first camera's.
 
     levels: one per camera, see ``motion_signal``; cameras with a pose may give it by the world's Y, others by the

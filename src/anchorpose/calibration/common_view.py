@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 
-from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane, up_of
+from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane, level_of_pose
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
 NEARER_M: Final = 0.12  # people stand off the room by more than this
@@ -215,17 +215,11 @@ def outside_silhouette(target: LevelView, source: LevelView, T_target_source: np
     return (outside / readings if readings else 1.0), (inside / total if total else 0.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pairs:
-    """The source's points, and the target's points and normals there, (n, 3) in the target's frame; moment (n,)."""
-
-    points: np.ndarray
-    there: np.ndarray
-    normal: np.ndarray
-    moment: np.ndarray
-
-
-def _pairs(target: LevelView, source: LevelView, T_target_source: np.ndarray, gate_m: float) -> _Pairs:
+def _pairs(
+    target: LevelView, source: LevelView, T_target_source: np.ndarray, gate_m: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the source's points, the target's points and normals there, (n, 3) in the target's frame, and the moment
+    of each (n,)."""
     found = []
     for moment, seen in enumerate(source.seen):
         points = transform_points(T_target_source, seen.points_m[seen.person])
@@ -238,7 +232,8 @@ def _pairs(target: LevelView, source: LevelView, T_target_source: np.ndarray, ga
         good &= np.abs(np.einsum("ij,ij->i", plane, points - there)) < gate_m
         good &= np.linalg.norm(points - there, axis=1) < 2.0 * gate_m
         found.append((points[good], there[good], plane[good], np.full(int(good.sum()), moment)))
-    return _Pairs(*(np.concatenate(part) for part in zip(*found, strict=True)))
+    points, there, normals, moments = (np.concatenate(part) for part in zip(*found, strict=True))
+    return points, there, normals, moments
 
 
 def paired_rows(
@@ -248,25 +243,14 @@ def paired_rows(
 
     jacobian (n, 6) for a small turn and shift in the first frame, residual (n,) metres, moment (n,).
     """
-    there = _pairs(first, second, T_first_second, gate_m)
-    return _joined(there, _pairs(second, first, invert_rigid(T_first_second), gate_m), T_first_second)
-
-
-def _joined(forth: _Pairs, back: _Pairs, T_first_second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Jacobian (n, 6) for a small turn and shift in the first frame, residual (n,), moment (n,), of both directions.
-
-    Rows from the first camera's points are residuals in the second frame, turned into the first; the motion is that of
-    the second camera's points, so their sign is reversed.
-    """
-    here, seen = transform_points(T_first_second, back.points), transform_points(T_first_second, back.there)
-    turned = back.normal @ T_first_second[:3, :3].T
-    rows_forth = np.hstack([np.cross(forth.points, forth.normal), forth.normal])
-    rows_back = -np.hstack([np.cross(seen, turned), turned])
-    residual_forth = np.einsum("ij,ij->i", forth.normal, forth.points - forth.there)
-    residual_back = np.einsum("ij,ij->i", turned, here - seen)
-    pairs = (rows_forth, rows_back), (residual_forth, residual_back), (forth.moment, back.moment)
-    jacobian, residual, moment = (np.concatenate(pair) for pair in pairs)
-    return jacobian, residual, moment
+    points, there, normal, moment = _pairs(first, second, T_first_second, gate_m)
+    back, seen, back_normal, back_moment = _pairs(second, first, invert_rigid(T_first_second), gate_m)
+    # residuals in the second frame, turned into the first; the motion is that of these points: the sign is reversed
+    here, seen = transform_points(T_first_second, back), transform_points(T_first_second, seen)
+    turned = back_normal @ T_first_second[:3, :3].T
+    rows = np.hstack([np.cross(points, normal), normal]), -np.hstack([np.cross(seen, turned), turned])
+    residuals = np.einsum("ij,ij->i", normal, points - there), np.einsum("ij,ij->i", turned, here - seen)
+    return np.concatenate(rows), np.concatenate(residuals), np.concatenate([moment, back_moment])
 
 
 def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -305,7 +289,7 @@ def common_surfaces(
 
     room_m, depths_m: (height, width) float32, 0 = no reading; background_m: of the empty room, None without.
     """
-    level = FloorPlane(up_of(camera), float(camera.position_m[1]), 0.0, 0.0)  # a frame that stands on Y = 0
+    level = level_of_pose(camera.require_pose())
     room = level_view(camera, level, np.full_like(room_m, np.inf), [room_m], ROOM_PX)
     people = level_view(camera, level, room_m if background_m is None else background_m, depths_m, PEOPLE_PX)
     return replace(

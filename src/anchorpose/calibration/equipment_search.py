@@ -16,6 +16,18 @@ from anchorpose.lens import lens_array, pixel_of_ray
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3
 LEAST_Z_M: Final = 0.3  # nearer than any depth camera measures
 RADIUS_M: Final = 0.5  # of the equipment, to compare a turn with a shift
+CELL_M: Final = 0.04  # of the first, coarse map: as wide as a bar
+YAW_STEP_RAD: Final = 0.0873  # 5 degrees move a bar at 0.5 m by one cell
+ABOVE_FLOOR_M: Final = 0.06  # below this the floor itself fills the map
+FARTHEST_M: Final = 7.0  # no depth camera sees a bar beyond
+THINNING: Final = 3  # every third point of the equipment is enough until the last and finest steps
+STARTS: Final = 400  # places of the coarse map that are refined
+KEPT: Final = 16  # distinct places in the result
+DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # two poses nearer than this (0.14 is 8 degrees) are the same one
+TOLERANCES_M: Final = (0.05, 0.03, 0.02)  # what counts as on the surface, from coarse to fine
+THROUGH_WEIGHT: Final = 2.0  # a point that is seen through counts twice as much against a pose as one on it for it
+BROAD_M: Final = 0.10  # a surface that continues flat this far to all four sides is a wall, a panel or a table:
+BROAD_WEIGHT: Final = 0.25  # a bar may lie anywhere in it, so it is weaker evidence than what ends where a bar ends
 
 
 class SearchImage(NamedTuple):
@@ -29,15 +41,6 @@ class SearchImage(NamedTuple):
     noise_per_m: float
 
 
-class SpaceGrid(NamedTuple):
-    """Cells over the ground: counts along y, x, z; x starts at -wide_m; nothing below above_m is mapped."""
-
-    counts: tuple[int, int, int]
-    wide_m: float
-    cell_m: float
-    above_m: float
-
-
 class SearchPoints(NamedTuple):
     """Points from the equipment's centre: surface (n, 3), normal (n, 3), two_sided (n,) bool, outside (m, 3)."""
 
@@ -45,14 +48,6 @@ class SearchPoints(NamedTuple):
     normal: np.ndarray
     two_sided: np.ndarray
     outside: np.ndarray
-
-
-class Scoring(NamedTuple):
-    """tolerance_m, and gate in sigmas of noise: on the surface or not; through: weight of a point seen through."""
-
-    tolerance_m: float
-    gate: float
-    through: float
 
 
 @nb.njit(cache=True)
@@ -66,22 +61,24 @@ def _transform(T: np.ndarray, x: float, y: float, z: float) -> tuple[float, floa
 
 
 @nb.njit(cache=True)
-def fill_space(image: SearchImage, grid: SpaceGrid, gate: float) -> np.ndarray:
-    """(y, x, z) int8 map of the ground frame: each cell by the pixels around its place in the depth image."""
-    counts, cell = grid.counts, grid.cell_m
+def fill_space(image: SearchImage, counts: tuple[int, int, int], wide_m: float) -> np.ndarray:
+    """Map the ground frame: (y, x, z) int8, each cell by the pixels around its place in the depth image.
+
+    counts: of cells along y, x, z; x starts at -wide_m.
+    """
     space = np.zeros(counts, np.int8)
     for iy in range(counts[0]):
-        y = (iy + 0.5) * cell
-        if y < grid.above_m:
+        y = (iy + 0.5) * CELL_M
+        if y < ABOVE_FLOOR_M:
             continue
         for ix in range(counts[1]):
             for iz in range(counts[2]):
-                space[iy, ix, iz] = _state_of_cell(image, ix * cell - grid.wide_m, y, iz * cell, cell, gate)
+                space[iy, ix, iz] = _state_of_cell(image, ix * CELL_M - wide_m, y, iz * CELL_M)
     return space
 
 
 @nb.njit(cache=True)
-def _state_of_cell(image: SearchImage, x: float, y: float, z: float, cell: float, gate: float) -> int:
+def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
     """UNKNOWN, OCCUPIED, FREE or BROAD: of a cell at a point of the ground frame."""
     still, weight, lens = image.depth_m, image.weight, image.lens
     height, width = still.shape
@@ -89,11 +86,11 @@ def _state_of_cell(image: SearchImage, x: float, y: float, z: float, cell: float
     if cz < LEAST_Z_M:
         return UNKNOWN
     column, row = pixel_of_ray(cx / cz, cy / cz, lens)
-    reach = int(min(max(0.5 * cell * lens[0] / cz, 1.0), 6.0))
+    reach = int(min(max(0.5 * CELL_M * lens[0] / cz, 1.0), 6.0))
     c0, r0 = round(column), round(row)
     if c0 < reach or r0 < reach or c0 >= width - reach or r0 >= height - reach:
         return UNKNOWN
-    margin = cell + gate * image.noise_per_m * cz * cz
+    margin = CELL_M + NOISE_GATE * image.noise_per_m * cz * cz
     filled, narrow, behind, step = False, False, 0, max(1, reach // 2)
     for r in range(r0 - reach, r0 + reach + 1, step):
         for c in range(c0 - reach, c0 + reach + 1, step):
@@ -128,26 +125,26 @@ def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.nd
 
 
 @nb.njit(cache=True)
-def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, scoring: Scoring) -> np.ndarray:
+def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> np.ndarray:
     """Improves each place in turn along yaw, x and z, with steps of half and a quarter of the tolerance."""
     scores = np.empty(len(places))
     trial = np.empty(4)
     for k in range(len(places)):
-        best = _score(places[k], image, points, scoring)
-        step = scoring.tolerance_m / 2.0
+        best = _score(places[k], image, points, tolerance_m)
+        step = tolerance_m / 2.0
         for _ in range(8):
             improved = False
             for axis in (0, 1, 3):
                 for sign in (-1.0, 1.0):
                     trial[:] = places[k]
                     trial[axis] += sign * (step / RADIUS_M if axis == 0 else step)
-                    value = _score(trial, image, points, scoring)
+                    value = _score(trial, image, points, tolerance_m)
                     if value > best + 1e-9:
                         best = value
                         places[k] = trial
                         improved = True
             if not improved:
-                if step < scoring.tolerance_m / 3.0:
+                if step < tolerance_m / 3.0:
                     break
                 step /= 2.0
         scores[k] = best
@@ -155,7 +152,7 @@ def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, scoring:
 
 
 @nb.njit(cache=True)
-def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, scoring: Scoring) -> float:
+def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> float:
     """How well (yaw, x, y, z) explains the depth image, per point of the surface that faces the camera."""
     surface, outside, T = points.surface, points.outside, image.T_camera_ground
     cos, sin = np.cos(place[0]), np.sin(place[0])
@@ -181,12 +178,12 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, scoring:
         d, w = _reading(image, cx, cy, cz)
         if d <= 0.0:
             continue
-        margin = scoring.tolerance_m + scoring.gate * image.noise_per_m * cz * cz
+        margin = tolerance_m + NOISE_GATE * image.noise_per_m * cz * cz
         if on_surface:
             if abs(d - cz) < margin:
                 total += w
             elif d > cz:
-                total -= scoring.through
+                total -= THROUGH_WEIGHT
         elif abs(d - cz) < margin:
             total -= len(surface) / len(outside) * 0.5
     return total / max(facing, 1)
@@ -205,48 +202,24 @@ def _reading(image: SearchImage, x: float, y: float, z: float) -> tuple[float, f
     return float(image.depth_m[r, c]), float(image.weight[r, c])
 
 
-@nb.njit(cache=True)
-def weigh_broad(
-    depth_m: np.ndarray, focal: float, reach_m: float, low: float, margin_m: float, noise: float
-) -> np.ndarray:
-    """(height, width) float32: ``low`` where the surface continues flat for ``reach_m`` to all four sides, else 1.
-
-    margin_m and noise (a margin in metres, and one that grows with the square of depth): what counts as flat.
-    """
+def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.ndarray:
+    """Weigh readings (height, width): ``BROAD_WEIGHT`` where a surface goes on flat for ``BROAD_M`` to all sides."""
+    margin_m, noise = 2.0 * TOLERANCES_M[-1], 2.0 * NOISE_GATE * noise_per_m
     height, width = depth_m.shape
+    row, column = np.nonzero(depth_m > 0.0)
+    k = np.maximum((BROAD_M * focal / depth_m[row, column].astype(np.float64)).astype(np.int64), 1)
+    inside = (row >= k) & (column >= k) & (row < height - k) & (column < width - k)
+    row, column, k = row[inside], column[inside], k[inside]
+    z = depth_m[row, column].astype(np.float64)
+    flat = np.ones(len(row), dtype=bool)
+    for down, right in ((0, 1), (1, 0)):
+        one, other = depth_m[row - down * k, column - right * k], depth_m[row + down * k, column + right * k]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            between = (one * other / (one + other)).astype(np.float64) * 2.0 - z  # 1/z, not z, is linear along a plane
+        flat &= (one > 0.0) & (other > 0.0) & (np.abs(between) < margin_m + noise * z * z)
     weight = np.ones((height, width), np.float32)
-    for row in range(height):
-        for column in range(width):
-            z = depth_m[row, column]
-            if z <= 0.0:
-                continue
-            k = max(int(reach_m * focal / z), 1)
-            if row < k or column < k or row >= height - k or column >= width - k:
-                continue
-            left, right = depth_m[row, column - k], depth_m[row, column + k]
-            above, below = depth_m[row - k, column], depth_m[row + k, column]
-            if left <= 0.0 or right <= 0.0 or above <= 0.0 or below <= 0.0:
-                continue
-            limit = margin_m + noise * z * z
-            across = left * right / (left + right) * 2.0 - z  # 1/z, not z, is linear along a plane
-            along = above * below / (above + below) * 2.0 - z
-            if abs(across) < limit and abs(along) < limit:
-                weight[row, column] = low
+    weight[row[flat], column[flat]] = BROAD_WEIGHT
     return weight
-
-
-CELL_M: Final = 0.04  # of the first, coarse map: as wide as a bar
-YAW_STEP_RAD: Final = 0.0873  # 5 degrees move a bar at 0.5 m by one cell
-ABOVE_FLOOR_M: Final = 0.06  # below this the floor itself fills the map
-FARTHEST_M: Final = 7.0  # no depth camera sees a bar beyond
-THINNING: Final = 3  # every third point of the equipment is enough until the last and finest steps
-STARTS: Final = 400  # places of the coarse map that are refined
-KEPT: Final = 16  # distinct places in the result
-DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # two poses nearer than this (0.14 is 8 degrees) are the same one
-TOLERANCES_M: Final = (0.05, 0.03, 0.02)  # what counts as on the surface, from coarse to fine
-THROUGH_WEIGHT: Final = 2.0  # a point that is seen through counts twice as much against a pose as one on it for it
-BROAD_M: Final = 0.10  # a surface that continues flat this far to all four sides is a wall, a panel or a table:
-BROAD_WEIGHT: Final = 0.25  # a bar may lie anywhere in it, so it is weaker evidence than what ends where a bar ends
 
 
 def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) -> list[np.ndarray]:
@@ -266,7 +239,7 @@ def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) ->
         last = tolerance == TOLERANCES_M[-1]
         thin = slice(None, None, 1 if last else THINNING)
         points = SearchPoints(surface[thin], samples.normal[thin], samples.two_sided[thin], outside[thin])
-        scores = climb(starts, image, points, Scoring(tolerance, NOISE_GATE, THROUGH_WEIGHT))
+        scores = climb(starts, image, points, tolerance)
         keep = _distinct(starts, scores, KEPT if last else STARTS // 4)
         starts = starts[keep]
     return [_placed(image.T_camera_ground, place, samples.centre_m) for place in starts]
@@ -274,8 +247,7 @@ def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) ->
 
 def _search_image(view: StillView) -> SearchImage:
     still = np.ascontiguousarray(view.still_m, dtype=np.float32)
-    margin, noise = 2.0 * TOLERANCES_M[-1], 2.0 * NOISE_GATE * view.noise_per_m
-    weight = weigh_broad(still, view.camera.intrinsics.fx, BROAD_M, BROAD_WEIGHT, margin, noise)
+    weight = weigh_broad(still, view.camera.intrinsics.fx, view.noise_per_m)
     return SearchImage(still, weight, lens_array(view.camera.intrinsics), ground_frame(view.floor), view.noise_per_m)
 
 
@@ -321,7 +293,7 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
     farthest = min(FARTHEST_M, float(np.percentile(seen, 99)) + samples.radius_m)
     wide = farthest * max(camera.width / 2 / camera.intrinsics.fx, 0.3) + samples.radius_m
     counts = (int(heights.max() / CELL_M) + 2, int(2 * wide / CELL_M) + 1, int(farthest / CELL_M) + 1)
-    space = fill_space(image, SpaceGrid(counts, wide, CELL_M, ABOVE_FLOOR_M), NOISE_GATE)
+    space = fill_space(image, counts, wide)
     value = np.array([0, 1, -THROUGH_WEIGHT, BROAD_WEIGHT], np.float32)[space]
     yaws = np.arange(0.0, 2 * np.pi - 1e-9, YAW_STEP_RAD)
     sums = np.empty((len(yaws), counts[1], counts[2]), np.float32)

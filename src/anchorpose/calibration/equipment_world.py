@@ -256,7 +256,10 @@ def _find_in_camera(inputs: EquipmentInputs, index: int) -> SeenEquipment:
         if not isinstance(found, NoEquipmentPose):
             return SeenEquipment(index, found[0], frames, times, found[1])
         first = first or found
-    raise _refusal(recording, camera, first or NoEquipmentPose(NoPose.NOT_SEEN))
+    why = first or NoEquipmentPose(NoPose.NOT_SEEN)
+    part = f" ({why.part})" if why.part else ""
+    problem = f"camera_to_world is null for {camera.name}, and this camera {why.why.value}{part}"
+    raise InputError(recording.folder / "recording.json", problem, REMEDY)
 
 
 def _attempt(
@@ -273,12 +276,6 @@ def _attempt(
     view = see_still(camera, frames_m, background_m, noise, floor)
     pose = find_equipment(view, inputs.equipment, inputs.config)
     return pose if isinstance(pose, NoEquipmentPose) else (view, pose)
-
-
-def _refusal(recording: Recording, camera: Camera, why: NoEquipmentPose) -> InputError:
-    part = f" ({why.part})" if why.part else ""
-    problem = f"camera_to_world is null for {camera.name}, and this camera {why.why.value}{part}"
-    return InputError(recording.folder / "recording.json", problem, REMEDY)
 
 
 def _polish(

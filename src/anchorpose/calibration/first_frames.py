@@ -78,19 +78,11 @@ FRAMES_NEEDED: Final = 8  # below that a percentile over time means nothing
 USUAL_DISTANCE_M: Final = 2.5  # of a patient from the camera, where nobody is found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Start:
-    """point_camera_m (3,): below the patient's start, on the floor or, without one, at the patient's lowest visible
-    point; reason: how it was found, one sentence."""
-
-    point_camera_m: np.ndarray
-    reason: str
-
-
 def start_of_patient(
     camera: Camera, sample_frames: Sequence[FrameSet], up: np.ndarray, height_m: float | None
-) -> Start:
-    """Return the place below the pelvis of whoever shows most in the first sampled frame with a person.
+) -> tuple[np.ndarray, str]:
+    """Return the place (3,) below the pelvis of whoever shows most in the first sampled frame with a person, and how it
+    was found: a point of the camera frame, on the floor or, without one, at the lowest visible point.
 
     up (3,) camera frame; height_m: of the camera above the floor, None where unknown. Where the learnt descriptor sees
     nobody, the place is straight ahead of the camera.
@@ -104,11 +96,10 @@ def start_of_patient(
             if one.certainty >= LEAST_CERTAINTY and one.rays[0] is not None:
                 seen_m = camera.back_project(depth)[said.row[one.rays[0]], said.column[one.rays[0]]]
                 place = _dropped(one.pelvis_m, seen_m.astype(np.float64), up, height_m)
-                return Start(place, f"the origin is below the person who shows most in frame {frame.frame}")
+                return place, f"the origin is below the person who shows most in frame {frame.frame}"
     ahead = np.array([0.0, 0.0, USUAL_DISTANCE_M])
-    return Start(
-        _dropped(ahead, ahead[None], up, height_m), "nobody was found: the origin is 2.5 m ahead of the camera"
-    )
+    place = _dropped(ahead, ahead[None], up, height_m)
+    return place, f"nobody was found: the origin is {USUAL_DISTANCE_M} m ahead of the camera"
 
 
 def people_only(depth_m: np.ndarray) -> bool:
@@ -157,6 +148,11 @@ class FloorPlane:
     height_m: float
     residual_m: float
     inlier_share: float
+
+
+def level_of_pose(T_world_camera: np.ndarray) -> FloorPlane:
+    """Return the plane Y = 0 of the world, in the camera frame."""
+    return FloorPlane(np.asarray(T_world_camera[1, :3], np.float64), float(T_world_camera[1, 3]), 0.0, 0.0)
 
 
 class NoFloor(StrEnum):

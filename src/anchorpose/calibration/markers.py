@@ -61,15 +61,6 @@ class Board:
             raise Unfit(f"is {self.marker_m:g}", f"it must be at most square_m, {self.square_m:g}", "marker_m")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MarkerLayout:
-    """dictionary: OpenCV's name, such as DICT_APRILTAG_36h11; tags, or one board (then tags is empty)."""
-
-    dictionary: str
-    tags: tuple[Tag, ...]
-    board: Board | None
-
-
 def _require_dictionary(name: str) -> str:
     known = [name for name in dir(cv2.aruco) if name.startswith("DICT_")]
     if name not in known:
@@ -77,8 +68,8 @@ def _require_dictionary(name: str) -> str:
     return name
 
 
-class LayoutDocument(Entry):
-    """markers.json: single tags or one board."""
+class MarkerLayout(Entry):
+    """markers.json: single tags or one board; dictionary: OpenCV's name, such as DICT_APRILTAG_36h11."""
 
     format: Literal["marker-layout"]
     version: Version
@@ -87,7 +78,7 @@ class LayoutDocument(Entry):
     board: Board | None = None
 
     @model_validator(mode="after")
-    def _require_one_kind(self) -> LayoutDocument:
+    def _require_one_kind(self) -> MarkerLayout:
         if (self.tags is None) == (self.board is None):
             problem = "and board are both given or both missing"
             raise Unfit(problem, "describe either single tags or one board", "tags")
@@ -97,9 +88,8 @@ class LayoutDocument(Entry):
 
 
 def read_marker_layout(path: Path) -> MarkerLayout:
-    """A checked markers.json; raises InputError naming the file, the key and the remedy."""
-    document = read_document(path, LayoutDocument)
-    return MarkerLayout(document.dictionary, document.tags or (), document.board)
+    """Return a checked markers.json; raises InputError naming the file, the key and the remedy."""
+    return read_document(path, MarkerLayout)
 
 
 LEAST_SIDE_PX: Final = 14.0  # the bits of a smaller tag are two pixels wide, its corners less accurate than assumed
@@ -177,7 +167,7 @@ def _tag_corners(
     """Pixel and world corners of each tag of the layout that is seen exactly once: of two equal ones, one is a copy."""
     corners, numbers, _ = detector.detectMarkers(grey)
     listed = [] if numbers is None else [int(number) for number in np.ravel(numbers)]
-    places = {tag.number: tag.corners_m() for tag in layout.tags}
+    places = {tag.number: tag.corners_m() for tag in layout.tags or ()}
     return {
         number: (corner.reshape(4, 2).astype(np.float64), places[number])
         for number, corner in zip(listed, corners, strict=True)
@@ -258,7 +248,8 @@ def place_by_markers(recording: Recording, layout: MarkerLayout) -> tuple[Record
     """
     cameras, records = list[Camera](), dict[str, PoseRecord]()
     for camera, background in zip(recording.cameras, recording.backgrounds_m, strict=True):
-        path = _marker_image(recording.folder / camera.name)
+        beside = (recording.folder / camera.name / name for name in MARKER_IMAGES)
+        path = next((image for image in beside if image.is_file()), None)
         if path is None:
             cameras.append(camera)
             continue
@@ -275,10 +266,6 @@ def place_by_markers(recording: Recording, layout: MarkerLayout) -> tuple[Record
         problem = f"no camera's folder holds {' or '.join(MARKER_IMAGES)}"
         raise InputError(recording.folder, problem, "add an image of the markers from each camera")
     return replace(recording, cameras=tuple(cameras)), records
-
-
-def _marker_image(folder: Path) -> Path | None:
-    return next((folder / name for name in MARKER_IMAGES if (folder / name).is_file()), None)
 
 
 def _read(path: Path, camera: Camera) -> np.ndarray:
@@ -367,7 +354,9 @@ def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.n
     off = np.nan_to_num(camera.project(points) - seen.pixel, nan=1e3).ravel() / CORNER_SIGMA_PX
     rows = [off]
     for marker in np.unique(seen.plane):
-        normal, place = _plane(points[seen.marker == marker])
+        corners = points[seen.marker == marker]
+        place = corners.mean(axis=0)
+        normal = np.linalg.svd(corners - place)[2][2]
         on = seen.plane == marker
         rays = np.concatenate([seen.rays[on], np.ones((int(on.sum()), 1))], axis=1)
         slope = rays @ normal
@@ -375,11 +364,6 @@ def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.n
         # errors of readings on one marker are correlated (ink, calibration of the sensor): all of them count as eight
         rows.append((seen.depth_m[on] - predicted) / DEPTH_SIGMA_M * np.sqrt(min(1.0, 8.0 / max(on.sum(), 1))))
     return np.concatenate(rows)
-
-
-def _plane(points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    center = points_m.mean(axis=0)
-    return np.linalg.svd(points_m - center)[2][2], center
 
 
 def _worst_corner_px(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> float:

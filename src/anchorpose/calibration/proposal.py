@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.calibration.equipment_model import rotation_about_y
 from anchorpose.calibration.proposal_joining import extended, guessed_lengths, hollow_share, merged, on_its_feet
 from anchorpose.calibration.proposal_readings import LEAST_PIXELS, Found, Readings, Region, find_parts, gather_readings
 from anchorpose.calibration.proposal_shape import REACH_M, Fit, first_fit, refine
@@ -191,8 +192,7 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
 
 def _snapped(rotation: np.ndarray, yaw: float) -> np.ndarray:
     """The rotation of the common frame nearest to this one, or as it is where none is within ``SNAP_RAD``."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    common = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    common = rotation_about_y(yaw)
     overlap = np.abs(common.T @ rotation)
     choice = int(np.argmax(overlap[:, 2]))
     if overlap[choice, 2] < np.cos(SNAP_RAD):
@@ -213,7 +213,8 @@ def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[
     points = readings.points_m[stands]
     for number in range(rounds):
         distances = np.array([np.abs(fit.distance_m(points)) for fit in fits])
-        fits = [extended(fit, points, _of_no_other(distances, index)) for index, fit in enumerate(fits)]
+        beside = [np.delete(distances, k, axis=0).min(axis=0, initial=np.inf) > EXPLAINED_M for k in range(len(fits))]
+        fits = [extended(fit, points, of_no_other) for fit, of_no_other in zip(fits, beside, strict=True)]
         owner = np.where(distances.min(axis=0) < REACH_M, distances.argmin(axis=0), -1)
         kept = []
         for index, fit in enumerate(fits):
@@ -225,12 +226,6 @@ def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[
         if not fits:
             break
     return fits
-
-
-def _of_no_other(distances: np.ndarray, index: int) -> np.ndarray:
-    """(n,) bool: readings that no other part is near to."""
-    others = np.delete(distances, index, axis=0)
-    return np.asarray(others.min(axis=0, initial=np.inf) > EXPLAINED_M)
 
 
 def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:

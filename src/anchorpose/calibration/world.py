@@ -132,7 +132,11 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
         tilt = float(np.arccos(np.clip(up[1], -1.0, 1.0)))
         residuals.append(FloorResidual(camera.name, floor.residual_m, floor.inlier_share, tilt))
         if tilt > TILTED_RAD:
-            doubts.append(_tilted(camera.name, tilt))
+            sentence = (
+                f"the floor that camera {camera.name} sees is tilted by {np.degrees(tilt):.1f} degrees by its pose"
+            )
+            refuted, off_m = tilt > WORST_FLOOR_TILT_RAD, USUAL_DISTANCE_M * tilt
+            doubts.append(PoseDoubt(DoubtSource.FLOOR, (camera.name,), sentence, off_m, refuted))
         if tilt > WORST_FLOOR_TILT_RAD:
             continue
         # The floor's height where the camera looks: below the camera a small tilt would be a lever.
@@ -143,12 +147,6 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
     height = float(np.median(list(heights.values()))) if heights else None
     doubts += _uneven(heights)
     return Calibration(cameras, height, tuple(residuals), tuple(notes), records, tuple(doubts))
-
-
-def _tilted(camera: str, tilt_rad: float) -> PoseDoubt:
-    sentence = f"the floor that camera {camera} sees is tilted by {np.degrees(tilt_rad):.1f} degrees by its pose"
-    off_m = USUAL_DISTANCE_M * tilt_rad
-    return PoseDoubt(DoubtSource.FLOOR, (camera,), sentence, off_m, tilt_rad > WORST_FLOOR_TILT_RAD)
 
 
 def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
@@ -180,10 +178,10 @@ def _from_one_camera(
     else:
         up, height = np.array([0.0, -1.0, 0.0]), None
         notes.append(f"no floor was found ({floor.value}): Y is the camera's up, and the floor's height is unknown")
-    start = start_of_patient(camera, sample_frames, up, height)
-    notes.append(start.reason)
+    origin_m, reason = start_of_patient(camera, sample_frames, up, height)
+    notes.append(reason)
     notes.append("the patient is assumed to face the camera: X points from the patient's start towards it")
-    posed = replace(camera, T_world_camera=_world_at(start.point_camera_m, up))
+    posed = replace(camera, T_world_camera=_world_at(origin_m, up))
     record = PoseRecord(camera.name, PoseSource.FLOOR)
     return Calibration((posed,), None if height is None else 0.0, tuple(residuals), tuple(notes), (record,))
 

@@ -160,11 +160,8 @@ NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # where depth cameras measure
 
 def check_lens(material: Material) -> list[Finding]:
     """Field of view; floor and walls through the lens; the size of the room and of the person."""
-    return [_field_of_view(material), *_room_through_lens(material), _size(material)]
-
-
-def _field_of_view(material: Material) -> Finding:
-    return of_cameras("field of view", [_field_of(camera) for camera in material.cameras])
+    fields = of_cameras("field of view", [_field_of(camera) for camera in material.cameras])
+    return [fields, *_room_through_lens(material), _size(material)]
 
 
 def _field_of(camera: Camera) -> OfCamera:

@@ -14,8 +14,7 @@ from anchorpose import __version__
 from anchorpose.cli.console import say
 from anchorpose.cli.evaluate_verbs import evaluate, reliability
 from anchorpose.cli.live_verbs import live, record
-from anchorpose.cli.model_verbs import equipment, motions
-from anchorpose.cli.recording_verbs import calibrate, check, convert
+from anchorpose.cli.recording_verbs import calibrate, check, convert, equipment, motions
 from anchorpose.cli.research_verbs import benchmark, experiment
 from anchorpose.cli.results_verbs import export, measure, report, verify
 from anchorpose.cli.simulation_verbs import demo, simulate
@@ -47,27 +46,8 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 for _verb in (
-    demo,
-    simulate,
-    convert,
-    check,
-    calibrate,
-    track,
-    evaluate,
-    measure,
-    verify,
-    report,
-    reliability,
-    view,
-    export,
-    inspect,
-    equipment,
-    motions,
-    record,
-    live,
-    batch,
-    experiment,
-    benchmark,
+    *(demo, simulate, convert, check, calibrate, track, evaluate, measure, verify, report, reliability, view, export),
+    *(inspect, equipment, motions, record, live, batch, experiment, benchmark),
 ):
     app.command(_verb)
 

@@ -26,15 +26,12 @@ BIDIRECTIONAL: Final = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u20
 def printable(text: str) -> str:
     """Return the text with every character that would act on a terminal written as its escape, such as ``\\x1b``,
     and passwords of addresses as stars."""
-    return "".join(_escaped(each) if _acts(each) else each for each in without_password(text))
-
-
-def _acts(character: str) -> bool:
-    return character in BIDIRECTIONAL or unicodedata.category(character) in ACTING
-
-
-def _escaped(character: str) -> str:
-    return character.encode("unicode_escape").decode("ascii")
+    return "".join(
+        each.encode("unicode_escape").decode("ascii")
+        if each in BIDIRECTIONAL or unicodedata.category(each) in ACTING
+        else each
+        for each in without_password(text)
+    )
 
 
 def say(sentence: str, error: bool = False) -> None:
@@ -77,24 +74,17 @@ def progress_bar(description: str, at_once: bool = True) -> Iterator[Callable[[i
 
     at_once: shown before the first call, which may take long, or not: then work that is refused shows no bar.
     """
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich import progress as parts
 
     columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(),
+        parts.TextColumn("{task.description}", markup=False),
+        parts.BarColumn(),
+        parts.MofNCompleteColumn(),
+        parts.TimeElapsedColumn(),
+        parts.TextColumn("left:"),
+        parts.TimeRemainingColumn(),
     )
-    progress = Progress(*columns, console=plain_console(error=True))
+    progress = parts.Progress(*columns, console=plain_console(error=True))
     task = progress.add_task(printable(description), total=None)
 
     def advance(done: int, total: int | None) -> None:

@@ -20,9 +20,9 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.options import DAY_S, LARGEST_PORT, OUTPUT, between, positive, whole
 
 if TYPE_CHECKING:
+    from anchorpose.live.feed import LiveSource
     from anchorpose.live.output import Output
     from anchorpose.live.page_server import PageOutput
-    from anchorpose.live.source import LiveSource
 
 
 @Parameter(name="*")
@@ -83,10 +83,10 @@ def live(
         The folder to write.
     """
     from anchorpose.cli.console import print_outcome
-    from anchorpose.live.finish import finish_session
+    from anchorpose.live.feed import about_folder
     from anchorpose.live.first_seconds import LiveOptions, User
     from anchorpose.live.session import track_live
-    from anchorpose.live.source import about_folder
+    from anchorpose.live.stored import finish_session
     from anchorpose.recording.writable import check_place
     from anchorpose.results.folder import unfinished_results
 
@@ -147,8 +147,7 @@ def record(
     finish
         Make a recording of a folder whose recording was cut off; no sources are needed.
     """
-    from anchorpose.live.record import record_live
-    from anchorpose.live.recorder import finish_recording
+    from anchorpose.live.recorder import finish_recording, record_live
 
     if finish:
         say(f"The recording is in {finish_recording(recording)}.")
@@ -163,7 +162,7 @@ def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:
 
     like: an earlier recording of the same cameras, None where there is none.
     """
-    from anchorpose.live.playback import Playback
+    from anchorpose.live.cameras import Playback, open_orbbec, open_realsense
     from anchorpose.recording.reader import open_recording
 
     if not names:
@@ -173,12 +172,8 @@ def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:
     for name in names:
         maker, _, serial = name.partition(":")
         if maker == "realsense":
-            from anchorpose.live.realsense import open_realsense
-
             sources.append(open_realsense(serial, about))
         elif maker == "orbbec":
-            from anchorpose.live.orbbec import open_orbbec
-
             sources.append(open_orbbec(serial, about))
         else:
             sources.append(Playback(open_recording(Path(name))))
@@ -190,14 +185,12 @@ def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:
 def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
     """Open the outputs; raises AnchorposeError for a malformed address or unknown host, MissingPackage without an
     extra."""
+    from anchorpose.live.output import LslOutput, OscOutput
+
     outputs: list[Output] = []
     if lsl:
-        from anchorpose.live.lsl import LslOutput
-
         outputs.append(LslOutput())
     if osc is not None:
-        from anchorpose.live.osc import OscOutput
-
         host, _, port = osc.rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 65536:
             raise AnchorposeError(f"--osc is '{osc}'; write host and port, for example 127.0.0.1:9000.")

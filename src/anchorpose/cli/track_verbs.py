@@ -117,7 +117,7 @@ def track(recording: str, /, *, results: Annotated[str, OUTPUT], options: TrackO
     given = options or TrackOptions()
     if given.resume and is_address(results):
         raise AnchorposeError("--resume needs results in a local folder; copy them to the address when they are done.")
-    with local_results(results, given.overwrite) as folder, local_copy(recording) as source:
+    with local_results(results) as folder, local_copy(recording) as source:
         track_locally(source, folder, given)
         if is_address(results):
             say(f"They go to {results}.")

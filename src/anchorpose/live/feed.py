@@ -1,20 +1,140 @@
-"""The newest depth images of all cameras as one frame: what nobody takes in time is dropped, nothing queues."""
+"""Cameras that give depth images now: the threads that read them, and the newest frame of all."""
 
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
-from threading import Condition
-from typing import Final
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Condition, Event, Lock, Thread
+from typing import Final, Protocol
 
 import numpy as np
 
 from anchorpose.camera import Camera
-from anchorpose.live.source import LiveImage
+from anchorpose.errors import AnchorposeError
 from anchorpose.recording.depth_image import image_of_grey
-from anchorpose.recording.recording import USUAL_PERIOD_S, Clock, FrameSet
+from anchorpose.recording.recording import USUAL_PERIOD_S, Clock, FrameSet, Recording
+from anchorpose.sources.plan import CameraPlan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveImage:
+    """One depth image: camera: index; number: counted by the source, with gaps where it lost images; time_s: by the
+    device's own clock; taken_s: when it was taken, by ``time.monotonic``; grey (height, width) uint16, 0 = no
+    reading."""
+
+    camera: int
+    number: int
+    time_s: float
+    taken_s: float
+    grey: np.ndarray
+
+
+class LiveSource(Protocol):
+    """Cameras that belong together, in the order of their indices.
+
+    name: for the user; about: a recording whose equipment, empty room and patient hold for these cameras, too; None
+    where nothing is known.
+    """
+
+    name: str
+    cameras: tuple[CameraPlan, ...]
+    about: Recording | None
+
+    def images(self, stop: Event) -> Iterator[LiveImage]:
+        """Yield the images as they are taken, until the source ends or ``stop`` is set.
+
+        Raises AnchorposeError with what happened where a camera does not answer any more.
+        """
+        ...
+
+
+def about_folder(sources: Sequence[LiveSource]) -> Path | None:
+    """The folder of the first recording that holds for one of the sources, None where there is none."""
+    return next((source.about.folder for source in sources if source.about is not None), None)
+
+
+Taker = Callable[[LiveImage], None]
+
+
+class Intake:
+    """One thread per source. A source that fails ends alone; ``failed`` has a sentence on all that failed.
+
+    cameras: of all sources, in their order; feed: their images; add and remove: who else is given every image.
+    """
+
+    def __init__(self, sources: Sequence[LiveSource]) -> None:
+        self.cameras: tuple[CameraPlan, ...] = tuple(camera for source in sources for camera in source.cameras)
+        self.feed = Feed(len(self.cameras))
+        self.failures: list[str] = []
+        self._not_kept = Counter[str]()
+        self._sources, self._stop = tuple(sources), Event()
+        self._takers: tuple[Taker, ...] = (self.feed.put,)
+        self._threads: list[Thread] = []
+        self._left, self._counting = len(self._sources), Lock()
+
+    def start(self) -> None:
+        """Begin to take images; does nothing where that has begun."""
+        if self._threads:
+            return
+        first = np.cumsum([0, *(len(source.cameras) for source in self._sources)]).tolist()
+        self._threads = [
+            Thread(target=self._run, args=pair, daemon=True) for pair in zip(self._sources, first, strict=False)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """What failed so far, and how many images could not be recorded, by reason."""
+        lost = (f"{count} depth images could not be recorded ({why})" for why, count in self._not_kept.items())
+        return (*self.failures, *lost)
+
+    def add(self, taker: Taker) -> None:
+        """From now on ``taker`` is given every image, in the threads of the sources."""
+        self._takers = (*self._takers, taker)
+
+    def remove(self, taker: Taker) -> None:
+        """``taker`` is given no more images; one may still be under way."""
+        self._takers = tuple(one for one in self._takers if one != taker)
+
+    @property
+    def running(self) -> bool:
+        """Whether any source still gives images."""
+        return self._left > 0
+
+    def stop(self) -> None:
+        """Ends all sources and waits for them."""
+        self._stop.set()
+        for thread in self._threads:
+            thread.join(timeout=5.0)
+
+    def _run(self, source: LiveSource, first: int) -> None:
+        try:
+            for image in source.images(self._stop):
+                self._hand_on(replace(image, camera=first + image.camera))
+        except (AnchorposeError, OSError) as error:
+            self.failures.append(f"{source.name}: {error}")
+        finally:
+            with self._counting:
+                self._left -= 1
+            if self._left == 0:
+                self.feed.close()
+
+    def _hand_on(self, image: LiveImage) -> None:
+        """An image that cannot be written is lost; who refuses it, as a recorder does on a disk that is nearly full, is
+        given no more. The other takers are given all."""
+        for taker in self._takers:
+            try:
+                taker(image)
+            except OSError as error:
+                self._not_kept[error.strerror or str(error)] += 1
+            except AnchorposeError as error:
+                self.remove(taker)
+                self.failures.append(str(error))
+
 
 KEPT: Final = 4  # images of a camera: a partner is at most one period older than the newest
 SILENT_S: Final = 0.5  # a camera without images for so long is not waited for

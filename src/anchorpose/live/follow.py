@@ -1,4 +1,4 @@
-"""The patient followed live: every newest frame to joints, sent at once and stored in blocks."""
+"""Follow the patient live: every newest frame to joints, sent at once and stored in blocks."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from anchorpose.body.skin_points import Body, body_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.other_place import without_other_places
 from anchorpose.live.feed import LiveSet
-from anchorpose.live.latency import LatencyMeter
-from anchorpose.live.output import Outputs, live_frame
-from anchorpose.live.people import people_in
+from anchorpose.live.output import Outputs, live_frame, people_in
 from anchorpose.live.stored import on_this_disk
 from anchorpose.recording.recording import Clock, FrameSet
 from anchorpose.results.contact_intervals import ContactIntervals
@@ -24,6 +22,44 @@ from anchorpose.tracker.following import Follower
 from anchorpose.tracker.frame_record import FrameRecord, TrackedFrame, label_pictures, record_of
 from anchorpose.tracker.journal import Blocks
 from anchorpose.tracker.room import Run
+
+LONGEST_MS: Final = 60_000  # more counts as so much
+
+
+class LatencyMeter:
+    """Counts frames by the milliseconds from image to joints, in constant memory. dropped: images nobody tracked."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(LONGEST_MS + 1, np.int64)
+        self._longest_s, self.dropped = 0.0, 0
+
+    def add(self, latency_s: float, dropped: int = 0) -> None:
+        """Count one more frame; dropped: images before it that nobody tracked."""
+        self._counts[min(max(round(1000 * latency_s), 0), LONGEST_MS)] += 1
+        self._longest_s = max(self._longest_s, latency_s)
+        self.dropped += dropped
+
+    @property
+    def count(self) -> int:
+        """Return how many frames were tracked live."""
+        return int(self._counts.sum())
+
+    def quantile_s(self, share: float) -> float:
+        """Return the latency that a share of the frames does not exceed, to a millisecond; NaN without frames."""
+        found = np.searchsorted(np.cumsum(self._counts), share * self.count)
+        return float(found) / 1000 if self.count else float("nan")
+
+    @property
+    def sentence(self) -> str:
+        """Return the figures for the screen and run.json."""
+        if not self.count:
+            return "no frame was tracked live"
+        return (
+            f"{self.count} frames were tracked live, {self.dropped} images were dropped; from image to joints "
+            f"{1000 * self.quantile_s(0.5):.0f} ms in the median, {1000 * self.quantile_s(0.99):.0f} ms in 99 of 100 "
+            f"frames, {1000 * self._longest_s:.0f} ms at most"
+        )
+
 
 BLOCK: Final = 48  # frames that are stored at once
 ROUNDING_S: Final = 1e-5  # recorded times have six decimals

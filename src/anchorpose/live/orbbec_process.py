@@ -1,4 +1,4 @@
-"""Reads one Orbbec camera and writes its depth images to standard output, in a process of its own (``live.orbbec``).
+"""Reads one Orbbec camera and writes its depth images to standard output, in a process of its own (``live.cameras``).
 
 pyorbbecsdk2 brings packages that clash with ours, so this file imports nothing of anchorpose, and runs in whatever
 Python has it: python orbbec_process.py [SERIAL]. First comes one line of JSON with the lens, then for each image a

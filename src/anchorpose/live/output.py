@@ -1,20 +1,50 @@
-"""What is sent of a frame while it happens, and to whom."""
+"""Send every frame while it happens: to the page, to Lab Streaming Layer, and as OSC messages."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
-from anchorpose.joints import LOST, JointState
-from anchorpose.live.people import PersonInView
-from anchorpose.results.joint_angles import joint_angles
+from anchorpose import __version__
+from anchorpose.errors import MissingPackage
+from anchorpose.isolation.bystander_memory import BystanderMemory
+from anchorpose.isolation.view import PixelLabel
+from anchorpose.joints import JOINT_NAMES, LOST, JointState
+from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.tables import AngleTable, JointTable
 from anchorpose.tracker.estimate import Estimate
+
+if TYPE_CHECKING:
+    from pythonosc.osc_bundle_builder import OscBundleBuilder
+
+
+TOP: Final = 0.98  # of the heights of a person's skin: a flying pixel is not the head
+
+
+@dataclass(frozen=True, slots=True)
+class PersonInView:
+    """number: from 1, the same while the person is followed; place_xz_m: on the floor, world; top_m: height (Y)."""
+
+    number: int
+    place_xz_m: tuple[float, float]
+    top_m: float
+
+
+def people_in(memory: BystanderMemory) -> tuple[PersonInView, ...]:
+    """Who was seen in the newest frame of the memory, the patient left out."""
+    return tuple(
+        PersonInView(label - PixelLabel.PATIENT, (float(x), float(z)), float(np.quantile(points_m[:, 1], TOP)))
+        for label, points_m in memory.seen_last.items()
+        if label >= PixelLabel.OTHER_PERSON
+        for x, z in [np.median(points_m[:, [0, 2]], axis=0)]
+    )
+
 
 _CODES: Final = {state: code for code, state in enumerate(JointState)}
 
@@ -114,3 +144,112 @@ class Outputs:
         """No more frames come."""
         for output in self._outputs:
             output.close()
+
+
+PARTS: Final = (
+    ("X", "PositionX", "meters"),
+    ("Y", "PositionY", "meters"),
+    ("Z", "PositionZ", "meters"),
+    ("sigma", "Sigma", "meters"),
+    ("state", "State", "code"),
+)
+"""The channels of a joint: suffix, type and unit; state: its place in ``JointState``, 0 is observed."""
+
+ANGLE_PARTS: Final = (("", "Angle", "degrees"), ("sigma", "Sigma", "degrees"), ("state", "State", "code"))
+
+
+class LslOutput:
+    """Two streams, anchorpose (type Mocap) and anchorpose-angles; every sample has the time its images were taken."""
+
+    name = "LSL"
+
+    def __init__(self) -> None:
+        """Raises MissingPackage without pylsl."""
+        try:
+            import pylsl
+        except (ImportError, RuntimeError):
+            raise MissingPackage("Lab Streaming Layer", "pylsl", "live") from None
+        self._clock = pylsl.local_clock
+        self._joints = self._outlet(pylsl, "anchorpose", "Mocap", JOINT_NAMES, PARTS)
+        self._angles = self._outlet(pylsl, "anchorpose-angles", "Angles", ANGLE_NAMES, ANGLE_PARTS)
+
+    def send(self, frame: LiveFrame) -> None:
+        """See ``Output``."""
+        stamp = self._clock() - (time.monotonic() - frame.taken_s)
+        joints = np.column_stack([frame.joints_m, frame.sigma_m, frame.state_code]).astype(np.float32)
+        self._joints.push_sample(joints.ravel().tolist(), stamp)
+        found = angles_of(frame)
+        angles = np.concatenate([found.degrees, found.sigma_deg, found.state_code]).T.astype(np.float32)
+        self._angles.push_sample(angles.ravel().tolist(), stamp)
+
+    def close(self) -> None:
+        """The streams end with their objects."""
+        del self._joints, self._angles
+
+    def _outlet(self, pylsl: Any, name: str, kind: str, things: tuple[str, ...], parts: Any) -> Any:
+        channels = len(things) * len(parts)
+        info = pylsl.StreamInfo(name, kind, channels, pylsl.IRREGULAR_RATE, "float32", f"{name}-{id(self):x}")
+        about = info.desc().append_child("acquisition")
+        about.append_child_value("model", f"anchorpose {__version__}")
+        if kind == "Mocap":
+            setup = info.desc().append_child("setup").append_child("bounds")
+            setup.append_child_value("unit", "meters")
+            system = info.desc().append_child("coordinate_system")
+            for axis, meaning in (("X", "forward"), ("Y", "up"), ("Z", "right of the patient")):
+                system.append_child_value(axis, meaning)
+        listed = info.desc().append_child("channels")
+        for thing in things:
+            for suffix, meaning, unit in parts:
+                channel = listed.append_child("channel")
+                channel.append_child_value("label", f"{thing}_{suffix}" if suffix else thing)
+                channel.append_child_value("marker" if kind == "Mocap" else "angle", thing)
+                channel.append_child_value("type", meaning)
+                channel.append_child_value("unit", unit)
+        return pylsl.StreamOutlet(info)
+
+
+_STATES = tuple(state.value for state in JointState)
+
+
+class OscOutput:
+    """/anchorpose/frame number seconds; /anchorpose/joint name x y z sigma state, in metres; /anchorpose/angle name
+    degrees sigma state. A lost joint, or an angle without a value, has its name and the state only."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Raises MissingPackage without python-osc, OSError where there is no such host."""
+        try:
+            from pythonosc import osc_bundle_builder, osc_message_builder
+            from pythonosc.udp_client import UDPClient
+        except ImportError:
+            raise MissingPackage("OSC", "python-osc", "live") from None
+        self.name = f"OSC to {host}:{port}"
+        self._client = UDPClient(host, port)
+        self._bundle, self._message = osc_bundle_builder.OscBundleBuilder, osc_message_builder.OscMessageBuilder
+        self._now = osc_bundle_builder.IMMEDIATELY
+
+    def send(self, frame: LiveFrame) -> None:
+        """See ``Output``: UDP waits for nobody."""
+        bundle = self._bundle(self._now)
+        self._add(bundle, "/anchorpose/frame", int(frame.frame), float(frame.time_s))
+        for row, name in enumerate(JOINT_NAMES):
+            values = [*frame.joints_m[row].tolist(), float(frame.sigma_m[row])]
+            self._add_named(bundle, "/anchorpose/joint", name, values, int(frame.state_code[row]))
+        angles = angles_of(frame)
+        for row, name in enumerate(ANGLE_NAMES):
+            values = [float(angles.degrees[0, row]), float(angles.sigma_deg[0, row])]
+            self._add_named(bundle, "/anchorpose/angle", name, values, int(angles.state_code[0, row]))
+        self._add(bundle, "/anchorpose/patient", int(frame.patient))
+        self._client.send(bundle.build())
+
+    def close(self) -> None:
+        """Nothing is open that would have to be closed."""
+
+    def _add_named(self, bundle: OscBundleBuilder, address: str, name: str, values: list[float], state: int) -> None:
+        known = values if all(map(math.isfinite, values)) else []
+        self._add(bundle, address, name, *known, _STATES[state])
+
+    def _add(self, bundle: OscBundleBuilder, address: str, *values: str | int | float) -> None:
+        message = self._message(address=address)
+        for value in values:
+            message.add_arg(value)
+        bundle.add_content(message.build())

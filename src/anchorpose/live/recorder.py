@@ -1,4 +1,4 @@
-"""A recording folder that is written while the cameras run: at a power cut, the last second is lost and no more."""
+"""Record what cameras see: at a power cut, the last second is lost and no more."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Event, Lock, Thread
@@ -15,16 +16,15 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.live.source import LiveCamera, LiveImage
+from anchorpose.live.feed import Intake, LiveImage, LiveSource, about_folder
 from anchorpose.recording.document import read_document, read_json, read_text
 from anchorpose.recording.equipment import equipment_files
-from anchorpose.recording.recording_file import RecordingDocument
+from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
-from anchorpose.recording.writable import new_folder
+from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.results.folder import naming_place, write_text_whole
 from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
 
-RECORDING_FILE: Final = "recording.json"
 UNFINISHED_FILE: Final = "recording.unfinished.json"
 """What recording.json will be; while it has this name, the folder cannot be taken for a whole recording."""
 
@@ -38,13 +38,13 @@ LEAST_FREE_BYTES: Final = 500_000_000  # the system and the results need some ro
 class Recorder:
     """Writes every image that it is given; ``finish`` makes the folder a recording."""
 
-    def __init__(self, folder: Path, cameras: Sequence[LiveCamera], about: Path | None = None) -> None:
+    def __init__(self, folder: Path, cameras: Sequence[CameraPlan], about: Path | None = None) -> None:
         """folder: absent or empty; about: a recording folder whose equipment, pictures of the empty room and patient
         hold here, too. Raises InputError where it cannot be written to."""
         self.folder, self._stack = folder, ExitStack()
         _make_room(folder)
         document = {"format": "rgbd-recording", "version": 1, "cameras": [camera.document() for camera in cameras]}
-        self._writers = [self._stack.enter_context(_writer(folder, one.camera.name, one)) for one in cameras]
+        self._writers = [self._stack.enter_context(CameraWriter(folder / one.camera.name, one)) for one in cameras]
         if about is not None:
             document |= _copy_about(about, folder)
         write_text_whole(folder / UNFINISHED_FILE, json.dumps(document, indent=1) + "\n")
@@ -124,7 +124,7 @@ def finish_recording(folder: Path) -> Path:
         part = folder / camera.name
         if link := next((one for one in (part, part / "depth", part / "timestamps.csv") if one.is_symlink()), None):
             raise InputError(link, "is a link", "put there what it leads to")
-        with _writer(folder, camera.name, LiveCamera(camera=camera.camera())) as writer:
+        with CameraWriter(part, CameraPlan(camera=camera.camera())) as writer:
             if writer.written == 0:
                 raise InputError(part, "holds no depth image", "record again with this camera")
         _remove_without_row(part)
@@ -155,11 +155,6 @@ def _copy_about(about: Path, folder: Path) -> dict[str, Any]:
     return {key: found[key] for key in ("equipment", "subject") if found.get(key)}
 
 
-def _writer(folder: Path, name: str, camera: LiveCamera) -> CameraWriter:
-    plan = CameraPlan(camera=camera.camera, model=camera.model, serial=camera.serial, fps=None, count=None)
-    return CameraWriter(folder / name, plan)
-
-
 def _remove_without_row(folder: Path) -> None:
     """Removes the images that were cut off before their row was written; files with other names are the user's."""
     lines = read_text(folder / "timestamps.csv").split()[1:]
@@ -167,3 +162,85 @@ def _remove_without_row(folder: Path) -> None:
     for file in (folder / "depth").iterdir():
         if file.name not in known and IMAGE_NAME.fullmatch(file.name):
             file.unlink()
+
+
+ROOM_IMAGES: Final = 60  # of each camera: the median of more is no better
+REPORT_S: Final = 10.0
+
+
+def record_live(
+    sources: Sequence[LiveSource],
+    out: Path,
+    seconds: float | None,
+    empty_room_s: float,
+    say: Callable[[str], None],
+    stop: Event,
+) -> Path:
+    """The finished recording ``out`` of all sources, until they end, ``stop`` is set or ``seconds`` have passed.
+
+    empty_room_s: first the empty room is looked at for so long; 0: it is not. Raises AnchorposeError where no camera
+    gives an image.
+    """
+    about = about_folder(sources)
+    check_place(out, about)
+    intake = Intake(sources)
+    recorder = Recorder(out, intake.cameras, about)
+    try:
+        if empty_room_s > 0.0:
+            intake.start()
+            _record_empty_room(intake, recorder, empty_room_s, say, stop)
+        intake.add(recorder.put)
+        intake.start()
+        say("Recording. Stop with Ctrl+C.")
+        _wait(intake, recorder, seconds, say, stop)
+    finally:
+        intake.stop()
+        recorder.abandon()
+    for sentence in intake.failed:
+        say(sentence)
+    if recorder.images == 0:
+        raise AnchorposeError("No camera gave a depth image; check the cables.")
+    return recorder.finish()
+
+
+def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callable[[str], None], stop: Event) -> None:
+    began_s = reported_s = time.monotonic()
+    until_s = np.inf if seconds is None else began_s + seconds
+    while intake.running and time.monotonic() < until_s and not stop.wait(0.05):
+        if time.monotonic() - reported_s > REPORT_S:
+            reported_s = time.monotonic()
+            say(f"{recorder.images} depth images in {reported_s - began_s:.0f} s.")
+            for camera in intake.feed.silent():
+                say(f"No images come from {intake.cameras[camera].camera.name}: check the cable.")
+
+
+def _record_empty_room(
+    intake: Intake, recorder: Recorder, seconds: float, say: Callable[[str], None], stop: Event
+) -> None:
+    """Each camera's median depth image, without pixels that have a reading in less than half of the images."""
+    seen: list[list[np.ndarray]] = [[] for _ in intake.cameras]
+
+    def keep(image: LiveImage) -> None:
+        if len(seen[image.camera]) < ROOM_IMAGES:
+            seen[image.camera].append(image.grey)
+
+    say(f"Leave the room: it is looked at for {seconds:.0f} s.")
+    intake.add(keep)
+    end_s = time.monotonic() + seconds
+    while intake.running and time.monotonic() < end_s and not stop.wait(0.05):
+        pass
+    intake.remove(keep)
+    for camera, images in enumerate(seen):
+        if images:
+            recorder.write_empty_room(camera, median_reading(np.stack(images)))
+    say("The empty room is recorded; come in.")
+
+
+def median_reading(grey: np.ndarray) -> np.ndarray:
+    """(height, width) uint16 of images (n, height, width) uint16: the median of the readings; 0 where less than half of
+    the images have one."""
+    ordered = np.sort(grey, axis=0)  # without a reading: 0, first
+    empty = (grey == 0).sum(axis=0)
+    middle = np.minimum((empty + len(grey)) // 2, len(grey) - 1)
+    found = np.take_along_axis(ordered, middle[None], axis=0)[0]
+    return np.where(2 * empty <= len(grey), found, 0).astype(np.uint16)

@@ -20,17 +20,12 @@ import numpy as np
 
 from anchorpose.body.skin_points import body_points, build_body
 from anchorpose.errors import AnchorposeError
-from anchorpose.live.backlog import Backlog
-from anchorpose.live.first_seconds import FirstSeconds, LiveOptions, Prepared, User, in_room
-from anchorpose.live.follow import LiveFollower
-from anchorpose.live.intake import Intake
-from anchorpose.live.latency import LatencyMeter, LatencySummary
-from anchorpose.live.output import Output, Outputs
-from anchorpose.live.patients import LivePatient, write_patients
-from anchorpose.live.people import people_in
+from anchorpose.live.feed import Intake, LiveSource, about_folder
+from anchorpose.live.first_seconds import Backlog, FirstSeconds, LiveOptions, Prepared, User, in_room
+from anchorpose.live.follow import LatencyMeter, LiveFollower
+from anchorpose.live.output import Output, Outputs, people_in
 from anchorpose.live.recorder import Recorder
-from anchorpose.live.source import LiveSource, about_folder
-from anchorpose.live.stored import SessionStore
+from anchorpose.live.stored import LivePatient, SessionStore, write_patients
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
 from anchorpose.results.folder import end_journal
@@ -54,7 +49,7 @@ class Followed:
 
 def track_live(
     sources: Sequence[LiveSource], results: Path, options: LiveOptions, outputs: Sequence[Output], user: User
-) -> LatencySummary:
+) -> LatencyMeter:
     """Track the patient until the sources end or the user stops it, then write everything into ``results``, which
     exists.
 
@@ -82,7 +77,7 @@ def track_live(
         intake.stop()
         _finish(recorder, intake)
     end_journal(results)
-    return session.latency.summary()
+    return session.latency
 
 
 def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
@@ -158,7 +153,7 @@ class _Session:
         """The results of all patients, with what is known of the session."""
         self.user.say("Writing the results.")
         recorded = _finish(recorder, self.intake)
-        notes = (f"tracked live: {self.latency.summary().sentence}", *self.outputs.failed, *self.intake.failed)
+        notes = (f"tracked live: {self.latency.sentence}", *self.outputs.failed, *self.intake.failed)
         write_patients(results, [one.patient for one in patients], recorded, notes)
 
     def _catch_up(self, follower: LiveFollower, backlog: Backlog) -> None:
@@ -204,7 +199,7 @@ class _Session:
 
     def _report(self) -> None:
         silent = [self.intake.cameras[k].camera.name for k in self.intake.feed.silent()]
-        self.user.say(f"{self.latency.summary().sentence}.")
+        self.user.say(f"{self.latency.sentence}.")
         if silent:
             self.user.say(f"No images come from {' and '.join(silent)}: check the cable.")
 

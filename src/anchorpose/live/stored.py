@@ -1,10 +1,10 @@
-"""What is stored of a live session while it runs, so that one that ended early can be finished (``live.finish``)."""
+"""Store a live session while it runs, write its results, and finish one that ended early."""
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,8 +12,8 @@ from typing import Final
 
 from anchorpose.body.skin_points import body_points
 from anchorpose.errors import InputError
-from anchorpose.live.first_seconds import LiveOptions, Prepared, known_room, new_room
-from anchorpose.live.patients import LivePatient
+from anchorpose.live.first_seconds import LiveOptions, Prepared, in_room, known_room, new_room
+from anchorpose.live.recorder import RECORDING_FILE, finish_recording
 from anchorpose.recording.document import read_document, read_text
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import CALIBRATION_FILE, read_calibration
@@ -25,13 +25,58 @@ from anchorpose.results.folder import (
     LIVE,
     begin_journal,
     clear_beside_journal,
+    end_journal,
+    is_live_session,
+    unfinished_results,
     write_text_whole,
 )
 from anchorpose.results.run_record import as_json
+from anchorpose.threads import one_thread
 from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.journal import Blocks, Journal
 from anchorpose.tracker.learning_pass import LearntPatient
 from anchorpose.tracker.room import Run
+from anchorpose.writing import write_results
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LivePatient:
+    """A person who is or was the patient. number: in the session, from 1; blocks: the tracked frames, as stored."""
+
+    number: int
+    prepared: Prepared
+    blocks: Blocks[TrackedFrame]
+
+    @property
+    def first_frame(self) -> int | None:
+        """Number of the first frame that is stored, None where none is."""
+        return next((one.record.joints.frame for one in self.blocks.read()), None)
+
+
+def write_patients(results: Path, patients: Sequence[LivePatient], recorded: Path | None, notes: Sequence[str]) -> None:
+    """Write the last patient's results into an existing folder, and those of each earlier one into a folder in it.
+
+    recorded: a recording of the session, from which pictures are made; None: they are made of the first seconds. notes:
+    on the session, for every ``run.json``.
+    """
+    *earlier, last = patients
+    changes = list[str]()
+    for one, following in zip(earlier, patients[1:], strict=True):
+        folder, frame = f"earlier-patient-{one.number}", following.first_frame
+        (results / folder).mkdir()
+        _write(results / folder, one, recorded, [f"from frame {frame} on, another person was the patient", *notes])
+        changes.append(f"until frame {frame}, another person was the patient: the results are in {folder}")
+    if earlier:
+        changes.append("who is the patient now was chosen on the page; nothing was stated of this person")
+    _write(results, last, recorded, [*changes, *notes])
+
+
+def _write(results: Path, patient: LivePatient, recorded: Path | None, notes: Sequence[str]) -> None:
+    run, learnt, inputs = patient.prepared.run, patient.prepared.learnt, patient.prepared.inputs
+    room = run.room if recorded is None else replace(run.room, recording=in_room(recorded, run.room))
+    run = replace(run, room=replace(room, notes=(*room.notes, *notes)))
+    write_results(results, patient.blocks.read(), run, learnt, inputs)
+
 
 SESSION_FILE: Final = "session.json"
 LEARNT: Final = "learnt"
@@ -148,3 +193,47 @@ def _with_own_files(options: LiveOptions, folder: Path) -> LiveOptions:
     (folder / "calibration").mkdir()
     write_text_whole(folder / "calibration" / file.name, read_text(file))
     return replace(options, calibration=Path("calibration") / file.name)
+
+
+BEGIN_AGAIN: Final = "begin again with 'anchorpose live' and --overwrite"
+
+
+def finish_session(results: Path, overwrite: bool) -> None:
+    """Make the results folder of an unfinished session of all frames that are stored.
+
+    Nothing is tracked again; the room is found again in the first seconds. Raises InputError where there is no such
+    session, or no frame in it.
+    """
+    if not is_live_session(results):
+        remedy = "give the name that 'anchorpose live' was given with -o"
+        raise InputError(results, "has no live session that was cut off", remedy)
+    with unfinished_results(results, None, overwrite, resume=True) as folder, _remedy_of_live(folder):
+        session = read_session(folder)
+        note = f"the live session ended early ({session.ended}): these results are of the frames that were stored"
+        with one_thread():
+            found = [one for one in read_patients(folder, session) if one.first_frame is not None]
+            if not found:
+                raise InputError(folder, "holds no tracked frame", BEGIN_AGAIN)
+            clear_beside_journal(folder)
+            write_patients(folder, found, _recorded(session.options.record), [note])
+        end_journal(folder)
+
+
+@contextmanager
+def _remedy_of_live(folder: Path) -> Iterator[None]:
+    """Gives a refusal of what is stored a remedy that holds for a live session, which cannot be tracked again."""
+    try:
+        yield
+    except InputError as error:
+        if not error.path.is_relative_to(folder):
+            raise
+        raise InputError(error.path, error.problem, BEGIN_AGAIN) from error
+
+
+def _recorded(folder: Path | None) -> Path | None:
+    """The recording of the session, whole; None where there is none, or no more."""
+    if folder is None:
+        return None
+    with suppress(InputError, OSError):
+        finish_recording(folder)
+    return folder if (folder / RECORDING_FILE).is_file() else None

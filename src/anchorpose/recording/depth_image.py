@@ -4,7 +4,7 @@ A sensor that is blinded, covered or broken still delivers whole files. What the
 readings, one value everywhere, or neighbours that have nothing in common. Such an image is left out like one that was
 never delivered. Nothing here is a prediction: the laws hold for every room and every pose.
 
-``DepthFrames`` gives the images of several cameras one by one, each camera on its own clock, before frames are paired.
+``RecordedFrames`` gives the images of several cameras one by one, each on its own clock, before frames are paired.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import struct
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -197,21 +197,6 @@ def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
 def _three_in_a_row(read: np.ndarray) -> bool:
     """Return whether three neighbouring pixels have a reading anywhere: without them there is no surface."""
     return bool((read[:, :-2] & read[:, 1:-1] & read[:, 2:]).any())
-
-
-class DepthFrames(Protocol):
-    """Anything that gives the depth images of several cameras one by one."""
-
-    @property
-    def cameras(self) -> tuple[Camera, ...]:
-        """Return the cameras, the reference first."""
-
-    @property
-    def times_s(self) -> tuple[np.ndarray, ...]:
-        """Return one per camera: (n,) float64, strictly increasing, its own clock."""
-
-    def read(self, camera: int, position: int) -> np.ndarray | None:
-        """Return (height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -315,8 +315,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """
     data = read_whole(path, MOST_PLY_BYTES, "check the path of the mesh")
     try:
-        order, elements, start = _parse_header(data)
-        vertices, polygons = _parse_body(data[start:], order, elements)
+        vertices, polygons = _parse(data)
         faces = [(p[0], p[i], p[i + 1]) for p in polygons for i in range(1, len(p) - 1)]
         triangles = np.array(faces, dtype=np.int64)
     except (ValueError, IndexError, KeyError, OverflowError) as error:
@@ -328,28 +327,24 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return vertices, triangles.astype(np.int32)
 
 
-def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
-    end = data.find(b"end_header")
-    if not data.startswith(b"ply") or end < 0:
+def _parse(data: bytes) -> tuple[np.ndarray, list[list[int]]]:
+    """Return vertices (v, 3) and polygons; raises ValueError, IndexError, KeyError or OverflowError."""
+    head, mark, rest = data.partition(b"end_header")
+    if not head.startswith(b"ply") or not mark:
         raise ValueError("it has no PLY header")
-    order, elements = None, list[_Element]()
-    for line in data[:end].decode("ascii").splitlines()[1:]:
-        words = line.split()
-        match words:
+    order, elements, body = None, list[_Element](), rest.split(b"\n", 1)[1]
+    for line in head.decode("ascii").splitlines()[1:]:
+        match line.split():
             case ["format", name, _]:
                 order = _ORDERS[name]
-            case ["element", name, count]:
-                elements.append((name, int(count), []))
+            case ["element", name, size]:
+                elements.append((name, int(size), []))
             case ["property", "list", count_type, item_type, name]:
                 elements[-1][2].append((name, _TYPES[item_type], _TYPES[count_type]))
             case ["property", item_type, name]:
                 elements[-1][2].append((name, _TYPES[item_type], None))
     if order is None:
         raise ValueError("its header names no format")
-    return order, elements, data.index(b"\n", end) + 1
-
-
-def _parse_body(body: bytes, order: str, elements: list[_Element]) -> tuple[np.ndarray, list[list[int]]]:
     take = _value_reader(body, order)
     vertices, polygons = None, list[list[int]]()
     for name, count, properties in elements:

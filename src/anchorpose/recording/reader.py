@@ -52,7 +52,7 @@ def open_recording(folder: Path) -> Recording:
         streams=streams,
         backgrounds_m=tuple(_read_background(folder, camera) for camera in cameras),
         equipment=read_equipment(folder / document.equipment) if document.equipment else None,
-        subject=document.subject.subject() if document.subject else UNKNOWN,
+        subject=document.subject or UNKNOWN,
     )
     return _without_dead_cameras(recording)
 

@@ -11,13 +11,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Final, Literal, overload
+from typing import Annotated, ClassVar, Final, Literal, overload
 
 import numpy as np
+from pydantic import ConfigDict, Field
 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
+from anchorpose.recording.document import Whole
 from anchorpose.recording.equipment import EquipmentModel
+from anchorpose.settings import STRICT
 
 MissingPart = Literal[
     "arm_left",
@@ -53,17 +56,27 @@ CoveredPart = Literal[
 ]
 """A segment that an orthosis, brace, helmet, harness or prosthesis may cover."""
 
+SHORTEST_SUBJECT_M, TALLEST_SUBJECT_M = 0.4, 2.8
+OLDEST_YEARS: Final = 120.0
+
+Height = Annotated[
+    float, Field(gt=SHORTEST_SUBJECT_M, le=TALLEST_SUBJECT_M, description="the patient's height in metres")
+]
+Age = Annotated[float, Field(ge=0, le=OLDEST_YEARS, description="the patient's age in years")]
+BirthYear = Annotated[Whole, Field(ge=1900, le=2100, description="the year the patient was born in")]
+
 GROWN_YEARS: Final = 16.0  # from then on bodies are those of adults
 FIRST_RECORDED: Final = 2010  # depth cameras for everybody appeared in that year
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """The patient. None: unknown."""
+    """The patient, as recording.json states it. None: unknown."""
 
-    height_m: float | None = None
-    age_years: float | None = None
-    birth_year: int | None = None
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    height_m: Height | None = None
+    age_years: Age | None = None
+    birth_year: BirthYear | None = None
     sex: Literal["female", "male"] | None = None
     missing: tuple[MissingPart, ...] = ()
     covered: tuple[CoveredPart, ...] = ()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -19,6 +19,7 @@ from pydantic import AfterValidator, Field, model_validator
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.lens import COEFFICIENTS, NAMES, Intrinsics, LensModel
+from anchorpose.options import FARTHEST_M
 from anchorpose.recording.document import (
     Entry,
     FileInFolder,
@@ -27,11 +28,11 @@ from anchorpose.recording.document import (
     Whole,
     numbers,
     read_document,
-    read_text,
+    read_rows,
     require_file_name,
     require_rigid,
 )
-from anchorpose.recording.recording import USUAL_PERIOD_S, CoveredPart, MissingPart, Recording, Subject
+from anchorpose.recording.recording import USUAL_PERIOD_S, Recording, Subject
 from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.settings import LARGEST, Unfit, shown
 
@@ -62,7 +63,10 @@ def read_timestamps(path: Path) -> dict[int, float]:
     times: dict[int, float] = {}
     last_frame, last_time = -1, -math.inf
     repeated = list[str]()
-    for line, cells in _rows(path):
+    (_, head), *rows = read_rows(path) or [(1, [""])]
+    if head != ["frame", "time_s"]:
+        raise InputError(path, f"starts with {','.join(head)[:60]!r}", "its first line must be frame,time_s")
+    for line, cells in rows:
         frame, time_s = _parse_row(path, line, cells)
         if frame <= last_frame:
             raise InputError(path, f"line {line}: frame {frame} does not come after {last_frame}", "sort the rows")
@@ -101,15 +105,6 @@ def require_seconds(path: Path, time_s: np.ndarray) -> None:
         raise InputError(path, problem, "write seconds, from the start of the recording or since 1970")
 
 
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    lines = read_text(path).splitlines()
-    if not lines or [cell.strip() for cell in lines[0].split(",")] != ["frame", "time_s"]:
-        raise InputError(path, f"starts with {lines[0][:60] if lines else ''!r}", "its first line must be frame,time_s")
-    for number, line in enumerate(lines[1:], start=2):
-        if line.strip():
-            yield number, line.split(",")
-
-
 def _parse_row(path: Path, line: int, cells: list[str]) -> tuple[int, float]:
     try:
         frame, time_s = int(cells[0]), float(cells[1])
@@ -145,8 +140,8 @@ def _same(one: Path, other: Path, size: int) -> bool:
         return False  # reported when the file is read
 
 
-FARTHEST_CAMERA_M: Final = 100.0
-"""A camera stands in the room of its world frame; a larger translation was written in millimetres."""
+FARTHEST_CAMERA_M: Final = FARTHEST_M
+"""A camera and a joint are in the room of their world frame; what is farther was written in millimetres."""
 
 COARSEST_DEPTH_SCALE_M: Final = 0.1
 """A step of 10 cm resolves no limb; a larger scale means that the unit was mistaken."""
@@ -159,13 +154,11 @@ LARGEST_COEFFICIENT: Final = 1e4  # those of the rational model nearly cancel ea
 MOST_PIXELS: Final = 1 << 23
 """Of an image: the depth cameras with the most have five million."""
 
+LARGEST_SIDE_PX: Final = 16384
 MOST_CAMERAS: Final = 16
 NARROWEST_LENS: Final = 0.01  # half a degree from the axis
 FINEST_DEPTH_SCALE_M: Final = 1e-6  # 65,535 of these are 6 cm
 SLOWEST_HZ: Final = 0.1  # at one image in ten seconds nobody is followed
-
-SHORTEST_SUBJECT_M, TALLEST_SUBJECT_M = 0.4, 2.8
-OLDEST_YEARS: Final = 120.0
 
 SAME_HEIGHT_M: Final = 0.03  # shoes and the time of day; more is another person, or a mistake
 
@@ -192,13 +185,8 @@ Distortion = Annotated[tuple[Coefficient, ...], Field(description="the coefficie
 Radius = Annotated[
     float, Field(ge=NARROWEST_LENS, le=LARGEST, description="how far from the axis the lens is valid, in units of z")
 ]
-Size = Annotated[Whole, Field(gt=0, le=16384, description="the size of the depth images in pixels")]
+Size = Annotated[Whole, Field(gt=0, le=LARGEST_SIDE_PX, description="the size of the depth images in pixels")]
 Rate = Annotated[float, Field(ge=SLOWEST_HZ, le=1000, description="depth images per second")]
-Height = Annotated[
-    float, Field(gt=SHORTEST_SUBJECT_M, le=TALLEST_SUBJECT_M, description="the patient's height in metres")
-]
-Age = Annotated[float, Field(ge=0, le=OLDEST_YEARS, description="the patient's age in years")]
-BirthYear = Annotated[Whole, Field(ge=1900, le=2100, description="the year the patient was born in")]
 CameraPose = Annotated[
     np.ndarray,
     numbers(4, 4, meaning="four rows of four numbers, or null where the pose is unknown"),
@@ -268,21 +256,6 @@ class CameraEntry(Entry):
         return Camera(**same, intrinsics=self.intrinsics.lens(), T_world_camera=self.camera_to_world)
 
 
-class SubjectEntry(Entry):
-    """What is known of the patient."""
-
-    height_m: Height | None = None
-    age_years: Age | None = None
-    birth_year: BirthYear | None = None
-    sex: Literal["female", "male"] | None = None
-    missing: tuple[MissingPart, ...] = ()
-    covered: tuple[CoveredPart, ...] = ()
-
-    def subject(self) -> Subject:
-        """Return the patient who is described."""
-        return Subject(**self.model_dump())
-
-
 class RecordingDocument(Entry):
     """The content of recording.json, before any other file of the folder is read.
 
@@ -293,7 +266,7 @@ class RecordingDocument(Entry):
     version: Version
     cameras: tuple[CameraEntry, ...]
     equipment: FileInFolder | None = None
-    subject: SubjectEntry | None = None
+    subject: Subject | None = None
     fps: Rate | None = None
 
     @model_validator(mode="after")
@@ -349,6 +322,7 @@ def with_height(recording: Recording, height_m: float | None) -> Recording:
 
 CALIBRATION_FORMAT: Final = "camera-calibration"
 CALIBRATION_FILE: Final = "calibration.json"
+RECORDING_FILE: Final = "recording.json"
 
 
 class CalibratedCamera(Entry, extra="ignore"):

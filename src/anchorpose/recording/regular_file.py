@@ -137,10 +137,12 @@ def read_bounded(path: Path, most_bytes: int, listed: Stamp | None = None) -> by
                 raise InputError(path, "was changed or replaced while the recording was read", "start again")
             if found.st_size > most_bytes:
                 raise Unreadable(_too_large(found.st_size, most_bytes))
-            content = file.read(most_bytes + 1)
+            content = file.read(found.st_size + 1)
+            if len(content) > found.st_size:  # it grows, or its file system states a size of 0
+                content += file.read(most_bytes + 1 - len(content))
     except (OSError, ValueError) as error:
         raise Unreadable(f"cannot be read ({reason(error)})") from None
-    if len(content) > most_bytes:  # some file systems state a size of 0
+    if len(content) > most_bytes:
         raise Unreadable(f"has more than {most_bytes:,} bytes")
     return content
 

@@ -21,6 +21,7 @@ from anchorpose import __version__
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import ConvertOptions
 from anchorpose.recording.document import LARGEST_BYTES, parse_json
+from anchorpose.recording.recording_file import RECORDING_FILE
 from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.results.folder import write_text_whole
@@ -29,7 +30,6 @@ from anchorpose.sources.plan import CameraPlan, CameraWriter, Plan, make_plan, t
 from anchorpose.sources.source import Source, find_reader, open_source
 from anchorpose.threads import one_thread
 
-RECORDING_FILE: Final = "recording.json"
 CONVERSION_FILE: Final = "conversion.json"
 LOCK_FILE: Final = ".conversion.lock"
 
@@ -66,13 +66,13 @@ def read_conversion(folder: Path) -> dict[str, Any] | None:
 
 def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
     """Return whether a folder's conversion is of the same inputs, whatever their names now, with the same options."""
-    return _identity(found) == _identity(begun)
 
+    def identity(document: dict[str, Any]) -> tuple[Any, ...]:
+        inputs = document.get("inputs")
+        prints = [(one.get("bytes"), one.get("sha256")) for one in inputs] if isinstance(inputs, list) else None
+        return prints, document.get("options"), document.get("anchorpose")
 
-def _identity(document: dict[str, Any]) -> tuple[Any, ...]:
-    inputs = document.get("inputs")
-    prints = [(one.get("bytes"), one.get("sha256")) for one in inputs] if isinstance(inputs, list) else None
-    return prints, document.get("options"), document.get("anchorpose")
+    return identity(found) == identity(begun)
 
 
 def is_untouched(folder: Path) -> bool:
@@ -96,7 +96,8 @@ def fingerprint(path: Path) -> tuple[int, str]:
     if path.is_file():
         _sample(path, digest)
         return path.stat().st_size, digest.hexdigest()
-    files = [file for file in sorted(path.rglob("*")) if file.is_file() and not _hidden(file, path)]
+    parts = {file: file.relative_to(path).parts for file in sorted(path.rglob("*")) if file.is_file()}
+    files = [file for file, names in parts.items() if not any(name.startswith(".") for name in names)]
     total = 0
     for file in files:
         size = file.stat().st_size
@@ -118,10 +119,6 @@ def _sample(path: Path, digest: hashlib._Hash) -> None:
         for start in starts:
             file.seek(start)
             digest.update(file.read(BLOCK))
-
-
-def _hidden(file: Path, folder: Path) -> bool:
-    return any(part.startswith(".") for part in file.relative_to(folder).parts)
 
 
 Progress = Callable[[int, int | None], None]
@@ -232,9 +229,7 @@ def _write_images(
             progress(done, total)
             try:
                 for frame in source.frames([writer.given for writer in writers]):
-                    grey = (
-                        frame.depth if not _turned(options) else turn_image(frame.depth, options.rotate, options.mirror)
-                    )
+                    grey = turn_image(frame.depth, options.rotate, options.mirror)
                     writers[frame.camera].write(frame.time_s, grey)
                     done += 1
                     progress(done, total)
@@ -255,10 +250,6 @@ def _require_images(source: Source, cameras: Sequence[CameraPlan], counts: dict[
         told = source.notes[-1].rstrip(".") if source.notes else "nothing says why"
         raise InputError(source.path, f"holds no depth image that can be used ({told})", "record or export it again")
     return [f"{name} has no depth image and was left out." for name in empty]
-
-
-def _turned(options: ConvertOptions) -> bool:
-    return options.rotate != 0 or options.mirror
 
 
 def _finish(out: Path, begun: dict[str, Any], plan: Plan, counts: dict[str, int], notes: tuple[str, ...]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import decode_grey_png, grey_png_size, largest_png
 from anchorpose.recording.regular_file import open_regular
-from anchorpose.sources.source import NO_READING, SourceCamera, SourceFrame, damaged_notes
+from anchorpose.sources.source import NO_READING, SourceCamera, SourceFrame
 
 ENDINGS: Final = {".png", ".pgm"}
 
@@ -30,7 +30,7 @@ millimetre at most."""
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
-    """A depth image on the disk; time_s as in ``SourceFrame``."""
+    """A depth image on the disk, or in the archive that is read; time_s as in ``SourceFrame``."""
 
     path: Path
     time_s: float
@@ -57,7 +57,11 @@ class ImageFiles:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return sentences for the user, complete once all frames were read."""
-        return (*self._notes, *damaged_notes(self._left_out))
+        if not self._left_out:
+            return self._notes
+        first, problem = next(iter(self._left_out.items()))
+        damaged = f"Damaged depth images that were left out: {len(self._left_out)}; the first, {first}, {problem}."
+        return (*self._notes, damaged)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """Yield the depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""

@@ -1,15 +1,14 @@
 """Read depth images as one array, or as a folder of files with a sidecar that describes them.
 
-Arrays: NumPy's .npy of (images, height, width), MATLAB's .mat of (height, width, images). Folders: 16-bit grey PNG or
-PGM, also in a subfolder ``depth``, or raw dumps of 16-bit values, one file for all images or a folder with one each.
-Numbers in the names show which images are missing; a sidecar depth.json may give the lens, the unit and the rate.
+Arrays: NumPy's .npy of (images, height, width). Folders: 16-bit grey PNG or PGM, also in a subfolder ``depth``, or raw
+dumps of 16-bit values, one file for all images or a folder with one each. Numbers in the names show which images are
+missing; a sidecar depth.json may give the lens, the unit and the rate.
 """
 
 from __future__ import annotations
 
+import math
 import re
-import struct
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,16 +18,18 @@ import numpy as np
 from pydantic import Field
 
 from anchorpose.errors import InputError
+from anchorpose.recording.depth_image import FARTHEST_M
 from anchorpose.recording.document import LARGEST_BYTES, Entry, Text, Version, parse_json, read_document
 from anchorpose.recording.recording_file import (
     COARSEST_DEPTH_SCALE_M,
     FINEST_DEPTH_SCALE_M,
+    LARGEST_SIDE_PX,
     LensEntry,
     Rate,
     Seconds,
     Size,
 )
-from anchorpose.recording.regular_file import LARGEST_ARRAYS, Unreadable, open_regular, read_bounded, read_whole
+from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 from anchorpose.sources.grey_images import (
     GREY_M,
     FrameFile,
@@ -40,64 +41,92 @@ from anchorpose.sources.grey_images import (
     number_of,
     to_grey,
 )
-from anchorpose.sources.mat_file import list_arrays
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
-NEAREST_M, FARTHEST_M = 0.1, 50.0
-"""Between these lies the median of depth in metres; depth in millimetres is far beyond."""
+NEAREST_M: Final = 0.1  # the median of depth in metres lies farther, and in millimetres beyond ``FARTHEST_M``
 
-LARGEST_SIDE: Final = 16384
-
-_NPY, _MAT, _MAT_73 = b"\x93NUMPY", b"MATLAB 5.0", b"MATLAB 7.3"
-
-ReadImage = Callable[[int], np.ndarray]
+_NPY: Final = b"\x93NUMPY"
 
 
-def _is_array(path: Path, head: bytes) -> bool:
-    """Return whether this is one of the two formats."""
-    return head.startswith((_NPY, _MAT, _MAT_73))
+class ImageArray:
+    """All depth images of one camera, which lie one after another; ``read`` gives one by its position, as uint16."""
 
-
-def _open_array(path: Path) -> DepthArray:
-    """Raises InputError where the array is not of depth images."""
-    with open_regular(path) as file:
-        head = file.read(len(_MAT))
-    if head.startswith(_MAT_73):
-        raise InputError(path, "is a MATLAB file of version 7.3", "save it again in MATLAB with '-v7'")
-    return _open_npy(path) if head.startswith(_NPY) else _open_mat(path)
-
-
-class DepthArray:
-    """An array of depth images; ``read`` gives the image at a position (height, width)."""
-
-    def __init__(self, path: Path, shape: tuple[int, int, int], kind: np.dtype[Any], read: ReadImage) -> None:
-        count, height, width = shape
-        if count < 1 or not (0 < height <= LARGEST_SIDE and 0 < width <= LARGEST_SIDE):
-            raise InputError(path, f"holds {count} images of {width} x {height} pixels", "save the array again")
-        self._metres = kind.kind == "f"
-        if not self._metres and (kind.kind != "u" or kind.itemsize != 2):
-            raise InputError(path, f"holds numbers of type {kind}", "save depth as uint16, or as metres in float32")
-        if self._metres:
-            _require_metres(path, read(0))
-        scale = GREY_M if self._metres else None
-        name = path.resolve().stem
-        self.path, self._read, self._count = path, read, count
-        self.cameras: tuple[SourceCamera, ...] = (
-            SourceCamera(name=name, width=width, height=height, depth_scale=scale, count=count, has_times=False),
-        )
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Return no notes: an array has no damaged images."""
-        return ()
+    def __init__(
+        self,
+        path: Path,
+        camera: SourceCamera,
+        times_s: Sequence[float],
+        read: Callable[[int], np.ndarray],
+        notes: tuple[str, ...] = (),
+    ) -> None:
+        self.path, self.notes, self._times_s, self._read = path, notes, times_s, read
+        self.cameras: tuple[SourceCamera, ...] = (replace(camera, count=len(times_s)),)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """Yield the depth images in order; raises InputError where the file ends early."""
-        for position in range(skip[0], self._count):
-            image = self._read(position)
-            grey = to_grey(image) if self._metres else image.astype(np.uint16)
+        for position in range(skip[0], len(self._times_s)):
+            grey = self._read(position)
             grey[grey == NO_READING] = 0
-            yield SourceFrame(0, float(position), grey)
+            yield SourceFrame(0, float(self._times_s[position]), grey)
+
+
+def _reader(path: Path, start: int, shape: tuple[int, ...], kind: np.dtype[Any]) -> Callable[[int], np.ndarray]:
+    """Return what reads the image (height, width) at a position of a file; it raises InputError where that ends."""
+    size = math.prod(shape) * kind.itemsize
+
+    def read(position: int) -> np.ndarray:
+        with open_regular(path) as file:
+            place = file.seek(start + position * size)
+            data = file.read(min(size, max(0, path.stat().st_size - place)))  # a size may be damaged
+        if len(data) < size:
+            raise InputError(path, f"ends within image {position}", "copy or save it again")
+        return np.frombuffer(data, kind).reshape(shape)
+
+    return read
+
+
+def _is_array(path: Path, head: bytes) -> bool:
+    """Return whether this is an array of NumPy."""
+    return head.startswith(_NPY)
+
+
+def _open_array(path: Path) -> ImageArray:
+    """Raises InputError where the array is not of depth images."""
+    with open_regular(path) as file:
+        try:
+            shape, columns, kind = _npy_header(file)
+        except Exception:  # NumPy raises whatever a damaged header leads Python's own parser to
+            raise InputError(path, "is damaged in its header", "save the array again") from None
+        start = file.tell()
+    if len(shape) != 3 or columns or kind.hasobject:
+        problem = f"holds an array of shape {shape}" + (" in MATLAB's order" if columns else "")
+        raise InputError(path, problem, "save depth as (images, height, width), with numpy.ascontiguousarray")
+    return image_array(path, shape, kind, _reader(path, start, shape[1:], kind))
+
+
+def image_array(
+    path: Path, shape: tuple[int, int, int], kind: np.dtype[Any], read: Callable[[int], np.ndarray]
+) -> ImageArray:
+    """Return the source of an array (images, height, width); ``read`` gives an image by its position, as stored.
+
+    Raises InputError where its size or its numbers are not those of depth images.
+    """
+    count, height, width = shape
+    if count < 1 or not (0 < height <= LARGEST_SIDE_PX and 0 < width <= LARGEST_SIDE_PX):
+        raise InputError(path, f"holds {count} images of {width} x {height} pixels", "save the array again")
+    metres = kind.kind == "f"
+    if not metres and (kind.kind != "u" or kind.itemsize != 2):
+        raise InputError(path, f"holds numbers of type {kind}", "save depth as uint16, or as metres in float32")
+    if metres:
+        _require_metres(path, read(0))
+    scale, to_integers = (GREY_M, to_grey) if metres else (None, _as_uint16)
+    name = path.resolve().stem
+    camera = SourceCamera(name=name, width=width, height=height, depth_scale=scale, has_times=False)
+    return ImageArray(path, camera, range(count), lambda position: to_integers(read(position)))
+
+
+def _as_uint16(image: np.ndarray) -> np.ndarray:
+    return image.astype(np.uint16)
 
 
 def _require_metres(path: Path, image: np.ndarray) -> None:
@@ -108,56 +137,11 @@ def _require_metres(path: Path, image: np.ndarray) -> None:
         raise InputError(path, problem, "save depth in metres, or as uint16 and give --depth-scale")
 
 
-def _open_npy(path: Path) -> DepthArray:
-    with open_regular(path) as file:
-        try:
-            shape, columns, kind = _npy_header(file)
-        except Exception:  # NumPy raises whatever a damaged header leads Python's own parser to
-            raise InputError(path, "is damaged in its header", "save the array again") from None
-        start = file.tell()
-    if len(shape) != 3 or columns or kind.hasobject:
-        problem = f"holds an array of shape {shape}" + (" in MATLAB's order" if columns else "")
-        raise InputError(path, problem, "save depth as (images, height, width), with numpy.ascontiguousarray")
-    pixels = shape[1] * shape[2]
-
-    def read(position: int) -> np.ndarray:
-        with open_regular(path) as file:
-            place = file.seek(start + position * pixels * kind.itemsize)
-            data = file.read(min(pixels * kind.itemsize, max(0, path.stat().st_size - place)))  # a size may be damaged
-        if len(data) < pixels * kind.itemsize:
-            raise InputError(path, f"ends within image {position} of {shape[0]}", "copy or save it again")
-        return np.frombuffer(data, kind).reshape(shape[1:])
-
-    return DepthArray(path, shape, kind, read)
-
-
 def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
     version = np.lib.format.read_magic(file)
     if version == (1, 0):
         return np.lib.format.read_array_header_1_0(file)
     return np.lib.format.read_array_header_2_0(file)
-
-
-def _open_mat(path: Path) -> DepthArray:
-    """Open a MATLAB file, which cannot be read in part: the array is held whole.
-
-    A damaged or cut off file is refused.
-    """
-    data = memoryview(read_whole(path, LARGEST_ARRAYS, "save it in several files, or as .npy"))
-    try:
-        arrays = [array for array in list_arrays(data) if len(array.shape) == 3]
-        named = [array for array in arrays if "depth" in array.name.lower()] or arrays
-        large = sum(array.size_bytes for array in named) > LARGEST_ARRAYS
-        images = named[0].read() if len(named) == 1 and not large else np.empty(0)
-    except (ValueError, LookupError, StopIteration, struct.error, zlib.error, MemoryError):
-        raise InputError(path, "is damaged, or of a kind that cannot be read", "save it again with '-v7'") from None
-    if len(named) != 1:
-        problem = f"holds {len(named)} arrays that could be depth images"
-        raise InputError(path, problem, "save one array 'depth' of (height, width, images), uint16 or metres")
-    if large:
-        raise InputError(path, "holds more than fits into memory", "save it in several files, or as .npy")
-    height, width, count = named[0].shape
-    return DepthArray(path, (count, height, width), images.dtype, lambda position: images[:, :, position])
 
 
 SIDECAR: Final = "depth.json"
@@ -184,11 +168,6 @@ class SidecarDocument(Entry):
     model: Text | None = None
     serial: Text | None = None
 
-    @staticmethod
-    def read(path: Path) -> SidecarDocument:
-        """Raises InputError naming the key and the remedy."""
-        return read_document(path, SidecarDocument)
-
 
 def _is_images(path: Path, head: bytes) -> bool:
     """Return whether a folder, or its ``depth``, holds 16-bit grey images."""
@@ -206,7 +185,7 @@ def _open_images(path: Path) -> ImageFiles:
         name=path.resolve().name, width=width, height=height, depth_scale=None, count=len(files), has_times=has_times
     )
     if (path / SIDECAR).is_file():
-        given = SidecarDocument.read(path / SIDECAR)
+        given = read_document(path / SIDECAR, SidecarDocument)
         camera, times = camera_of(given, camera, path / SIDECAR), file_times(given, path / SIDECAR, files)
         files = times if times is not None else files
     return ImageFiles(path, camera, files, notes)
@@ -272,13 +251,17 @@ def _is_raw_dump(path: Path, head: bytes) -> bool:
         values = parse_json(read_bounded(sidecar, LARGEST_BYTES))
     except (Unreadable, ValueError):
         return False
-    return isinstance(values, dict) and values.get("format") == "depth-sidecar" and (path.is_file() or _is_raw(path))
+    return (
+        isinstance(values, dict)
+        and values.get("format") == "depth-sidecar"
+        and (path.is_file() or bool(_raw_files(path)))
+    )
 
 
 def _open_raw(path: Path) -> Source:
     """Raises InputError where the sidecar does not fit."""
     sidecar = _sidecar(path)
-    given = SidecarDocument.read(sidecar)
+    given = read_document(sidecar, SidecarDocument)
     if given.width is None or given.height is None:
         raise InputError(sidecar, "has no width and height", "add both: raw images do not tell their size")
     name = path.resolve().stem if path.is_file() else path.resolve().name
@@ -289,47 +272,29 @@ def _open_raw(path: Path) -> Source:
     )
     order = ">u2" if given.byte_order == "big" else "<u2"
     if path.is_file():
-        return RawFile(path, camera, order, given)
+        return _open_raw_file(path, camera, order, given)
     files, _ = frame_files(sorted(_raw_files(path), key=natural_order))
     files = file_times(given, sidecar, files) or files
     return ImageFiles(path, camera, files, read=lambda file, shape: _read_raw(file, shape, order))
 
 
-class RawFile:
-    """All depth images of one camera, one after another in one file."""
-
-    def __init__(self, path: Path, camera: SourceCamera, order: str, given: SidecarDocument) -> None:
-        self._bytes = 2 * camera.width * camera.height
-        self._count, self._rest = divmod(path.stat().st_size, self._bytes)
-        if self._count == 0:
-            problem = f"is shorter than one image of {camera.width} x {camera.height} pixels"
-            raise InputError(path, problem, "check width and height in its sidecar")
-        times = times_of(given, _sidecar(path), np.arange(self._count, dtype=float))
-        self._times = np.arange(self._count, dtype=float) if times is None else times
-        self.path, self._order = path, order
-        self.cameras: tuple[SourceCamera, ...] = (camera,)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Return whether the last image is incomplete."""
-        if not self._rest:
-            return ()
-        return (
-            f"{self.path.name} ends within an image, which was left out; its sidecar's width and height may be wrong.",
-        )
-
-    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in the order of the file."""
-        camera = self.cameras[0]
-        with open_regular(self.path) as file:
-            file.seek(skip[0] * self._bytes)
-            for position in range(skip[0], self._count):
-                data = file.read(self._bytes)
-                if len(data) < self._bytes:
-                    raise InputError(self.path, "became shorter while it was read", "convert it once it is complete")
-                grey = np.frombuffer(data, self._order).reshape(camera.height, camera.width).astype(np.uint16)
-                grey[grey == NO_READING] = 0
-                yield SourceFrame(0, float(self._times[position]), grey)
+def _open_raw_file(path: Path, camera: SourceCamera, order: str, given: SidecarDocument) -> ImageArray:
+    kind = np.dtype(order)
+    count, rest = divmod(path.stat().st_size, kind.itemsize * camera.width * camera.height)
+    if count == 0:
+        problem = f"is shorter than one image of {camera.width} x {camera.height} pixels"
+        raise InputError(path, problem, "check width and height in its sidecar")
+    numbers = np.arange(count, dtype=float)
+    times_s = times_of(given, _sidecar(path), numbers)
+    cut = f"{path.name} ends within an image, which was left out; its sidecar's width and height may be wrong."
+    read = _reader(path, 0, (camera.height, camera.width), kind)
+    return ImageArray(
+        path,
+        camera,
+        (numbers if times_s is None else times_s).tolist(),
+        lambda position: _as_uint16(read(position)),
+        (cut,) if rest else (),
+    )
 
 
 def _read_raw(path: Path, camera: SourceCamera, order: str) -> tuple[np.ndarray | None, str]:
@@ -347,10 +312,6 @@ def _sidecar(path: Path) -> Path:
 
 def _raw_files(folder: Path) -> list[Path]:
     return [file for file in folder.iterdir() if file.suffix.lower() in {".raw", ".bin"} and file.name[0] != "."]
-
-
-def _is_raw(path: Path) -> bool:
-    return path.is_dir() and bool(_raw_files(path))
 
 
 READERS: Final = (Reader(_is_array, _open_array), Reader(_is_raw_dump, _open_raw), Reader(_is_images, _open_images))

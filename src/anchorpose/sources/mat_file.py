@@ -1,6 +1,7 @@
-"""Read an array of a MATLAB file of level 5 (MathWorks, "MAT-File Format"), compressed or not.
+"""Read depth images from a MATLAB file of level 5 (MathWorks, "MAT-File Format"), compressed or not.
 
-scipy's reader trusts the tags of elements: a damaged byte in one ended the process.
+The array is (height, width, images), uint16 or metres. scipy's reader trusts the tags of elements: a damaged byte in
+one ended the process.
 """
 
 from __future__ import annotations
@@ -11,9 +12,15 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 from typing import Final
 
 import numpy as np
+
+from anchorpose.errors import InputError
+from anchorpose.recording.regular_file import LARGEST_ARRAYS, read_whole
+from anchorpose.sources.image_folder import ImageArray, image_array
+from anchorpose.sources.source import Reader
 
 HEADER_BYTES: Final = 128
 _ORDER_AT: Final = slice(126, 128)
@@ -101,3 +108,33 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
         place = start + size
         if kind != _COMPRESSED:
             place += -place % 8
+
+
+def _is_mat(path: Path, head: bytes) -> bool:
+    """Return whether this is such a file."""
+    return head.startswith(b"MATLAB 5.0")
+
+
+def _open_mat(path: Path) -> ImageArray:
+    """Open a MATLAB file, which cannot be read in part: the array is held whole.
+
+    Raises InputError where the file is damaged, cut off, or has no array or several that could be depth.
+    """
+    data = memoryview(read_whole(path, LARGEST_ARRAYS, "save it in several files, or as .npy"))
+    try:
+        arrays = [array for array in list_arrays(data) if len(array.shape) == 3]
+        named = [array for array in arrays if "depth" in array.name.lower()] or arrays
+        large = sum(array.size_bytes for array in named) > LARGEST_ARRAYS
+        images = named[0].read() if len(named) == 1 and not large else np.empty(0)
+    except (ValueError, LookupError, StopIteration, struct.error, zlib.error, MemoryError):
+        raise InputError(path, "is damaged, or of a kind that cannot be read", "save it again with '-v7'") from None
+    if len(named) != 1:
+        problem = f"holds {len(named)} arrays that could be depth images"
+        raise InputError(path, problem, "save one array 'depth' of (height, width, images), uint16 or metres")
+    if large:
+        raise InputError(path, "holds more than fits into memory", "save it in several files, or as .npy")
+    height, width, count = images.shape
+    return image_array(path, (count, height, width), images.dtype, lambda position: images[:, :, position])
+
+
+READERS: Final = (Reader(_is_mat, _open_mat),)

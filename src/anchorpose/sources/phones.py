@@ -15,7 +15,6 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,7 +22,9 @@ import numpy as np
 
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics
-from anchorpose.recording.document import parse_json, read_text
+from anchorpose.options import FASTEST_HZ
+from anchorpose.recording.document import parse_json, read_rows
+from anchorpose.recording.recording_file import LARGEST_SIDE_PX
 from anchorpose.sources.grey_images import (
     GREY_M,
     FrameFile,
@@ -38,8 +39,6 @@ from anchorpose.sources.source import (
     MILLIMETRE_M,
     Reader,
     SourceCamera,
-    SourceFrame,
-    damaged_notes,
     finite,
     finite_list,
     movement_note,
@@ -116,14 +115,12 @@ def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> I
 
 def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
     """Return time by frame number, and positions (n, 3) metres; raises InputError where the columns are others."""
-    lines = read_text(path).splitlines()
-    columns = [cell.strip() for cell in lines[0].split(",")] if lines else []
+    (_, columns), *rows = read_rows(path) or [(1, [])]
     if not {"timestamp", "frame", "x", "y", "z"} <= set(columns):
         raise InputError(path, "does not begin with the columns timestamp, frame, x, y, z", "export it again")
     places = [columns.index(name) for name in ("timestamp", "frame", "x", "y", "z")]
     times, positions = dict[int, float](), list[list[float]]()
-    for line in lines[1:]:
-        cells = line.split(",")
+    for _, cells in rows:
         try:
             time_s, number, *position = (float(cells[place]) for place in places)
         except (ValueError, IndexError):
@@ -146,60 +143,34 @@ def _is_record3d(path: Path, head: bytes) -> bool:
     return "metadata" in names and any(name.startswith("rgbd/") for name in names)
 
 
-def _open_record3d(path: Path) -> Record3DFile:
+def _open_record3d(path: Path) -> ImageFiles:
     """Raises InputError where the file cannot be used, MissingPackage without lzfse."""
     try:
         import lzfse  # noqa: F401
     except ImportError:
         raise MissingPackage(f"Reading {path.name}", "lzfse", "record3d") from None
-    return Record3DFile(path)
-
-
-class Record3DFile:
-    """One device's recording."""
-
-    def __init__(self, path: Path) -> None:
-        values, self._names = _contents(path)
-        width, height = (_whole(path, values, name) for name in ("dw", "dh"))
-        picture = (_whole(path, values, "w"), _whole(path, values, "h"))
-        columns = finite_list(values.get("K"), 9)
-        if columns is None:
-            raise InputError(path, "K in its metadata is not nine numbers", _REMEDY)
-        matrix = np.array(columns).reshape(3, 3).T
-        self._times, timed = _times(path, values, [_number(name) for name in self._names])
-        self.path = path
-        self.cameras: tuple[SourceCamera, ...] = (
-            SourceCamera(
-                name=path.resolve().stem,
-                width=width,
-                height=height,
-                depth_scale=GREY_M,
-                intrinsics=scaled_lens(path, matrix, picture, (width, height)),
-                model="iPhone or iPad (Record3D)",
-                count=len(self._names),
-                has_times=timed,
-            ),
-        )
-        self._notes = movement_note(_positions(values))
-        self._left_out: dict[str, str] = {}
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Return sentences for the user, complete once all frames were read."""
-        return (*self._notes, *damaged_notes(self._left_out))
-
-    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
-        taken, camera = 0, self.cameras[0]
-        with zipfile.ZipFile(self.path) as archive:
-            for name, time_s in zip(self._names, self._times, strict=True):
-                depth_m, problem = _decode(archive, name, camera)
-                if depth_m is None:
-                    self._left_out[name] = problem
-                    continue
-                taken += 1
-                if taken > skip[0]:
-                    yield SourceFrame(0, time_s, to_grey(depth_m))
+    values, names = _contents(path)
+    size, picture = (
+        (_whole(path, values, wide), _whole(path, values, high)) for wide, high in (("dw", "dh"), ("w", "h"))
+    )
+    columns = finite_list(values.get("K"), 9)
+    if columns is None:
+        raise InputError(path, "K in its metadata is not nine numbers", _REMEDY)
+    times_s, timed = _times(path, values, [_number(name) for name in names])
+    camera = SourceCamera(
+        name=path.resolve().stem,
+        width=size[0],
+        height=size[1],
+        depth_scale=GREY_M,
+        intrinsics=scaled_lens(path, np.array(columns).reshape(3, 3).T, picture, size),
+        model="iPhone or iPad (Record3D)",
+        count=len(names),
+        has_times=timed,
+    )
+    files = [FrameFile(Path(name), time_s) for name, time_s in zip(names, times_s, strict=True)]
+    archive = zipfile.ZipFile(path)  # closed with the source
+    notes = movement_note(_positions(values))
+    return ImageFiles(path, camera, files, notes, lambda name, shape: _decode(archive, name.as_posix(), shape))
 
 
 def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
@@ -229,7 +200,7 @@ def _number(name: str) -> int:
 
 def _whole(path: Path, values: dict[str, Any], key: str) -> int:
     number = finite(values.get(key))
-    if number is None or number != int(number) or not 0 < number <= 16384:
+    if number is None or number != int(number) or not 0 < number <= LARGEST_SIDE_PX:
         raise InputError(path, f"{key} in its metadata is not a size in pixels", _REMEDY)
     return int(number)
 
@@ -244,7 +215,7 @@ def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list
             raise InputError(path, "frameTimestamps in its metadata are not all numbers", _REMEDY)
         return [times[number] for number in numbers], True
     fps = finite(values.get("fps"))
-    if fps is not None and 0 < fps <= 1000:
+    if fps is not None and 0 < fps <= FASTEST_HZ:
         return [number / fps for number in numbers], True
     return [float(number) for number in numbers], False
 
@@ -268,7 +239,7 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
         return None, "is damaged inside"
     if len(data) != wanted:
         return None, f"holds {len(data)} bytes, an image has {wanted}"
-    return np.frombuffer(data, "<f4").reshape(camera.height, camera.width), ""
+    return to_grey(np.frombuffer(data, "<f4").reshape(camera.height, camera.width)), ""
 
 
 READERS: Final = (Reader(_is_stray, _open_stray), Reader(_is_record3d, _open_record3d))

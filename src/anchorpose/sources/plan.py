@@ -5,7 +5,6 @@ Images are written first, then their rows, so that what has a row is complete.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import re
 from collections.abc import Sequence
@@ -32,13 +31,14 @@ QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraPlan:
-    """A camera to write, upright. fps: None where the images have times; count: None where it is not known."""
+    """A camera to write, upright. model and serial: empty where not known; fps: None where the images have times;
+    count: None where it is not known."""
 
     camera: Camera
-    model: str
-    serial: str
-    fps: float | None
-    count: int | None
+    model: str = ""
+    serial: str = ""
+    fps: float | None = None
+    count: int | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the camera as recording.json has it."""
@@ -308,23 +308,13 @@ def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
     there = {file.name for file in (folder / "depth").iterdir()}
     rows = list[tuple[int, str]]()
     for line in lines:
-        number, _, time = line.partition(",")
-        if not (number.isdecimal() and _is_time(time)) or f"{int(number):06d}.png" not in there:
+        row = re.fullmatch(r"(\d+),(-?\d+\.\d{6})", line, re.ASCII)
+        if row is None or f"{int(row[1]):06d}.png" not in there:
             break
-        rows.append((int(number), time))
-    while rows and not _is_whole(folder / "depth" / f"{rows[-1][0]:06d}.png", plan):
+        rows.append((int(row[1]), row[2]))
+    while rows:
+        data = read_whole(folder / "depth" / f"{rows[-1][0]:06d}.png", LARGEST_IMAGE, BEGIN_AGAIN)
+        if decode_grey_png(data, plan.camera.width, plan.camera.height)[0] is not None:
+            break
         rows.pop()
     return rows
-
-
-def _is_time(text: str) -> bool:
-    with contextlib.suppress(ValueError):
-        return math.isfinite(float(text))
-    return False
-
-
-def _is_whole(path: Path, plan: CameraPlan) -> bool:
-    return (
-        decode_grey_png(read_whole(path, LARGEST_IMAGE, BEGIN_AGAIN), plan.camera.width, plan.camera.height)[0]
-        is not None
-    )

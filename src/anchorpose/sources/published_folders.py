@@ -18,6 +18,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
+from anchorpose.options import FASTEST_HZ
 from anchorpose.recording.document import LARGEST_BYTES, parse_json, read_json, read_text
 from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.sources.grey_images import FrameFile, ImageFiles, Size, first_size, images_in, natural_order
@@ -35,7 +36,6 @@ from anchorpose.sources.source import (
 TUM_M: Final = 1.0 / 5000.0
 
 LISTS: Final = ("depth.txt", "associations.txt", "associate.txt", "associated.txt", "association.txt")
-
 
 POSES_READ: Final = 100  # spread over the recording; enough to see that a camera was carried
 
@@ -121,7 +121,7 @@ def _open_exported(path: Path) -> ImageFiles:
         values = read_json(found)
         camera, notes = _open3d_camera(found, values, size)
         fps = finite(values.get("fps"))
-        if not has_times and fps is not None and 0 < fps <= 1000:
+        if not has_times and fps is not None and 0 < fps <= FASTEST_HZ:
             files, has_times = [FrameFile(file.path, file.time_s / fps) for file in files], True
     camera = replace(camera, name=path.resolve().name, count=len(files), has_times=has_times)
     return ImageFiles(path, camera, files, notes)

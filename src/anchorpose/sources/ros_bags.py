@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
@@ -9,7 +10,6 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.sources import orbbec_bags, realsense_bags, ros_streams
 from anchorpose.sources.bag_file import (
     MCAP_MAGIC,
     ROS1_MAGIC,
@@ -24,15 +24,16 @@ from anchorpose.sources.grey_images import grey_of_metres
 from anchorpose.sources.ros_messages import (
     METRES,
     RECORD_AGAIN,
-    CompressedMessage,
     DepthStream,
-    ImageMessage,
+    Image,
     Streams,
     encoding_of,
     grey_of,
     metres_of,
 )
+from anchorpose.sources.ros_streams import find_streams
 from anchorpose.sources.source import Reader, SourceCamera, SourceFrame
+from anchorpose.sources.vendor_bags import device_time_ns, find_orbbec, find_realsense
 
 
 def matches(path: Path, head: bytes) -> bool:
@@ -47,7 +48,7 @@ def open_source(path: Path) -> BagSource:
     """Open a bag; raises InputError where it has no depth images that can be read."""
     try:
         bag = open_bag(path)
-        for find in (realsense_bags.find_streams, orbbec_bags.find_streams, ros_streams.find_streams):
+        for find in (find_realsense, find_orbbec, find_streams):
             streams = find(bag, path)
             if streams is not None:
                 break
@@ -67,17 +68,22 @@ class BagSource:
         self.path = path
         self.cameras: tuple[SourceCamera, ...] = tuple(stream.camera for stream in streams.streams)
         self._bag, self._streams, self._said = bag, streams.streams, streams.notes
-        self._tallies = tuple(_Tally() for _ in self.cameras)
+        self._tallies = tuple(Counter[str]() for _ in self.cameras)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Return sentences for the user, complete once all frames were read."""
-        counted = (tally.notes(camera.name) for tally, camera in zip(self._tallies, self.cameras, strict=True))
-        return (*self._said, *self._bag.notes, *(note for notes in counted for note in notes))
+        counted = (
+            sentence.format(tally[what], camera.name)
+            for tally, camera in zip(self._tallies, self.cameras, strict=True)
+            for what, sentence in COUNTED.items()
+            if tally[what]
+        )
+        return (*self._said, *self._bag.notes, *counted)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """Yield the depth images; where a file is cut off, what it has up to there, with a note."""
-        self._tallies = tuple(_Tally() for _ in self.cameras)
+        self._tallies = tuple(Counter[str]() for _ in self.cameras)
         given = [0] * len(self.cameras)
         try:
             for frame in self._all_frames():
@@ -103,15 +109,15 @@ class BagSource:
                     continue
                 time_ns, depth = self._read(camera, message)
             except DamagedBag:
-                self._tallies[camera].damaged += 1
+                self._tallies[camera]["damaged"] += 1
                 continue
             if self._streams[camera].metadata_topic:
-                self._tallies[camera].damaged += camera in waiting
+                self._tallies[camera]["damaged"] += camera in waiting
                 waiting[camera] = message.received_ns, depth
             else:
                 yield SourceFrame(camera, time_ns / 1e9, depth)
         for camera in waiting:
-            self._tallies[camera].damaged += 1
+            self._tallies[camera]["damaged"] += 1
 
     def _read(self, camera: int, message: Message) -> tuple[int, np.ndarray]:
         """Return time in nanoseconds, and (height, width) uint16. Raises DamagedBag."""
@@ -125,47 +131,35 @@ class BagSource:
             raise DamagedBag("an image has another size than the first one")
         return self._time_ns(camera, stream, image, message), depth
 
-    def _depth(self, camera: int, stream: DepthStream, image: ImageMessage | CompressedMessage) -> np.ndarray:
+    def _depth(self, camera: int, stream: DepthStream, image: Image) -> np.ndarray:
         if not stream.in_metres:
             return grey_of(image)
         if stream.camera.depth_scale is None:
             raise DamagedBag("depth in metres has no grey values yet")
         depth, too_far = grey_of_metres(metres_of(image), stream.camera.depth_scale)
-        self._tallies[camera].too_far += too_far
+        self._tallies[camera]["too far"] += too_far
         return depth
 
-    def _time_ns(
-        self, camera: int, stream: DepthStream, image: ImageMessage | CompressedMessage, message: Message
-    ) -> int:
+    def _time_ns(self, camera: int, stream: DepthStream, image: Image, message: Message) -> int:
         if image.stamp_ns == 0 and not stream.metadata_topic:
-            self._tallies[camera].without_stamp += 1
+            self._tallies[camera]["without stamp"] += 1
             return message.received_ns
         return image.stamp_ns
 
 
 def _stamped(camera: int, received_ns: int, depth: np.ndarray, message: Message) -> SourceFrame:
     """Return RealSense's image that waited for its time stamp, which is received with it. Raises DamagedBag."""
-    time_ns = realsense_bags.device_time_ns(message)
+    time_ns = device_time_ns(message)
     if time_ns is None or received_ns != message.received_ns:
         raise DamagedBag("an image and its time stamp do not belong together")
     return SourceFrame(camera, time_ns / 1e9, depth)
 
 
-class _Tally:
-    """What was counted of one camera's images while they were read."""
-
-    __slots__ = ("damaged", "too_far", "without_stamp")
-
-    def __init__(self) -> None:
-        self.damaged = self.too_far = self.without_stamp = 0
-
-    def notes(self, name: str) -> Iterator[str]:
-        if self.damaged:
-            yield f"{self.damaged} depth images of {name} are damaged: left out."
-        if self.without_stamp:
-            yield f"{self.without_stamp} depth images of {name} have no time stamp: the time of their receipt is taken."
-        if self.too_far:
-            yield f"{self.too_far} readings of {name} are farther than its grey values reach: no reading."
-
+COUNTED: Final = {
+    "damaged": "{} depth images of {} are damaged: left out.",
+    "without stamp": "{} depth images of {} have no time stamp: the time of their receipt is taken.",
+    "too far": "{} readings of {} are farther than its grey values reach: no reading.",
+}
+"""What is counted of a camera's images while they are read."""
 
 READERS: Final = (Reader(matches, open_source),)

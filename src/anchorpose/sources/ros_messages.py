@@ -127,6 +127,9 @@ class CameraInfo:
     roi: tuple[int, int, int, int]
 
 
+Image = ImageMessage | CompressedMessage
+
+
 def read_image(message: Message) -> ImageMessage:
     """Raises DamagedBag."""
     reader = MessageFields(message)
@@ -172,7 +175,7 @@ def read_transforms(message: Message) -> list[tuple[str, str, np.ndarray]]:
     return transforms
 
 
-def encoding_of(image: ImageMessage | CompressedMessage) -> str:
+def encoding_of(image: Image) -> str:
     """Return the encoding, empty for what is no depth image without loss."""
     if isinstance(image, ImageMessage):
         return image.encoding if image.encoding in INTEGERS | {METRES} else ""
@@ -181,7 +184,7 @@ def encoding_of(image: ImageMessage | CompressedMessage) -> str:
     return encoding.strip() if lossless and encoding.strip() in INTEGERS | {METRES} else ""
 
 
-def size_of(image: ImageMessage | CompressedMessage) -> tuple[int, int]:
+def size_of(image: Image) -> tuple[int, int]:
     """Return width and height. Raises DamagedBag."""
     if isinstance(image, ImageMessage):
         return image.width, image.height
@@ -192,7 +195,7 @@ def size_of(image: ImageMessage | CompressedMessage) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def grey_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
+def grey_of(image: Image) -> np.ndarray:
     """Return (height, width) uint16 of an image whose values are whole numbers, 0 = no reading. Raises DamagedBag."""
     grey = _plain(image, 2) if isinstance(image, ImageMessage) else _decode(_png_of(image))
     grey = grey.astype(np.uint16)
@@ -200,7 +203,7 @@ def grey_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
     return grey
 
 
-def metres_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
+def metres_of(image: Image) -> np.ndarray:
     """Return (height, width) float32 of an image in metres, NaN = no reading. Raises DamagedBag."""
     if isinstance(image, ImageMessage):
         metres = _plain(image, 4).astype(np.float32)
@@ -241,9 +244,6 @@ def _decode(png: bytes) -> np.ndarray:
     if grey is None or grey.dtype != np.uint16 or grey.ndim != 2:
         raise DamagedBag("a compressed image is not complete")
     return np.asarray(grey)
-
-
-Image = ImageMessage | CompressedMessage
 
 
 def read_any_image(message: Message) -> Image:

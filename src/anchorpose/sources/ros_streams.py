@@ -19,8 +19,8 @@ from anchorpose.sources.ros_messages import (
     METRES,
     READ_BY_HAND,
     CameraInfo,
-    CompressedMessage,
     DepthStream,
+    Image,
     ImageMessage,
     Streams,
     encoding_of,
@@ -62,7 +62,7 @@ class _Candidate:
 
     channel: Channel
     words: tuple[str, ...]
-    message: ImageMessage | CompressedMessage
+    message: Image
 
     @property
     def in_metres(self) -> bool:
@@ -194,7 +194,7 @@ def _described(bag: Bag, notes: list[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """The intrinsics, or why there are none; notes: what the user should know of them."""
+    """The intrinsics, or why there are none."""
 
     intrinsics: Intrinsics | None
     problem: str = ""

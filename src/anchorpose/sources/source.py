@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -27,6 +27,7 @@ MODULES: Final = (
     "ros_bags",
     "phones",
     "published_folders",
+    "mat_file",
     "image_folder",  # last: most folders above hold a folder of images
 )
 """Modules of this package with ``READERS``, in the order in which they are asked; they are imported one by one."""
@@ -99,15 +100,6 @@ class Reader:
 
     matches: Callable[[Path, bytes], bool]
     open_source: Callable[[Path], Source]
-
-
-def damaged_notes(left_out: Mapping[str, str]) -> tuple[str, ...]:
-    """Return a sentence on depth images that were left out, by name and what is wrong with each; none where none
-    was."""
-    if not left_out:
-        return ()
-    first, problem = next(iter(left_out.items()))
-    return (f"Damaged depth images that were left out: {len(left_out)}; the first, {first}, {problem}.",)
 
 
 def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
@@ -183,26 +175,31 @@ def read_matrix(path: Path, rows: int, columns: int) -> np.ndarray:
     return matrix
 
 
+OTHERS_OWN: Final = (
+    (
+        b"EVENTS1\0",
+        "is a Kinect Studio recording (.xef), which holds depth only for Microsoft's software",
+        "play it in Kinect Studio while another program saves the depth images as 16-bit PNG, and convert their folder",
+    ),
+    (
+        b"NI10",
+        "is an OpenNI recording (.oni), which only OpenNI unpacks",
+        "export its depth images as 16-bit PNG with OpenNI's NiViewer or a few lines of OpenNI's Python package, and "
+        "convert their folder",
+    ),
+    (b"MATLAB 7.3", "is a MATLAB file of version 7.3", "save it again in MATLAB with '-v7'"),
+)
+"""First bytes of files that only their own software reads, what they are, and what to do instead."""
+
+
 def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
-    """Return what a file is that only its vendor's software reads, and what to do instead; None for others."""
-    if head.startswith(b"EVENTS1\0"):
-        return (
-            "is a Kinect Studio recording (.xef), which holds depth only for Microsoft's software",
-            "play it in Kinect Studio while another program saves the depth images as 16-bit PNG, and convert their "
-            "folder",
-        )
-    if head.startswith(b"NI10"):
-        return (
-            "is an OpenNI recording (.oni), which only OpenNI unpacks",
-            "export its depth images as 16-bit PNG with OpenNI's NiViewer or a few lines of OpenNI's Python package, "
-            "and convert their folder",
-        )
+    """Return what a file is that only its own software reads, and what to do instead; None for others."""
     if _is_zed(path, head):
         return (
             "is a ZED recording (.svo), which holds two colour videos and no depth",
             "export depth as 16-bit PNG with Stereolabs' ZED SDK (its SVO export sample), and convert their folder",
         )
-    return None
+    return next(((problem, remedy) for mark, problem, remedy in OTHERS_OWN if head.startswith(mark)), None)
 
 
 def _is_zed(path: Path, head: bytes) -> bool:

@@ -1,0 +1,247 @@
+"""Sources of depth images: Intel RealSense, Orbbec, and a recording that is played at its own pace."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event
+from typing import IO, Any, Final
+
+import numpy as np
+
+from anchorpose.calibration.clocks import ClockConfig, settle_clocks
+from anchorpose.camera import Camera
+from anchorpose.errors import AnchorposeError, MissingPackage
+from anchorpose.lens import Intrinsics, LensModel
+from anchorpose.live import orbbec_process
+from anchorpose.live.feed import LiveImage
+from anchorpose.recording.depth_image import decode_grey_png, largest_png
+from anchorpose.recording.recording import Recording
+from anchorpose.recording.regular_file import Unreadable, read_bounded
+from anchorpose.sources.plan import CameraPlan, folder_name
+
+WIDTH, HEIGHT, RATE_HZ = 848, 480, 30
+STALL_S: Final = 5.0  # a camera that was unplugged gives no more images
+GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system_time")
+"""The device's time as the host's clock, or the host's own: the age of an image is then known."""
+
+
+@dataclass(slots=True, eq=False)
+class RealSense:
+    """One camera that was started; device and pipeline are pyrealsense2's."""
+
+    name: str
+    cameras: tuple[CameraPlan, ...]
+    about: Recording | None
+    pipeline: Any
+
+    def images(self, stop: Event) -> Iterator[LiveImage]:
+        """See ``LiveSource``."""
+        last_s = time.monotonic()
+        try:
+            while not stop.is_set():
+                arrived, frames = self.pipeline.try_wait_for_frames(200)
+                now_s = time.monotonic()
+                depth = frames.get_depth_frame() if arrived else None
+                if not depth:
+                    if now_s - last_s > STALL_S:
+                        raise AnchorposeError(f"no image came for {STALL_S:.0f} s; check its cable")
+                    continue
+                last_s = now_s
+                grey = np.array(np.asanyarray(depth.get_data()), np.uint16)
+                yield LiveImage(0, int(depth.get_frame_number()), depth.get_timestamp() / 1000.0, _taken(depth), grey)
+        except RuntimeError as error:
+            raise AnchorposeError(f"the camera does not answer any more ({error}); check its cable") from None
+        finally:
+            self.pipeline.stop()
+
+
+def open_realsense(serial: str, about: Recording | None) -> RealSense:
+    """The camera with this serial number, the first one where it is empty.
+
+    about: see ``LiveSource``. Raises MissingPackage without pyrealsense2 or the system's libusb, AnchorposeError where
+    there is no such camera.
+    """
+    try:
+        import pyrealsense2 as rs
+    except ImportError:
+        raise MissingPackage("An Intel RealSense camera", "pyrealsense2", "realsense") from None
+    config = rs.config()
+    if serial:
+        config.enable_device(serial)
+    config.enable_stream(rs.stream.depth, WIDTH, HEIGHT, rs.format.z16, RATE_HZ)
+    return start(rs, config, about, serial)
+
+
+def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> RealSense:
+    """Starts what ``config`` selects, which may be a file that librealsense plays; rs: the module pyrealsense2."""
+    pipeline = rs.pipeline()
+    try:
+        profile = pipeline.start(config)
+    except RuntimeError as error:
+        which = f"RealSense camera {serial}" if serial else "RealSense camera"
+        problem = f"No {which} can be started ({error}); check its cable, and that no other program uses it."
+        raise AnchorposeError(problem) from None
+    device = profile.get_device()
+    stream = profile.get_stream(rs.stream.depth).as_video_stream_profile()
+    number = device.get_info(rs.camera_info.serial_number)
+    camera = Camera(
+        name=folder_name(f"realsense-{number}"),
+        width=stream.width(),
+        height=stream.height(),
+        depth_scale=float(device.first_depth_sensor().get_depth_scale()),
+        intrinsics=_lens(rs, stream.get_intrinsics()),
+    )
+    found = CameraPlan(camera=camera, model=device.get_info(rs.camera_info.name), serial=number)
+    return RealSense(camera.name, (found,), about, pipeline)
+
+
+def _lens(rs: Any, found: Any) -> Intrinsics:
+    """Depth images have no distortion left in all cameras of this maker that are sold."""
+    if any(found.coeffs) and found.model != rs.distortion.brown_conrady:
+        raise AnchorposeError(f"The camera's lens model ({found.model}) is not known: record with its own program.")
+    coefficients = tuple(float(value) for value in found.coeffs)
+    return Intrinsics(fx=found.fx, fy=found.fy, cx=found.ppx, cy=found.ppy, distortion=coefficients)
+
+
+def _taken(depth: Any) -> float:
+    """When an image was taken, by ``time.monotonic``; when it arrived, where the device's clock is its own."""
+    now_s = time.monotonic()
+    if str(depth.get_frame_timestamp_domain()) not in GLOBAL_CLOCKS:
+        return now_s
+    age_s = time.time() - depth.get_timestamp() / 1000.0
+    return now_s - age_s if 0.0 <= age_s < 1.0 else now_s
+
+
+PYTHON_VARIABLE: Final = "ANCHORPOSE_ORBBEC_PYTHON"
+"""The environment variable that names the Python which has pyorbbecsdk2; without it, the one that runs."""
+
+
+@dataclass(slots=True, eq=False)
+class Orbbec:
+    """One camera, read by another process."""
+
+    name: str
+    cameras: tuple[CameraPlan, ...]
+    about: Recording | None
+    process: subprocess.Popen[bytes]
+    first: bytes  # the header that was read to know the scale
+
+    def images(self, stop: Event) -> Iterator[LiveImage]:
+        """See ``LiveSource``."""
+        camera, out = self.cameras[0].camera, _out(self.process)
+        header = self.first
+        try:
+            while not stop.is_set() and len(header) == orbbec_process.HEADER.size:
+                number, device_us, host_us, scale, size = orbbec_process.HEADER.unpack(header)
+                grey = np.frombuffer(out.read(size), np.uint16).reshape(camera.height, camera.width)
+                if not np.isclose(scale, camera.depth_scale):
+                    raise AnchorposeError("the camera changed its unit of depth; start again")
+                taken_s = time.monotonic() - max(time.time() - host_us / 1e6, 0.0)
+                yield LiveImage(0, number, device_us / 1e6, taken_s, grey)
+                header = out.read(orbbec_process.HEADER.size)
+            if not stop.is_set():
+                raise AnchorposeError(_why_ended(self.process))
+        finally:
+            self.process.terminate()
+            self.process.wait(timeout=5.0)
+
+
+def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = ()) -> Orbbec:
+    """The camera with this serial number, the first one where it is empty.
+
+    about: see ``LiveSource``; command: instead of the process that reads the camera. Raises AnchorposeError where there
+    is no such camera, or that Python has no pyorbbecsdk2.
+    """
+    python = os.environ.get(PYTHON_VARIABLE, sys.executable)
+    command = command or (python, str(Path(orbbec_process.__file__)), *([serial] if serial else []))
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    out = _out(process)
+    line = out.readline()
+    if not line:
+        raise AnchorposeError(_why_ended(process))
+    found = json.loads(line)
+    first = out.read(orbbec_process.HEADER.size)
+    if len(first) < orbbec_process.HEADER.size:
+        raise AnchorposeError(_why_ended(process))
+    camera = _camera(found, orbbec_process.HEADER.unpack(first)[3])
+    live = CameraPlan(camera=camera, model=found["name"], serial=found["serial"])
+    return Orbbec(camera.name, (live,), about, process, first)
+
+
+def _camera(found: dict[str, Any], scale: float) -> Camera:
+    fx, fy, cx, cy = found["intrinsics"]
+    distortion = tuple(found["distortion"])
+    model = LensModel.RATIONAL if any(distortion[5:]) else LensModel.BROWN_CONRADY
+    if model is LensModel.BROWN_CONRADY:
+        distortion = distortion[:5]
+    lens = Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy, model=model, distortion=distortion)
+    width, height = found["width"], found["height"]
+    name = folder_name(f"orbbec-{found['serial']}")
+    return Camera(name=name, width=width, height=height, depth_scale=scale, intrinsics=lens)
+
+
+def _out(process: subprocess.Popen[bytes]) -> IO[bytes]:
+    if process.stdout is None:
+        raise ValueError("the process was started with a pipe")
+    return process.stdout
+
+
+def _why_ended(process: subprocess.Popen[bytes]) -> str:
+    """What the process said last; it ends by itself."""
+    process.wait(timeout=10.0)
+    said = b"" if process.stderr is None else process.stderr.read()
+    last = said.decode(errors="replace").strip().splitlines()[-1:] or ["the process that reads it ended"]
+    if "pyorbbecsdk" in last[0] and "Error" in last[0]:
+        return (
+            "An Orbbec camera needs the package pyorbbecsdk2 in a Python of its own: make one with 'python -m venv', "
+            f"install it there, and name that Python in the variable {PYTHON_VARIABLE}."
+        )
+    return f"The Orbbec camera cannot be read: {last[0]}."
+
+
+LATE_S: Final = 0.25
+"""An image that is late by more is left out, as a camera overwrites what nobody took."""
+
+
+class Playback:
+    """The images of a recording, each at its time; a damaged one is left out."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.name = recording.folder.resolve().name
+        self.recording = recording
+        self.about: Recording | None = recording
+        self.cameras = tuple(CameraPlan(camera=camera) for camera in recording.cameras)
+        timed, _ = settle_clocks(recording, recording.cameras, ClockConfig())  # cameras that see the same at one time
+        shown_s = [stream.time_s for stream in timed.streams]
+        self._order = sorted(
+            (float(when), camera, place) for camera, times in enumerate(shown_s) for place, when in enumerate(times)
+        )
+
+    def images(self, stop: Event) -> Iterator[LiveImage]:
+        """See ``LiveSource``."""
+        first_s, began_s = self._order[0][0], time.monotonic()
+        for when, camera, place in self._order:
+            due_s = began_s + when - first_s
+            if stop.wait(max(due_s - time.monotonic(), 0.0)):
+                return
+            if time.monotonic() - due_s > LATE_S:
+                continue
+            grey = self._read(camera, place)
+            if grey is not None:
+                stream = self.recording.streams[camera]
+                yield LiveImage(camera, int(stream.frame[place]), float(stream.time_s[place]), due_s, grey)
+
+    def _read(self, camera: int, place: int) -> np.ndarray | None:
+        stream, seen = self.recording.streams[camera], self.recording.cameras[camera]
+        try:
+            data = read_bounded(stream.files[place], largest_png(seen.width, seen.height))
+        except Unreadable:
+            return None
+        return decode_grey_png(data, seen.width, seen.height)[0]

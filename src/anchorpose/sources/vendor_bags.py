@@ -1,0 +1,294 @@
+"""Recordings of RealSense's and Orbbec's own software, bags with messages of their own.
+
+RealSense: ROS 1 bags of librealsense, and ROS 2 databases since version 2.58, as librealsense's public sources have it
+(ros_file_format.h, ros_writer.cpp) and files that its recorder wrote. Depth is in the camera's own unit. In databases
+the image's header has the recorder's clock; the device's time is in a text message that follows the image.
+
+Orbbec: ROS 1 bags (OrbbecSDK_v2, public sources under MIT). The message definitions that the bag embeds lack fields
+which its images have, so that ROS's own tools refuse it. Lens and serial number are written when recording ends. SDK
+2.3 orders an image's fields otherwise than 2.4 and later. SDK 1 records with a library without sources: only that its
+definitions name a type that ROS has not is known (OrbbecSDK issue 195), and that its lens is not to be trusted
+(pyorbbecsdk issue 176).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from pathlib import Path
+from typing import Final
+
+from anchorpose.errors import InputError
+from anchorpose.sources.bag_file import Bag, DamagedBag, Message
+from anchorpose.sources.ros_messages import (
+    READ_BY_HAND,
+    DepthStream,
+    Image,
+    ImageMessage,
+    MessageFields,
+    Streams,
+    first,
+    first_grey_image,
+    read_camera_info,
+    size_of,
+)
+from anchorpose.sources.ros_streams import Lens, lens_with, may_be_a_lens
+from anchorpose.sources.source import MILLIMETRE_M, SourceCamera
+
+_DEPTH: Final = re.compile(r"(?P<sensor>(?P<device>/device_\d+)/sensor_\d+)/Depth_\d+/image/data(/compressedDepth)?")
+_MODELS: Final = {"Brown Conrady": "plumb_bob", "Kannala Brandt4": "equidistant"}
+_OWN_FIELDS: Final = "1"  # in place of the frame's name: the image is followed by its depth unit
+
+
+def find_realsense(bag: Bag, path: Path) -> Streams | None:
+    """Return the depth images of a recording, None where it is not RealSense's. Raises InputError where no unit is
+    known."""
+    topics = sorted(channel.topic for channel in bag.channels)
+    matches = [match for topic in topics if (match := _DEPTH.fullmatch(topic))]
+    if not matches:
+        return None
+    streams, notes = [], []
+    for number, match in enumerate(matches):
+        image = first_grey_image(bag, match[0])
+        if image is None:
+            notes.append(f"{match[0]} has no depth image that can be read: left out.")
+            continue
+        stream, lens = _stream(bag, match, image, path, number if len(matches) > 1 else None)
+        if lens.problem:
+            notes.append(f"The lens of {stream.camera.name} is not used: {lens.problem}; {READ_BY_HAND}.")
+        streams.append(stream)
+    return Streams(tuple(streams), tuple(notes))
+
+
+def device_time_ns(message: Message) -> int | None:
+    """Return the time that a metadata message of a database gives, None where it has none. Raises DamagedBag."""
+    milliseconds = _number(_texts(message).get("timestamp", ""))
+    return None if milliseconds is None else round(milliseconds * 1_000_000)
+
+
+def _stream(bag: Bag, match: re.Match[str], image: Image, path: Path, number: int | None) -> tuple[DepthStream, Lens]:
+    topic = match[0]
+    prefix = topic.partition("/image/data")[0]
+    scale = _depth_unit(bag, match["sensor"], image)
+    if scale is None:
+        raise InputError(path, f"the depth unit of {topic} is missing", "record again with a current RealSense Viewer")
+    lens, about = _lens(bag, prefix), _about(bag, match["device"])
+    width, height = size_of(image)
+    metadata = f"{prefix}/image/metadata"
+    in_metadata = any(c.topic == metadata and c.cdr for c in bag.channels)
+    camera = SourceCamera(
+        name="realsense" if number is None else f"realsense_{number}",
+        width=width,
+        height=height,
+        depth_scale=scale,
+        intrinsics=lens.intrinsics,
+        model=about.get("Name", ""),
+        serial=about.get("Serial Number", ""),
+        count=bag.count(topic),
+    )
+    return DepthStream(topic=topic, camera=camera, metadata_topic=metadata if in_metadata else ""), lens
+
+
+def _depth_unit(bag: Bag, sensor: str, image: Image) -> float | None:
+    """Return metres per grey value, of the image itself or of the sensor's option."""
+    if isinstance(image, ImageMessage) and image.frame_id == _OWN_FIELDS:
+        unit = float(image.reader.number("f"))
+    else:
+        unit = first(bag, f"{sensor}/option/Depth_Units/value", _option) or 0.0
+    # single precision makes 0.0002500000118 of 0.00025; every unit has fewer than six digits
+    return float(f"{unit:.6g}") if math.isfinite(unit) and 0.0 < unit < 1.0 else None
+
+
+def _option(message: Message) -> float:
+    reader = MessageFields(message)
+    if message.channel.cdr:
+        return _number(reader.text()) or 0.0
+    return float(reader.number("f"))
+
+
+def _lens(bag: Bag, prefix: str) -> Lens:
+    info = first(bag, f"{prefix}/info/camera_info", read_camera_info)
+    if info is not None:
+        return _lens_with(info.K[0], info.K[4], info.K[2], info.K[5], info.D, info.model)
+    texts = first(bag, f"{prefix}/camera_info", _texts) or {}
+    written = [*(texts.get(name, "") for name in ("fx", "fy", "ppx", "ppy")), *texts.get("coeffs", "").split(",")]
+    values = [value for text in written if (value := _number(text)) is not None]
+    if len(values) != len(written):
+        return Lens(None, "it is missing in the file")
+    fx, fy, cx, cy, *D = values
+    return _lens_with(fx, fy, cx, cy, tuple(D), texts.get("model", ""))
+
+
+def _lens_with(fx: float, fy: float, cx: float, cy: float, D: tuple[float, ...], model: str) -> Lens:
+    if not may_be_a_lens((fx, fy, cx, cy), D):
+        return Lens(None, "the camera was not calibrated")
+    if _MODELS.get(model) == "equidistant":
+        D = D[:4]  # of the five places that every model has
+    return lens_with((fx, fy, cx, cy), D, _MODELS.get(model, model))
+
+
+def _about(bag: Bag, device: str) -> dict[str, str]:
+    """Return name and serial number, among others: one message for each in a bag, one for all in a database."""
+    about: dict[str, str] = {}
+    for message in bag.messages((f"{device}/info",)):
+        try:
+            about |= _texts(message)
+        except DamagedBag:
+            continue  # a name or number that is missing stays empty
+    return about
+
+
+def _texts(message: Message) -> dict[str, str]:
+    """Return names and values of a message: ``diagnostic_msgs/KeyValue``, or ``name=value;...`` in a text."""
+    reader = MessageFields(message)
+    if not message.channel.cdr:
+        return {reader.text(): reader.text()}
+    pairs = (pair.partition("=") for pair in reader.text().split(";"))
+    return {name: value for name, _, value in pairs}
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+_ORBBEC_DEPTH: Final = "/cam/sensor_3/frameType_3"  # OB_SENSOR_ORBBEC_DEPTH, OB_FRAME_DEPTH
+_PROFILE: Final = "/cam/streamProfileType_3"  # OB_STREAM_DEPTH
+_ABOUT: Final = "/cam/deviceInfo"
+_PROPERTY: Final = "/cam/property"
+_DISPARITY: Final = "/cam/disparityParam"
+_OF_SDK_1: Final = "uint64_t"
+_PLAY_IT: Final = (
+    "record again with Orbbec Viewer 2, or play it with SDK 1 (ob::Playback), save its depth as 16-bit PNG and convert "
+    "their folder"
+)
+_PRECISION_LEVEL, _DISPARITY_TO_ORBBEC_DEPTH, _UNIT_MM = 75, 85, 176  # OBPropertyID
+_UNITS_MM: Final = (1.0, 0.8, 0.4, 0.1, 0.2, 0.5, 0.05)  # by OBDepthPrecisionLevel
+_BROWN_CONRADY, _RATIONAL, _KANNALA_BRANDT = 3, 4, 5  # OBCameraDistortionModel
+
+
+def find_orbbec(bag: Bag, path: Path) -> Streams | None:
+    """Return the depth images of a recording, None where it is not Orbbec's. Raises InputError where it has no
+    depth."""
+    if any(_OF_SDK_1 in channel.definition for channel in bag.channels):
+        raise InputError(path, "it is of Orbbec Viewer or SDK 1, whose format is not published", _PLAY_IT)
+    if _ORBBEC_DEPTH not in {channel.topic for channel in bag.channels}:
+        return None
+    image = first_grey_image(bag, _ORBBEC_DEPTH, read_depth)
+    if image is None:
+        raise InputError(path, "its depth images are in a format that is not read", "record depth as Y16 or Z16")
+    properties = _properties(bag)
+    _refuse_disparity(bag, properties, path)
+    unit_m = _unit_m(properties)
+    lens, about = first(bag, _PROFILE, _read_lens), first(bag, _ABOUT, _read_about)
+    width, height = size_of(image)
+    camera = SourceCamera(
+        name="orbbec",
+        width=width,
+        height=height,
+        depth_scale=unit_m or MILLIMETRE_M,
+        intrinsics=None if lens is None else lens.intrinsics,
+        model=about[0] if about else "",
+        serial=about[1] if about else "",
+        count=bag.count(_ORBBEC_DEPTH),
+    )
+    stream = DepthStream(topic=_ORBBEC_DEPTH, camera=camera, read=read_depth)
+    return Streams((stream,), _notes(lens, unit_m))
+
+
+def read_depth(message: Message) -> ImageMessage:
+    """Return an image with the device's time; SDK 2.3 has the length of metadata before the data, which begin with
+    them.
+
+    Raises DamagedBag.
+    """
+    reader = MessageFields(message)
+    _, frame_id = reader.header()
+    height, width, encoding = reader.whole("I"), reader.whole("I"), reader.text()
+    big_endian, step, length = reader.whole("B") != 0, reader.whole("I"), reader.whole("I")
+    if length < 2 * width * height:
+        data = reader.take(reader.whole("I"))[length:]
+    else:
+        data = reader.take(length)
+        reader.take(4)  # the depth unit, which is not filled in
+    reader.take(8)  # the number of the image
+    return ImageMessage(reader.whole("Q") * 1000, frame_id, height, width, encoding, big_endian, step, data, reader)
+
+
+def _notes(lens: Lens | None, unit_m: float | None) -> tuple[str, ...]:
+    notes = []
+    if unit_m is None:
+        notes.append("The file states no depth unit: a millimetre, as Orbbec's own player takes it.")
+    if lens is None:
+        notes.append(f"The lens of orbbec is missing, because recording was cut off; {READ_BY_HAND}.")
+    elif lens.problem:
+        notes.append(f"The lens of orbbec is not used: {lens.problem}; {READ_BY_HAND}.")
+    return tuple(notes)
+
+
+def _properties(bag: Bag) -> dict[int, bytes]:
+    """Return the device's settings by their number."""
+    properties = {}
+    for message in bag.messages((_PROPERTY,)):
+        try:
+            reader = MessageFields(message)
+            reader.header()
+            number = reader.whole("I")
+            properties[number] = bytes(reader.take(reader.whole("I")))
+        except DamagedBag:
+            continue  # a missing unit or disparity setting is said
+    return properties
+
+
+def _refuse_disparity(bag: Bag, properties: dict[int, bytes], path: Path) -> None:
+    """Raise InputError for disparity: stereo cameras record it where the computer, not the camera, turns it into
+    depth."""
+    stereo = any(channel.topic == _DISPARITY for channel in bag.channels)
+    if stereo and not any(properties.get(_DISPARITY_TO_ORBBEC_DEPTH, b"")):
+        raise InputError(
+            path,
+            "it holds disparity and not depth",
+            "record again with the hardware's disparity-to-depth switched on (in Orbbec Viewer: HW D2D)",
+        )
+
+
+def _unit_m(properties: dict[int, bytes]) -> float | None:
+    """Return metres per grey value, None where the file does not state it."""
+    level, unit_mm = int.from_bytes(properties.get(_PRECISION_LEVEL, b"\xff"), "little"), 0.0
+    if len(properties.get(_UNIT_MM, b"")) == 4:
+        (unit_mm,) = struct.unpack("<f", properties[_UNIT_MM])
+    if not 0.0 < unit_mm <= 10.0:
+        unit_mm = _UNITS_MM[level] if level < len(_UNITS_MM) else 0.0
+    return float(f"{unit_mm / 1000.0:.6g}") if unit_mm else None
+
+
+def _read_lens(message: Message) -> Lens:
+    """Return ``custom_msg/OBStreamProfileInfo``; its coefficients are k1 to k6, then p1, p2."""
+    reader = MessageFields(message)
+    reader.header()
+    reader.take(2 + 4 * (9 + 3) + 2 * 3)  # stream and format, pose to colour, width, height and rate
+    fx, fy, cx, cy = reader.numbers("f", 4).tolist()
+    k1, k2, k3, k4, k5, k6, p1, p2 = reader.numbers("f", 8).tolist()
+    model = reader.whole("B")
+    if not may_be_a_lens((fx, fy, cx, cy), (k1, k2, k3, k4, k5, k6, p1, p2)):
+        return Lens(None, "the camera was not calibrated")
+    if model in (_BROWN_CONRADY, _RATIONAL):
+        D = (k1, k2, p1, p2, k3, k4, k5, k6) if any((k4, k5, k6)) else (k1, k2, p1, p2, k3)
+        return lens_with((fx, fy, cx, cy), D, "rational_polynomial" if len(D) == 8 else "plumb_bob")
+    if model == _KANNALA_BRANDT:
+        return lens_with((fx, fy, cx, cy), (k1, k2, k3, k4), "equidistant")
+    return lens_with((fx, fy, cx, cy), (k1, k2, p1, p2, k3, k4, k5, k6), f"Orbbec's number {model}")
+
+
+def _read_about(message: Message) -> tuple[str, str]:
+    """Return ``custom_msg/OBDeviceInfo``: name and serial number."""
+    reader = MessageFields(message)
+    reader.header()
+    name, _, _ = reader.text(), reader.text(), reader.text()
+    reader.take(4)  # USB's numbers
+    reader.text()  # the port that it was plugged into
+    return name, reader.text()
