@@ -1,7 +1,5 @@
 """How all tests run: the same examples everywhere, no time limit that a first compilation would break; a browser."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bad recordings through the command line: one sentence with file and remedy, exit code 2, nothing half-written."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shutil

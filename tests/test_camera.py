@@ -1,7 +1,5 @@
 """Pixels and metres: projection, back-projection, rigid transforms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

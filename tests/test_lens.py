@@ -1,7 +1,5 @@
 """Lenses against OpenCV's forward projection, which is exact; its way back is not."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """From a recording folder to a results folder, end to end."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -3,8 +3,6 @@
 The recordings are for development only and not part of the project; without them these tests skip.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Work shared among threads: the same bytes with one thread and with four."""
 
-from __future__ import annotations
-
 import time
 from threading import Barrier, get_ident
 

@@ -1,7 +1,5 @@
 """Labels in images against joints whose error in the image is known."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Limits of agreement against published worked examples, and laws of their intervals."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

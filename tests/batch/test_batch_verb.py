@@ -1,7 +1,5 @@
 """``anchorpose batch``: what it writes, what it repeats, and how it ends."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

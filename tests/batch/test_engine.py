@@ -1,7 +1,5 @@
 """Jobs on workers: a failure stays alone, a killed worker repeats one job, and what is stopped ends."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Which sessions a command line names: folders, patterns, tables; and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from tempfile import TemporaryDirectory
 

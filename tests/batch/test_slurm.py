@@ -1,7 +1,5 @@
 """``--scheduler slurm`` with stand-ins for the programs of SLURM, which run a job on this machine."""
 
-from __future__ import annotations
-
 import os
 from functools import partial
 from pathlib import Path

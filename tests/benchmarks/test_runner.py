@@ -1,7 +1,5 @@
 """The runner of the benchmarks: its cases, recordings, versions and tables."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections import Counter

@@ -1,7 +1,5 @@
 """The simulated patients do the tests that they are asked for, and measures are compared as stated."""
 
-from __future__ import annotations
-
 import sys
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bodies of known shape and pose, and what depth cameras would see of them, for the tests of body and tracker."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Outcomes of experiments that nobody ran, with the means that a test asks for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Results to export: true joints of a simulated person written as a results folder, without any tracking."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Results folders made up for the tests of the report: a patient who sits, stands up, squats and is held."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from dataclasses import asdict

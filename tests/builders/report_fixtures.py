@@ -1,7 +1,5 @@
 """A report and a comparison of two; a plugin of the tests that open them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

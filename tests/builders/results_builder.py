@@ -1,7 +1,5 @@
 """Results made up for the tests: a walking stick figure, with noise and states as asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A room of boxes with people in it, as depth cameras of known noise see it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import replace

@@ -3,8 +3,6 @@
 Nothing outside of the folder is ever written to: files are looked for without following links.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """Stands in for the tracker in tests of the command line: reads every frame as the tracker does, answers "lost"."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pictures and meshes of shapes whose geometry is known, for the tests of surface, geodesics and association."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Noise, floor and world: known answers in built rooms, refusals, and the shared recordings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

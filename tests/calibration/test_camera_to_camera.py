@@ -1,7 +1,5 @@
 """Camera to camera: known answers in a room where people of cylinders walk, and refusals where that is no evidence."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The equipment's pose in each camera: known answers, symmetry, refusals, movement; errors in mm and degrees."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Proposing the equipment: known boxes and tubes come back, and what is not seen is a guess."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

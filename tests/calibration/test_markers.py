@@ -1,7 +1,5 @@
 """Markers: rendered tags and boards give the camera's true pose back, or a named reason why not."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

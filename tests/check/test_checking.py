@@ -1,7 +1,5 @@
 """A good recording is green; each fault makes its own check yellow or red."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

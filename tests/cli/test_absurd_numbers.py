@@ -1,7 +1,5 @@
 """No number of any option is too absurd for one sentence: every numeric option that a verb declares is tried."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from typing import Any, get_args

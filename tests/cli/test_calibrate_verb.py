@@ -1,7 +1,5 @@
 """``anchorpose calibrate``, its file and ``track --calibration``: what is written, what is refused."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

@@ -1,7 +1,5 @@
 """The command line: helpful, quick to answer, and clean when it stops."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

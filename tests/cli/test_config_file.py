@@ -1,7 +1,5 @@
 """Configuration files: what fits is taken as it is, what does not is refused by place."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import field, is_dataclass
 from enum import Enum

@@ -1,7 +1,5 @@
 """No input may be a pipe or a device: each option of each verb that reads a file refuses both, by name, at once."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """A disk that takes no more bytes: every verb that writes names the place, and leaves nothing half-written."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager

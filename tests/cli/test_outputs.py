@@ -1,8 +1,6 @@
 """What verbs write goes neither into a recording nor over what another program wrote; no verb makes a folder of an
 address."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """BVH: forward kinematics of the file gives the joints back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Events of a C3D as ezc3d reads them back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from results_builder import make_frame, standing_joints, write_results

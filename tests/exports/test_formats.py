@@ -1,7 +1,5 @@
 """C3D, CSV and BIDS hold what the results hold, and say what is missing the way each format does."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,7 +1,5 @@
 """OpenSim itself reads what is exported: markers, coordinates, the model, scaling and inverse kinematics."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """A regular time: what lies on a grid is not touched, nothing is put into a gap, and what is between is linear."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from exports_builder import make_samples, times

@@ -1,7 +1,5 @@
 """The verb: folders that appear whole, are replaced only when asked, and a record of what was done."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Geodesic extrema by the paper's rule, word for word."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from surface_builder import flat_grid, star

@@ -1,7 +1,5 @@
 """Extrema become head, hands and feet, or are said to be none of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

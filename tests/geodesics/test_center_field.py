@@ -1,7 +1,5 @@
 """Distance from the centre on a surface in pieces, and the paths back along it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

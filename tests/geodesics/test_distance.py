@@ -1,7 +1,5 @@
 """Geodesic distance against shapes whose geodesics are known, laws of a distance, and Dijkstra."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Trust from bending paths against the exact definition: what the surface without the hole says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -43,11 +43,6 @@ def test_an_orbbec_camera_is_read_from_another_process_until_it_is_unplugged():
     assert images[0].grey.tolist() == np.frombuffer(bytes(range(24)), np.uint16).reshape(3, 4).tolist()
 
 
-def test_without_the_makers_package_the_sentence_says_how_to_get_it():
-    with pytest.raises(AnchorposeError, match="pyorbbecsdk2 in a Python of its own"):
-        open_orbbec("", None, (sys.executable, "-c", "import pyorbbecsdk"))
-
-
 def test_a_realsense_is_read_through_its_own_library(tmp_path):
     rs = pytest.importorskip("pyrealsense2", exc_type=ImportError)
     from anchorpose.live.realsense import start
@@ -70,12 +65,14 @@ def test_a_realsense_is_read_through_its_own_library(tmp_path):
     assert np.all(np.diff([image.time_s for image in images]) > 0.03)
 
 
-def test_no_realsense_is_one_sentence():
+def test_no_camera_and_no_package_of_its_maker_are_one_sentence():
     pytest.importorskip("pyrealsense2", exc_type=ImportError)
     from anchorpose.live.realsense import open_realsense
 
     with pytest.raises(AnchorposeError, match="No RealSense camera 77 can be started"):
         open_realsense("77", None)
+    with pytest.raises(AnchorposeError, match="pyorbbecsdk2 in a Python of its own"):
+        open_orbbec("", None, (sys.executable, "-c", "import pyorbbecsdk"))
 
 
 def record_stand_in(rs, path):

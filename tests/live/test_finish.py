@@ -1,7 +1,5 @@
 """A live session that ends early, on a full disk or killed, is finished from what is stored."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -121,14 +119,13 @@ def killed(results: Path, fill: Callable[[SessionStore], None]) -> None:
     kept.rename(work)
 
 
-def test_a_session_that_was_killed_before_a_patient_was_found_blocks_no_later_one(tmp_path, capsys):
+def test_a_session_that_was_killed_before_a_patient_was_found_blocks_no_later_one_and_another_form_is_refused(
+    tmp_path, capsys
+):
     killed(tmp_path / "session", lambda store: (store.first_seconds / "start-1.json").touch())
     assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
     assert "was cut off before a patient was found; begin again" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_stored_session_of_another_form_is_refused(tmp_path, capsys):
     killed(tmp_path / "session", lambda store: (store.first_seconds.parent / SESSION_FILE).write_text('{"options": 7}'))
     assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
     assert SESSION_FILE in capsys.readouterr().err
@@ -197,30 +194,25 @@ def test_results_below_the_current_folder_are_accepted(recording, tmp_path, monk
     assert "Nothing can be tracked" in capsys.readouterr().err
 
 
-def test_results_inside_a_recording_that_is_played_are_refused(recording, capsys):
-    assert main(["live", str(recording), "-o", str(recording / "session")]) == 2
-    assert "lies inside the recording" in capsys.readouterr().err
-
-
-def test_a_calibration_that_is_not_there_is_refused_at_once(recording, tmp_path, capsys):
-    given = ["--calibration", str(tmp_path / "none.json")]
-    assert main(["live", str(recording), "-o", str(tmp_path / "session"), *given]) == 2
-    assert "none.json: there is no such file" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("out", "given", "told"),
+    [
+        ("{recording}/session", [], "lies inside the recording"),
+        ("{tmp}/session", ["--calibration", "{tmp}/none.json"], "none.json: there is no such file"),
+    ],
+)
+def test_what_cannot_be_played_into_a_folder_is_refused_at_once(recording, tmp_path, capsys, out, given, told):
+    arguments = ["live", "{recording}", "-o", out, *given]
+    assert main([each.format(recording=recording, tmp=tmp_path) for each in arguments]) == 2
+    assert told in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_stored_session_names_its_own_copy_of_the_calibration(recording, tmp_path):
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     given = tmp_path / "wednesday.json"
-    given.write_text(
-        json.dumps(
-            {
-                "format": "camera-calibration",
-                "version": 1,
-                "cameras": [{"name": "front", "camera_to_world": pose.tolist()}],
-            }
-        )
-    )
+    cameras = [{"name": "front", "camera_to_world": pose.tolist()}]
+    given.write_text(json.dumps({"format": "camera-calibration", "version": 1, "cameras": cameras}))
     (tmp_path / "results").mkdir()
     store = SessionStore(tmp_path / "results", LiveOptions(config=TrackConfig(height_m=1.7), calibration=given))
     store._write(store._session)

@@ -1,7 +1,5 @@
 """Files of reference movements: made from results and skeletons, read back, refused, and used by the tracker's rule."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -151,7 +149,6 @@ def test_the_verb_puts_all_kinds_of_sources_into_one_file_and_says_what_went_in(
     assert main(["motions", "build", str(more), str(out), str(run)]) == 0
     assert read_motions(more).rate_hz == pytest.approx([15.0, 30.0, 30.0, 15.0])
     database = load_motions(out, 30.0, MotionConfig())
-    assert database is not None
     assert database.theta[:60, 1] == pytest.approx(pose_vectors(squats(60))[:, 1], abs=0.001)
 
 

@@ -1,7 +1,5 @@
 """Looking at one frame: the pictures show what the stages that track really did, and the page says what is missing."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import dataclass

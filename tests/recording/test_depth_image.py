@@ -1,7 +1,5 @@
 """Depth images: chunks that are not needed change no pixel, and what is not a measurement is recognised."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 

@@ -1,7 +1,5 @@
 """The equipment model: exact distances, closed surfaces, and meshes from PLY files."""
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pictures of several cameras are paired by time, each used once."""
 
-from __future__ import annotations
-
 import shutil
 
 import numpy as np

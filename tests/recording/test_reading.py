@@ -1,7 +1,5 @@
 """A sound recording is read as it stands; frames stream in order; damage to single pictures is reported."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A pipe, a device, a folder or a broken link in place of a file is refused at once, by its name."""
 
-from __future__ import annotations
-
 import os
 import resource
 import shutil

@@ -1,7 +1,5 @@
 """The patient's height in recording.json and as given by the user."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A camera that measured nothing is left out with a note; where none measured, one sentence refuses the recording."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from bad_images import BAD, COLUMNS, ROWS, large_recording

@@ -1,7 +1,5 @@
 """Addresses against real servers on this machine: what is read and written arrives whole, or is one sentence."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 import threading

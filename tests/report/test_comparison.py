@@ -1,7 +1,5 @@
 """Sessions side by side: what counts as a change, what is refused, and what is told of differences."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Many frames on a narrow page: no peak is lost, no gap is bridged, and axes hold what they must."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

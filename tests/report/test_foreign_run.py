@@ -1,7 +1,5 @@
 """A run.json that was edited, damaged or made by another program: the report is made of it, or it is refused."""
 
-from __future__ import annotations
-
 import copy
 import json
 from collections.abc import Iterator

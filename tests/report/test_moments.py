@@ -1,7 +1,5 @@
 """Moments that the body does not explain: a sentence, a table, a row of the timeline; nothing where there are none."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the report says: numbers are those of the tables, gaps stay gaps, nothing comes from outside."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import asdict, replace
 from itertools import pairwise

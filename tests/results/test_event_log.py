@@ -1,7 +1,5 @@
 """What was done with results is in their log, and edits of the log or of what it names are found."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

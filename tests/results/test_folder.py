@@ -1,7 +1,5 @@
 """A results folder appears whole or not at all, and nobody's files are lost."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -18,6 +16,7 @@ def recording(tmp_path) -> Path:
 
 
 def _fill(folder: Path, text: str) -> None:
+    folder.mkdir(exist_ok=True)
     for name in RESULTS.marks:
         (folder / name).write_text(text)
 
@@ -49,7 +48,6 @@ def test_whatever_stops_the_work_leaves_nothing_behind(tmp_path, recording, erro
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_a_failed_replacement_leaves_the_old_result(tmp_path, recording, error):
-    (tmp_path / "out").mkdir()
     _fill(tmp_path / "out", "old")
     with pytest.raises(error):
         _fail_half_way(tmp_path / "out", recording, error, overwrite=True)
@@ -58,7 +56,6 @@ def test_a_failed_replacement_leaves_the_old_result(tmp_path, recording, error):
 
 
 def test_a_result_is_replaced_only_when_asked(tmp_path, recording):
-    (tmp_path / "out").mkdir()
     _fill(tmp_path / "out", "old")
     with pytest.raises(InputError, match="--overwrite"), new_results_folder(tmp_path / "out", recording):
         pass
@@ -136,7 +133,6 @@ def test_a_folder_that_appears_meanwhile_is_not_touched_and_the_results_are_kept
 
 
 def test_a_replacement_that_was_killed_half_way_is_undone(tmp_path, recording):
-    (tmp_path / ".out.replaced").mkdir()
     _fill(tmp_path / ".out.replaced", "old")
     with pytest.raises(InputError, match="--overwrite"), new_results_folder(tmp_path / "out", recording):
         pass
@@ -161,7 +157,6 @@ def test_what_a_killed_run_left_behind_blocks_no_later_one(tmp_path, recording):
 def test_only_results_that_were_moved_away_are_moved_back(tmp_path, recording, made):
     replaced = tmp_path / ".out.replaced"
     if made == "link to results":
-        (tmp_path / "elsewhere").mkdir()
         _fill(tmp_path / "elsewhere", "of another run")
         replaced.symlink_to(tmp_path / "elsewhere")
     else:

@@ -1,7 +1,5 @@
 """Tables that belong to another folder, or hold nothing, are refused by every verb that reads them."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -66,16 +64,13 @@ def test_measures_of_another_recording_are_refused_until_they_are_measured_again
     assert main(arguments) == 0
 
 
-def test_a_folder_whose_hashes_nobody_knows_is_accepted(given):
+def test_a_folder_whose_hashes_nobody_knows_is_accepted_and_a_run_json_that_cannot_be_read_refused(given):
     run = json.loads((given["results"] / RUN_FILE).read_text())
     (given["results"] / RUN_FILE).write_text(json.dumps(run | {"outputs_sha256": {}}))
     (given["results"] / "log.jsonl").unlink()
     require_own(given["results"], ("joints.parquet", "measures.parquet"))
     (given["results"] / RUN_FILE).unlink()
     require_own(given["results"], ("joints.parquet", "measures.parquet"))
-
-
-def test_a_run_json_that_cannot_be_read_is_refused(given):
     (given["results"] / RUN_FILE).write_text("{}")
     with pytest.raises(InputError, match=r"is not a run\.json"):
         require_own(given["results"], ("joints.parquet",))

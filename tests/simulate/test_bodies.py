@@ -1,7 +1,5 @@
 """Simulated people: their shapes, their postures, and how patients and therapists meet."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree

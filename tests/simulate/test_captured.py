@@ -1,7 +1,5 @@
 """Captured movements on the simulated patient: the subject's directions, the patient's lengths, feet on the floor."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -170,7 +168,6 @@ def test_equipment_of_every_kind_leaves_room_for_the_trunk_of_the_standing_patie
     standing = bones[int(np.argmax(bones[:, 0, 1, 3]))]
     names = [person.body.asset.bone_names[bone] for bone in person.body.asset.main_bone()]
     trunk = np.array([not any(part in name for part in ("Arm", "Hand", "Thumb", "Finger")) for name in names])
-    assert clinic.equipment is not None
     assert depth_within_m(clinic, person.skin(standing, 0.0)[trunk]) < 0.01
     highest = max(np.asarray(part.triangles()[0])[:, 1].max() for part in clinic.equipment.parts)
     assert 0.4 < highest < 2.7

@@ -1,7 +1,5 @@
 """Simulated depth: the geometry of the pictures and the error of the sensors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Rooms as one camera sees them: what is drawn from a seed, who is labelled, and what is written."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Where the patient ends, and where something else cuts the surface."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from surface_builder import kinect

@@ -1,7 +1,5 @@
 """Smoothing follows the noise of the frame, and keeps edges."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from surface_builder import kinect, plane_depth

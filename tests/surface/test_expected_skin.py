@@ -1,7 +1,5 @@
 """What the predicted body tells the surface: what touches is cut, and what is hidden is closed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

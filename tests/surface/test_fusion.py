@@ -1,7 +1,5 @@
 """Several cameras' meshes become one surface, linked on the same skin only."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The compiled kernels of the surface against the plain way to write the same thing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.sparse import coo_array

@@ -1,7 +1,5 @@
 """Links are kept once a side with the shorter length, and all seen pieces are connected in the end."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from surface_builder import flat_grid, with_links

@@ -1,7 +1,5 @@
 """One camera's picture becomes a mesh with the right shape, cut where the body is cut and nowhere else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

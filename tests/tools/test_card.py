@@ -1,7 +1,5 @@
 """The model card of the learnt descriptor: what is known of drawn people, and figures of a group."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How goldens are compared: exactly on the machine that made them, within tolerances elsewhere."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

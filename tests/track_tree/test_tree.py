@@ -1,7 +1,5 @@
 """The track tree against brute force over all branches."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """track --corrections: what a reviewer says is honoured, recorded, and refused where it is about something else."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Values on disk: whole or absent, checked when read, and of harmless kinds only."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """A patient who was named in the viewer is tracked, in the world of the results that were looked at."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -188,7 +186,6 @@ def test_who_is_named_is_tracked_and_the_world_stays(tmp_path: Path) -> None:
     frames = open_depth_frames(recording, first, run, before.frame)
     row, column = middle_of(frames.labels(FRAME, 0) == PixelLabel.OTHER_PERSON)  # who walks by
     place_m, _ = frames.place_of_person(FRAME, "front", column, row)
-    assert place_m is not None
     assert ground_m(before.position_m[FRAME, PELVIS], place_m) > NEAR_M
     file = tmp_path / "c.json"
     write_corrections(file, Corrections(recording_of_run(run)).added(named(FRAME, place_m, PASSED.fps)))

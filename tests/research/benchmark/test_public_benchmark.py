@@ -1,7 +1,5 @@
 """The public benchmark on two seconds of one seed: what is made, what answers score, and what is refused."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import runpy

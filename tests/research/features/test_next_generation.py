@@ -1,7 +1,5 @@
 """The most similar node by distances to anchors, signature and place together, against brute force."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

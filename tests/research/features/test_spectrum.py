@@ -1,7 +1,5 @@
 """Laplace-Beltrami operator and spectrum: known spectra, other implementations, laws, pieces, what is not defined."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
