@@ -274,23 +274,21 @@ def test_a_bad_recording_is_refused_in_one_sentence_and_leaves_nothing(tmp_path,
 
 
 @pytest.mark.parametrize("kind", ["absent", "a file", "an empty folder"])
-def test_a_recording_that_is_no_folder_is_refused(tmp_path, capsys, kind):
+def test_a_recording_that_is_no_folder_is_refused(tmp_path, refusal, kind):
     path = tmp_path / "ward"
     if kind == "a file":
         path.write_text(json.dumps({}))
     if kind == "an empty folder":
         path.mkdir()
-    assert main(["track", str(path), "-o", str(tmp_path / "out")]) == 2
-    assert str(path) in capsys.readouterr().err
+    assert str(path) in refusal(["track", str(path), "-o", str(tmp_path / "out")])
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("place", ["ward/results", "ward", "."])
-def test_results_never_go_into_the_recording_or_over_it(tmp_path, capsys, place):
+def test_results_never_go_into_the_recording_or_over_it(tmp_path, refusal, place):
     folder = write_recording(tmp_path / "ward", frames=2)
     before = sorted(tmp_path.rglob("*"))
-    assert main(["track", str(folder), "-o", str(tmp_path / place), "--overwrite"]) == 2
-    assert "; choose" in capsys.readouterr().err
+    assert "; choose" in refusal(["track", str(folder), "-o", str(tmp_path / place), "--overwrite"])
     assert sorted(tmp_path.rglob("*")) == before
 
 

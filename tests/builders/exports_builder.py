@@ -1,6 +1,6 @@
 """Results to export: true joints of a simulated person written as a results folder, without any tracking."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,6 +11,7 @@ from results_builder import make_frame, write_results
 
 from anchorpose.exports.formats import Samples
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
+from anchorpose.results.tables import POSES_FILE, BodyPose, write_poses
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import single
 
@@ -45,6 +46,12 @@ def write_true_results(
         for row, place in enumerate(joints)
     ]
     return write_results(folder, frames)
+
+
+def write_all_poses(folder: Path, poses: Sequence[BodyPose]) -> None:
+    with write_poses(folder / POSES_FILE) as table:
+        for pose in poses:
+            table.append(pose)
 
 
 def make_samples(time_s: np.ndarray, position_m: np.ndarray | None = None) -> Samples:

@@ -141,7 +141,7 @@ def test_an_empty_room_has_no_equipment_and_neither_has_the_wall_behind():
 
 
 @pytest.mark.thorough
-def test_the_verb_writes_a_file_and_pictures_and_says_what_is_a_guess(tmp_path, capsys):
+def test_the_verb_writes_a_file_and_pictures_and_says_what_is_a_guess(tmp_path, capsys, refusal):
     camera = replace(FRONT, name="front")
     room = picture(camera, *ROOM, POST, BAR, seed=0)
     recording = write_room_recording(tmp_path / "r", camera, room, [room, room])
@@ -155,24 +155,20 @@ def test_the_verb_writes_a_file_and_pictures_and_says_what_is_a_guess(tmp_path, 
     for kept, other in (("equipment.json", "equipment_front.png"), ("equipment_front.png", "equipment.json")):
         (tmp_path / "out" / other).unlink()
         before = (tmp_path / "out" / kept).read_bytes()
-        assert main(command) == 2
-        assert f"{kept}: exists already; choose another name, or give --overwrite" in capsys.readouterr().err
+        assert f"{kept}: exists already; choose another name, or give --overwrite" in refusal(command)
         assert [path.name for path in (tmp_path / "out").iterdir()] == [kept]
         assert (tmp_path / "out" / kept).read_bytes() == before
         (tmp_path / "out" / other).touch()
 
 
-def test_what_cannot_be_fitted_is_refused_in_one_sentence(tmp_path, capsys):
+def test_what_cannot_be_fitted_is_refused_in_one_sentence(tmp_path, refusal):
     recording = write_recording(tmp_path / "r", frames=2, cameras=("front", "left"))
     out = ["-o", str(tmp_path / "e.json")]
-    assert main(["equipment", "fit", str(recording), *out, "--camera", "top"]) == 2
-    assert "choose one of front, left" in capsys.readouterr().err
+    assert "choose one of front, left" in refusal(["equipment", "fit", str(recording), *out, "--camera", "top"])
     document = json.loads((recording / "recording.json").read_text())
     document["cameras"][1]["camera_to_world"] = None
     (recording / "recording.json").write_text(json.dumps(document))
-    assert main(["equipment", "fit", str(recording), *out]) == 2
-    assert "--camera" in capsys.readouterr().err
+    assert "--camera" in refusal(["equipment", "fit", str(recording), *out])
     (recording / "front" / "background.png").unlink()
-    assert main(["equipment", "fit", str(recording), *out, "--camera", "front"]) == 2
-    assert "record the empty room" in capsys.readouterr().err
+    assert "record the empty room" in refusal(["equipment", "fit", str(recording), *out, "--camera", "front"])
     assert not (tmp_path / "e.json").exists()

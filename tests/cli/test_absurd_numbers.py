@@ -74,9 +74,8 @@ def test_a_fraction_is_no_whole_number(verb, option, capsys):
     assert f'{option}: "1.7" is not a whole number' in capsys.readouterr().err
 
 
-def test_what_is_no_number_is_called_that(capsys):
-    assert main(["simulate", "out", "--fps", "nan"]) == 2
-    assert '"nan" is not a number' in " ".join(capsys.readouterr().err.split())
+def test_what_is_no_number_is_called_that(refusal):
+    assert '"nan" is not a number' in " ".join(refusal(["simulate", "out", "--fps", "nan"]).split())
 
 
 @pytest.mark.parametrize("place", ["1e300,0", "0,-101", "1_0,0"])
@@ -97,8 +96,7 @@ def test_a_host_that_has_no_such_name_is_refused(host):
 @pytest.mark.parametrize(
     "given", [["batch", "a\udcff", "-o", "x"], ["report", "r", "--by", "\udcff"], ["check", "\udcff"]]
 )
-def test_bytes_that_are_no_text_are_refused_by_every_verb(given, tmp_path, monkeypatch, capsys):
+def test_bytes_that_are_no_text_are_refused_by_every_verb(given, tmp_path, monkeypatch, refusal):
     monkeypatch.chdir(tmp_path)
-    assert main(given) == 2
-    assert "is not text in UTF-8" in capsys.readouterr().err
+    assert "is not text in UTF-8" in refusal(given)
     assert not list(tmp_path.iterdir())

@@ -59,17 +59,13 @@ def test_a_line_is_broken_where_values_are_missing():
     assert seen.count("z") == 0
 
 
-def test_a_line_is_broken_where_the_camera_paused():
+def test_a_line_is_broken_where_the_camera_paused_and_a_pause_is_no_column():
     time_s = np.concatenate([np.arange(5) / 30, 3.0 + np.arange(5) / 30])
     bins = bins_of(10, time_s=time_s)
     seen, _ = line_paths(envelope(np.zeros(10), bins), np.ones(10, dtype=bool), bins, WHOLE)
     assert len(starts(seen)) == 2
     band = band_path(np.zeros(10), np.ones(10), bins, WHOLE)
     assert band.count("z") == 2
-
-
-def test_a_pause_is_no_column():
-    time_s = np.concatenate([np.arange(5) / 30, 3.0 + np.arange(5) / 30])
     widths = [int(width) for width in re.findall(r"h(\d+)", step_path(np.ones(10), bins_of(10, time_s=time_s)))]
     assert sum(widths) < 150  # of 1000: eight thirtieths of some three seconds
 

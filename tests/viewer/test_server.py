@@ -410,7 +410,7 @@ def test_the_verb_prints_where_it_is_and_stops_on_request(small: tuple[Path, Pat
 
 
 def test_a_place_that_is_taken_or_is_another_machines_is_refused(
-    server: ViewerServer, small: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    server: ViewerServer, small: tuple[Path, Path], tmp_path: Path, refusal
 ) -> None:
     for results, place, told in (
         (small[0], ("--port", str(server.guard.port)), "Cannot listen on"),
@@ -418,5 +418,4 @@ def test_a_place_that_is_taken_or_is_another_machines_is_refused(
         (small[0], ("--host", ""), "--host is empty"),
         (tmp_path / "none", (), "there is no such folder"),
     ):
-        assert main(["view", str(results), "--no-browser", *place]) == 2
-        assert told in capsys.readouterr().err
+        assert told in refusal(["view", str(results), "--no-browser", *place])

@@ -196,10 +196,9 @@ MATCH_HEAD, PAIR = "task,pair,node,match\n", f"{GROUP.name}/000003"
         ("matches", MATCH_HEAD + f"{GAP},{PAIR},0,1\n{GAP},{PAIR},0,2\n", "repeats an earlier row in row 2"),
     ],
 )
-def test_wrong_answers_are_refused_in_a_sentence_that_names_file_and_row(made, tmp_path, capsys, name, text, said):
+def test_wrong_answers_are_refused_in_a_sentence_that_names_file_and_row(made, tmp_path, refusal, name, text, said):
     folder = write_answers(tmp_path / "a", name, text)
-    assert main(["benchmark", "score", str(folder), str(made.folder), "--part", "development"]) == 2
-    sentence = capsys.readouterr().err
+    sentence = refusal(["benchmark", "score", str(folder), str(made.folder), "--part", "development"])
     assert said in sentence
     assert f"{name}.csv" in sentence
     assert sentence.count("\n") == 1
