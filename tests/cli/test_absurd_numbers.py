@@ -12,18 +12,8 @@ from anchorpose.live.page_server import PageOutput
 from anchorpose.tracker.config import TrackConfig
 
 ABSURD = ("inf", "-inf", "nan", "1e308", "-1", "9" * 400, "0x", "1_0", "")
-ZERO_IS_FINE = {
-    "--seed",
-    "--therapists",
-    "--skip-s",
-    "--frame",
-    "--start",
-    "--stop",
-    "--index",
-    "--port",
-    "--empty-room",
-    "--longest-gap",
-}
+ZERO_IS_FINE = {"--seed", "--therapists", "--skip-s", "--frame", "--start", "--stop", "--index", "--port"}
+ZERO_IS_FINE |= {"--empty-room", "--longest-gap"}
 NEED_OUTPUT = {"batch", "live", "record", "track"}
 
 

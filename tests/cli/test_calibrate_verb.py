@@ -39,14 +39,8 @@ def test_a_calibration_file_is_read_as_it_was_written(tmp_path):
     entry = json.loads((tmp_path / "calibration.json").read_text())["cameras"][0]
     assert entry["sigma_deg"] == pytest.approx(np.degrees(0.001))
     assert entry["method"] == "found from the equipment"
-    assert calibration_rows(calibration_of(recording))[0] == (
-        "front",
-        "found from the equipment",
-        "2.0",
-        "0.06",
-        "1.2",
-        "0.40",
-    )
+    row = calibration_rows(calibration_of(recording))[0]
+    assert row == ("front", "found from the equipment", "2.0", "0.06", "1.2", "0.40")
 
 
 def test_poses_of_a_file_replace_those_of_the_recording(tmp_path):

@@ -15,7 +15,7 @@ from results_builder import make_frame, standing_joints, write_results
 from anchorpose.cli import main
 from anchorpose.joints import JOINT_NAMES
 
-VERBS = (
+VERBS = [
     "demo",
     "simulate",
     "check",
@@ -28,7 +28,7 @@ VERBS = (
     "motions",
     "verify",
     "benchmark",
-)
+]
 
 
 @pytest.fixture(autouse=True)

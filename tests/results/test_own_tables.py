@@ -8,13 +8,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from places_builder import make_places
 from recording_builder import edit_json
 from report_builder import squats, write_session
-from results_builder import make_frame, standing_joints, write_results
 
 from anchorpose.cli import main
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.run_record import RUN_FILE, hash_files
 from anchorpose.results.verify import require_own
 
@@ -32,22 +31,15 @@ VERBS = {
 
 @pytest.fixture
 def given(tmp_path) -> dict[str, Path]:
-    for name, height_m in (("results", 0.0), ("others", 0.2)):
-        joints = standing_joints() + np.array([0.0, height_m, 0.0])
-        write_results(tmp_path / name, [make_frame(k, k / 15, joints) for k in range(40)])
-        assert main(["measure", str(tmp_path / name)]) == 0
-    arrays = {"joints": np.repeat(standing_joints()[None], 40, 0), "names": np.array(JOINT_NAMES)}
-    np.savez(tmp_path / "truth.npz", **arrays, time=np.arange(40) / 15)
     (tmp_path / "lab.csv").write_text("time_s,HeadX_x_m,Head_x_m,Head_y_m,Head_z_m\n0,0,0,0,0\n1,0,0,0,1\n")
     lines = ["subject,session,results", *(f"p{s},{k},results" for s in range(3) for k in range(2))]
     (tmp_path / "sessions.csv").write_text("\n".join(lines) + "\n")
-    files = {"truth": "truth.npz", "lab": "lab.csv", "sessions": "sessions.csv"}
-    return {name: tmp_path / files.get(name, name) for name in ("results", "others", "out", *files)}
+    return make_places(tmp_path) | {"lab": tmp_path / "lab.csv", "sessions": tmp_path / "sessions.csv"}
 
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_joints_of_another_recording_are_refused(given, verb, capsys):
-    shutil.copyfile(given["others"] / "joints.parquet", given["results"] / "joints.parquet")
+    shutil.copyfile(given["later"] / "joints.parquet", given["results"] / "joints.parquet")
     before = {path: path.read_bytes() for path in given["results"].iterdir() if path.is_file()}
     assert main([each.format(**given) for each in VERBS[verb]]) == 2
     assert "joints.parquet: is not the table that was written into this folder" in capsys.readouterr().err
@@ -56,7 +48,7 @@ def test_joints_of_another_recording_are_refused(given, verb, capsys):
 
 @pytest.mark.parametrize("verb", ["report", "reliability"])
 def test_measures_of_another_recording_are_refused_until_they_are_measured_again(given, verb, refusal):
-    shutil.copyfile(given["others"] / "angles.parquet", given["results"] / "measures.parquet")
+    shutil.copyfile(given["later"] / "angles.parquet", given["results"] / "measures.parquet")
     arguments = [each.format(**given) for each in VERBS[verb]]
     assert "measures.parquet: is not the table" in refusal(arguments)
     assert main(["measure", str(given["results"])]) == 0
