@@ -54,11 +54,10 @@ def write_all_poses(folder: Path, poses: Sequence[BodyPose]) -> None:
             table.append(pose)
 
 
-def make_samples(time_s: np.ndarray, position_m: np.ndarray | None = None) -> Samples:
+def make_samples(time_s: np.ndarray) -> Samples:
     """Samples with one angle; every coordinate moves at 1 m/s and the angle at 10 degrees a second."""
     count = len(time_s)
-    if position_m is None:
-        position_m = np.broadcast_to(time_s[:, None, None], (count, JOINT_COUNT, 3)).copy()
+    position_m = np.broadcast_to(time_s[:, None, None], (count, JOINT_COUNT, 3)).copy()
     return Samples(
         time_s=time_s,
         position_m=position_m,

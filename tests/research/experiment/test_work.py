@@ -366,9 +366,7 @@ def test_an_experiment_that_cannot_be_made_is_refused(wrong: dict[str, object]) 
         ExperimentConfig(**wrong)  # type: ignore[arg-type]
 
 
-def test_a_folder_that_is_not_ours_is_not_touched_and_one_without_reference_skeletons_is_refused(
-    tmp_path: Path,
-) -> None:
+def test_a_folder_of_something_else_or_without_reference_skeletons_is_refused(tmp_path: Path) -> None:
     from anchorpose.research.experiment.run import run_experiment
 
     (tmp_path / "mine" / "cache").mkdir(parents=True)
