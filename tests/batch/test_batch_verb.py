@@ -44,9 +44,8 @@ def test_a_summary_has_every_session_its_shares_and_its_measures(three: Path, ca
     assert one.seen_share + one.inferred_share + one.lost_share == pytest.approx(1)
     assert one.lost_share == pytest.approx(3 / 30 / 21)  # the head, at the end
     assert found["three"].seen_share is None
-    assert {row["session"]: row["state"] for row in rows(three / "out" / "sessions.csv")} == {
-        name: row.state for name, row in found.items()
-    }
+    states = {row["session"]: row["state"] for row in rows(three / "out" / "sessions.csv")}
+    assert states == {name: row.state for name, row in found.items()}
     measures = MEASURES.read(three / "out" / MEASURES.file)
     assert {row.session for row in measures} == {"one"}
     assert len(rows(three / "out" / "measures.csv")) == len(measures) == 11  # without the one of a single person
@@ -86,13 +85,18 @@ def test_what_makes_no_sense_is_refused_before_anything_is_written(tmp_path: Pat
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_of_something_else_and_one_inside_a_recording_are_not_touched(tmp_path: Path, refusal) -> None:
+def test_a_folder_of_something_else_one_inside_a_recording_and_a_table_without_a_session_are_refused(
+    tmp_path: Path, refusal
+) -> None:
     write_recording(tmp_path / "a", frames=2)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("1")
     assert "not the folder of a batch" in refusal(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "mine")])
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
     assert "lies inside the recording" in refusal(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "a" / "out")])
+    (tmp_path / "t.csv").write_text("recording,subject\n")
+    assert "names no recording" in refusal(["batch", str(tmp_path / "t.csv"), "-o", str(tmp_path / "b")])
+    assert not (tmp_path / "b").exists()
 
 
 @pytest.mark.parametrize("name", ["sessions", "logs", "logs/one.log", "logs/two.json", "sessions.csv", "index.html"])
@@ -121,12 +125,6 @@ def test_a_session_whose_measures_are_a_pipe_is_not_done(three: Path, capsys) ->
     os.mkfifo(measures)
     assert main(["batch", str(three / "in" / "one"), "-o", str(three / "out"), "--summary"]) == 1
     assert "is a named pipe" in capsys.readouterr().out
-
-
-def test_a_table_without_a_session_is_refused(tmp_path: Path, refusal) -> None:
-    (tmp_path / "t.csv").write_text("recording,subject\n")
-    assert "names no recording" in refusal(["batch", str(tmp_path / "t.csv"), "-o", str(tmp_path / "b")])
-    assert not (tmp_path / "b").exists()
 
 
 def test_a_scheduler_that_is_asked_is_named_first(tmp_path: Path, monkeypatch, capsys) -> None:
@@ -174,9 +172,8 @@ def test_an_outcome_that_cannot_be_noted_ends_nothing(tmp_path: Path, monkeypatc
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("anchorpose.batch.tracking.note_outcome", full)
-    monkeypatch.setattr(
-        "anchorpose.batch.tracking.run_jobs", lambda jobs, place: [Outcome(jobs[0].name, "a is broken.")]
-    )
+    broken = [Outcome("a", "a is broken.")]
+    monkeypatch.setattr("anchorpose.batch.tracking.run_jobs", lambda jobs, place: broken)
     write_recording(tmp_path / "a", frames=2)
     assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "out")]) == 1
     (row,) = SESSIONS.read(tmp_path / "out" / SESSIONS.file)

@@ -34,14 +34,11 @@ def names(*given: object, out: Path | None = None) -> list[str]:
         return [session.name for session in open_folder(out or Path(folder) / "out", sessions(*given))]
 
 
-def test_a_recording_a_folder_and_a_pattern_lead_to_recordings(clinic: Path) -> None:
+def test_recordings_folders_and_patterns_lead_to_recordings_once_each_with_short_names(clinic: Path) -> None:
     assert names(clinic / "ben" / "monday" / "recording") == ["recording"]
     assert names(clinic / "anna") == ["friday-recording", "monday-recording"]
     assert len(names(clinic)) == 3
     assert len(names(str(clinic / "*" / "monday"))) == 2
-
-
-def test_names_are_as_short_as_they_can_be_and_one_recording_given_twice_is_one(clinic: Path) -> None:
     found = names(clinic)
     assert found == ["friday-recording", "anna-monday-recording", "ben-monday-recording"]
     assert names(clinic, clinic / "anna") == found

@@ -43,7 +43,7 @@ def three() -> EquipmentProposal:
 
 
 @pytest.mark.thorough
-def test_three_cameras_give_every_part_to_millimetres(three):
+def test_three_cameras_give_every_part_to_millimetres_and_a_tube_is_no_square_bar(three):
     assert len(three.parts) == 3
     post, bar = near(three, POST).part, near(three, BAR).part
     np.testing.assert_allclose(post.center_m, POST.center_m, atol=0.008)
@@ -51,10 +51,6 @@ def test_three_cameras_give_every_part_to_millimetres(three):
     np.testing.assert_allclose(np.sort(bar.size_m), [0.04, 0.08, 0.7], atol=0.012)
     assert three.explained_share > 0.98
     assert all(part.residual_m < 0.006 for part in three.parts)  # the sensor's own noise is 7 mm at 2.4 m
-
-
-@pytest.mark.thorough
-def test_a_tube_is_distinguished_from_a_square_bar(three):
     rail = near(three, RAIL).part
     assert isinstance(rail, Cylinder)
     assert rail.radius_m == pytest.approx(0.02, abs=0.004)
@@ -63,17 +59,13 @@ def test_a_tube_is_distinguished_from_a_square_bar(three):
 
 
 @pytest.mark.thorough
-def test_every_surface_point_of_the_truth_is_explained_and_none_is_invented(three):
+def test_every_surface_point_of_the_truth_is_explained_none_is_invented_and_the_file_is_the_same_model(three, tmp_path):
     truth = EquipmentModel((POST, RAIL, BAR))
     for one, other in ((truth, three.model), (three.model, truth)):
         depth = picture(FRONT, *one.parts)
         points = FRONT.back_project(depth).reshape(-1, 3)[depth.ravel() > 0].astype(float)
         world = points @ FRONT.require_pose()[:3, :3].T + FRONT.position_m
         assert np.mean(np.abs(other.distance_m(world)) < 0.015) > 0.97
-
-
-@pytest.mark.thorough
-def test_the_written_file_is_read_back_as_the_same_model(three, tmp_path):
     write_equipment(tmp_path / "equipment.json", three.model)
     again = read_equipment(tmp_path / "equipment.json")
     points = np.random.default_rng(0).uniform(-1, 1, (200, 3))

@@ -24,7 +24,9 @@ def write(name: str, path: Path) -> None:
         pytest.importorskip("lzfse")
         build.r3d(path, np.random.default_rng(0).uniform(0.3, 4.0, (3, 16, 12)).astype(np.float32))
     elif name == "mkv":
-        path.write_bytes(pytest.importorskip("azure_builder").recording(3))
+        azure = pytest.importorskip("azure_builder")
+        slope = (1500 + np.add.outer(np.arange(288), np.arange(320))).astype(np.uint16)
+        path.write_bytes(azure.mkv([slope + k for k in range(3)], azure.TIMES_US[:3], attached=azure.calibration()))
     elif name in FORMATS:
         FORMATS[name](path, noise(3))
     else:

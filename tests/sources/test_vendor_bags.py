@@ -112,7 +112,8 @@ def test_orbbec_without_unit_or_with_a_lens_of_another_model_says_so(tmp_path: P
     assert source.cameras[0].intrinsics is None
     assert "no depth unit" in source.notes[0]
     assert "--intrinsics" in source.notes[1]
-    source = open_source(orbbec_bag(tmp_path, model=2))
+    (tmp_path / "other").mkdir()
+    source = open_source(orbbec_bag(tmp_path / "other", model=2))
     assert source.cameras[0].intrinsics is None
     assert "Orbbec's number 2" in source.notes[-1]
 

@@ -13,7 +13,7 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import read_frame
 from anchorpose.research.experiment.clips import draw_hole_frames, plan_clips, reference_joints
 from anchorpose.research.experiment.config import ExperimentConfig, Form, quick
-from anchorpose.research.experiment.correspondence import REGIONS, Skin
+from anchorpose.research.experiment.correspondence import REGIONS
 from anchorpose.research.experiment.framework import given_start
 from anchorpose.research.experiment.given import GivenFrames, from_arrays, to_arrays
 from anchorpose.research.experiment.matching import Window, score, take_window, truth_of
@@ -132,7 +132,6 @@ def test_a_frame_is_its_own_true_correspondence(prepared: PreparedClip, window: 
 
 def test_distances_along_the_skin_go_round_the_body(prepared: PreparedClip) -> None:
     skin = prepared.skin
-    assert isinstance(skin, Skin)
     head, left, right = (
         int(np.flatnonzero((skin.region == list(REGIONS).index(name)) & (skin.side == side))[0])
         for name, side in (("head", 0), ("hand", -1), ("hand", 1))
