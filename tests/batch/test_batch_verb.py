@@ -39,8 +39,7 @@ def test_a_summary_has_every_session_its_shares_and_its_measures(three: Path, ca
     found = {row.session: row for row in SESSIONS.read(three / "out" / SESSIONS.file)}
     assert {name: row.state for name, row in found.items()} == {"one": "done", "two": "failed", "three": "open"}
     one = found["one"]
-    assert one.frames == 30
-    assert one.length_s == pytest.approx(29 / 30)
+    assert (one.frames, one.length_s) == (30, pytest.approx(29 / 30))
     assert one.seen_share + one.inferred_share + one.lost_share == pytest.approx(1)
     assert one.lost_share == pytest.approx(3 / 30 / 21)  # the head, at the end
     assert found["three"].seen_share is None

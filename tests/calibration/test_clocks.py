@@ -68,8 +68,7 @@ def test_a_signal_agrees_with_itself_where_it_was_shifted_to():
     time_s = np.arange(300) / 30.0
     speed = np.abs(np.cumsum(rng.normal(size=(300, 8)), axis=0))
     best = signal_lags(MotionSignal(time_s, speed), MotionSignal(time_s + 3.217, speed), 3.0, 1.0)[0]
-    assert best.lag_s == pytest.approx(3.217, abs=0.002)
-    assert best.peak == pytest.approx(1.0, abs=0.01)
+    assert (best.lag_s, best.peak) == (pytest.approx(3.217, abs=0.002), pytest.approx(1.0, abs=0.01))
     assert best.is_certain
 
 
@@ -113,8 +112,7 @@ def lags_of(ahead_s, drift, noise_s, seed=0):
 
 def test_offsets_and_drifts_come_back_from_the_lags_and_a_camera_that_none_reaches_has_no_clock():
     fit = fit_clocks(lags_of(OFFSETS_S, DRIFTS, 0.0), 3)
-    assert fit.at_s == pytest.approx(300.0)
-    assert fit.ahead_s == pytest.approx(OFFSETS_S, abs=1e-5)
+    assert (fit.at_s, fit.ahead_s) == (pytest.approx(300.0), pytest.approx(OFFSETS_S, abs=1e-5))
     assert fit.drift == pytest.approx(DRIFTS, abs=1e-6)
     fit = fit_clocks([lag for lag in lags_of(np.zeros(3), np.zeros(3), 0.001) if lag.second == 1], 3)
     assert np.isfinite(fit.ahead_s[1])
@@ -133,5 +131,4 @@ def test_one_wrong_window_is_left_out():
     lags = lags_of(OFFSETS_S, DRIFTS, 0.001)
     lags[4] = replace(lags[4], lag_s=lags[4].lag_s + 0.1)
     fit = fit_clocks(lags, 3)
-    assert len(fit.used) == len(lags) - 1
-    assert fit.ahead_s == pytest.approx(OFFSETS_S, abs=0.003)
+    assert (len(fit.used), fit.ahead_s) == (len(lags) - 1, pytest.approx(OFFSETS_S, abs=0.003))

@@ -15,20 +15,8 @@ from results_builder import make_frame, standing_joints, write_results
 from anchorpose.cli import main
 from anchorpose.joints import JOINT_NAMES
 
-VERBS = [
-    "demo",
-    "simulate",
-    "check",
-    "calibrate",
-    "track",
-    "evaluate",
-    "measure",
-    "report",
-    "inspect",
-    "motions",
-    "verify",
-    "benchmark",
-]
+NAMES = "demo simulate check calibrate track evaluate measure report inspect motions verify benchmark"
+VERBS = tuple(NAMES.split())
 
 
 @pytest.fixture(autouse=True)

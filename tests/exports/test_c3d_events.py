@@ -45,8 +45,7 @@ def test_events_have_the_labels_contexts_and_times_that_other_programs_read(resu
     group = {name: file["parameters"]["EVENT"][name]["value"] for name in ("LABELS", "CONTEXTS", "TIMES", "USED")}
     assert group["USED"][0] == 6
     told = ["Foot Off", "Foot Strike", "Contact Start", "Contact End", "Stand Up Start", "Stand Up End"]
-    assert list(group["LABELS"]) == told
-    assert list(group["CONTEXTS"]) == ["Left", "Left", *["General"] * 4]
+    assert (list(group["LABELS"]), list(group["CONTEXTS"])) == (told, ["Left", "Left", *["General"] * 4])
     seconds = np.array([60.0, 1.0]) @ np.asarray(group["TIMES"])  # from the file's first frame
     assert seconds == pytest.approx([1.0, 1.6, 3.0, 4.0, 65.0, 67.5], abs=1e-4)
 

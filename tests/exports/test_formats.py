@@ -145,8 +145,7 @@ def test_bids_writes_one_channel_a_column_and_na_where_nothing_was_found(results
     channels = rows_of(Path(f"{stem}_channels.tsv"), "\t")
     lines = [line.split("\t") for line in Path(f"{stem}_motion.tsv").read_text().splitlines()]
     joints = read_joints(results / "joints.parquet")
-    assert {len(line) for line in lines} == {len(channels)}
-    assert len(lines) == 73
+    assert ({len(line) for line in lines}, len(lines)) == ({len(channels)}, 73)
     index = {channel["name"]: number for number, channel in enumerate(channels)}
     knee = [line[index["KneeLeft_y"]] for line in lines]
     assert (knee[5], knee[6], lines[5][index["KneeLeft_sigma"]]) == ("n/a", "n/a", "n/a")

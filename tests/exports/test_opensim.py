@@ -88,8 +88,7 @@ def test_opensim_reads_every_marker_where_it_is_upright_and_in_metres(osim, squa
     exports, joints = squat
     assert np.abs(markers_of(osim, exports / "trc" / "joints.trc") - joints).max() < 1e-6
     data = osim.MarkerData(str(exports / "trc" / "joints.trc"))
-    assert data.getUnits().getLabel() == "meters"
-    assert data.getDataRate() == pytest.approx(15.0)
+    assert (data.getUnits().getLabel(), data.getDataRate()) == ("meters", pytest.approx(15.0))
     assert joints[:, column("Head"), 1].min() > 1.0
 
 

@@ -86,8 +86,7 @@ def test_what_is_inferred_looks_inferred(live, playing):
     assert dial.locator(".hand").evaluate("e => getComputedStyle(e).strokeDasharray") != "none"
     assert "inferred" in dial.locator(".spread").text_content()
     assert live.locator("#load-left").inner_text() == "~50"
-    assert live.locator("#touched").inner_text() == "~left knee"
-    assert reading(live, 1) == "0°"
+    assert (live.locator("#touched").inner_text(), reading(live, 1)) == ("~left knee", "0°")
 
 
 def test_what_is_lost_is_a_dash_and_never_the_last_value(live, playing):
@@ -146,8 +145,7 @@ def test_a_click_or_a_key_makes_another_person_the_patient(live, playing):
     time.sleep(0.2)  # a frame may be under way
     playing.output.say("Looking at the new patient for 6 s.")
     until(live, lambda: live.locator("#message").inner_text().startswith("Looking at the new patient for 6 s."))
-    assert reading(live) == "–"
-    assert live.locator("#people button").count() == 0
+    assert (reading(live), live.locator("#people button").count()) == ("–", 0)
     playing.show(with_others)
     until(live, lambda: live.locator("#people button").count() == 2)
     live.get_by_role("button", name="Make person 3 the patient").focus()

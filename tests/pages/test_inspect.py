@@ -20,19 +20,8 @@ from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
 
 FPS, FRAMES, LOOKED_AT = 8.0, 4, 1
-STAGES = (
-    "depth",
-    "background",
-    "standing_out",
-    "equipment",
-    "people",
-    "surface",
-    "geodesics",
-    "anchors",
-    "hypotheses",
-    "tree",
-    "registration",
-)
+NAMES = "depth background standing_out equipment people surface geodesics anchors hypotheses tree registration"
+STAGES = tuple(NAMES.split())
 
 
 @dataclass(frozen=True, slots=True)

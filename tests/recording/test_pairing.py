@@ -75,8 +75,7 @@ def test_cameras_that_never_meet_are_refused_by_name(tmp_path):
 def test_when_each_picture_was_taken_is_said_on_the_reference_clock(tmp_path):
     recording = align_clocks(two_cameras(tmp_path, 100.01, 100.11, 100.31), (Clock(), Clock(ahead_s=100.0)))
     sets = list(read_frames(recording))
-    assert sets[0].taken_s == pytest.approx((0.0, 0.01))
-    assert sets[1].taken_s == pytest.approx((0.1, 0.11))
+    assert (sets[0].taken_s, sets[1].taken_s) == (pytest.approx((0.0, 0.01)), pytest.approx((0.1, 0.11)))
     assert sets[2].taken_s[1] is None
 
 
@@ -117,9 +116,7 @@ def test_late_starts_early_ends_pauses_and_drops_are_said_once(tmp_path):
         (folder / f"left/depth/{k:06d}.png").unlink()
     write_timestamps(folder / "left", [(k, 0.1 * k) for k in kept])
     front, left = find_gaps(open_recording(folder))
-    assert front.sentence == ""
-    assert left.late_s == pytest.approx(1.5)
-    assert left.early_s == pytest.approx(1.4)
+    assert (front.sentence, left.late_s, left.early_s) == ("", pytest.approx(1.5), pytest.approx(1.4))
     assert left.dropped == 2
     assert left.pauses == (pytest.approx((2.7, 4.1)),)
     assert left.paired_share == pytest.approx(len(kept) / 60)

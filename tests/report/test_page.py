@@ -132,8 +132,7 @@ def test_names_notes_and_reasons_cannot_become_markup(folder, page):
 
 def test_a_screen_reader_finds_headings_names_and_table_heads(page):
     levels = [int(element.tag[1]) for element in page.elements if re.fullmatch("h[1-6]", element.tag)]
-    assert levels[0] == 1
-    assert levels.count(1) == 1
+    assert (levels[0], levels.count(1)) == (1, 1)
     assert all(later - earlier <= 1 for earlier, later in pairwise(levels))
     identities = [element.attributes["id"] for element in page.elements if "id" in element.attributes]
     assert len(identities) == len(set(identities))

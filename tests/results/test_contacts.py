@@ -128,11 +128,9 @@ def test_only_skin_that_faces_the_camera_is_shown():
 def test_a_hold_is_one_contact_from_its_first_frame_to_its_last():
     found = contacts_of([nothing()] * 3 + [held(KNEE)] * 5 + [nothing()] * 6)
     assert [span(contact) for contact in found] == [("knee_left", "person 1", 3, 7)]
-    assert found[0].start_s == pytest.approx(0.3)
-    assert found[0].end_s == pytest.approx(0.7)
+    assert (found[0].start_s, found[0].end_s) == pytest.approx((0.3, 0.7))
     assert found[0].area_cm2 == pytest.approx(12e4 * AREA_M2)
-    assert found[0].gap_mm == pytest.approx(20.0, abs=0.01)
-    assert found[0].state == "seen"
+    assert (found[0].gap_mm, found[0].state) == (pytest.approx(20.0, abs=0.01), "seen")
 
 
 FEW = KNEE[:2]
@@ -159,8 +157,7 @@ def test_a_hold_that_goes_out_of_sight_goes_on_as_inferred_as_are_remembered_han
     unseen = held(KNEE, distance_m=0.15, shown=False)
     (contact,) = contacts_of([held(KNEE)] * 3 + [unseen] * 7 + [nothing()] * 5)
     assert span(contact)[2:] == (0, 9)
-    assert contact.seen_share == pytest.approx(0.3)
-    assert contact.state == "inferred"
+    assert (contact.seen_share, contact.state) == (pytest.approx(0.3), "inferred")
     (contact,) = contacts_of([held(KNEE, remembered=True)] * 5)
     assert (contact.state, contact.seen_share) == ("inferred", 0.0)
 

@@ -133,8 +133,7 @@ def test_the_file_keeps_what_it_held_where_writing_fails_or_could_not_be_read_ba
     endless = Corrections(reviewed_recording("ward", HASHES, {"front": np.full((4, 4), np.nan)}))
     with pytest.raises(ValueError, match="JSON"):
         write_corrections(path, endless)
-    assert path.read_bytes() == before
-    assert [file.name for file in tmp_path.iterdir()] == ["c.json"]
+    assert (path.read_bytes(), [file.name for file in tmp_path.iterdir()]) == (before, ["c.json"])
 
 
 def test_a_recording_is_known_by_its_pictures_and_times_whatever_else_changes() -> None:

@@ -129,8 +129,7 @@ def test_leaning_over_one_foot_loads_it_and_beyond_the_feet_there_is_no_share():
     joints = np.repeat(standing_joints()[None], 40, axis=0)
     joints[:20, ABOVE, 2] += 0.15  # beyond the right ankle: a person or a thing holds the patient
     row = measured(table(joints))[1]["load_share", "right", None, None]
-    assert row.value == pytest.approx(0.5, abs=1e-9)
-    assert row.frames == 20
+    assert (row.value, row.frames) == (pytest.approx(0.5, abs=1e-9), 20)
     joints[:, ABOVE, 2] += 0.15
     assert "between" in why(measured(table(joints))[1], "load_share", "right")
 
@@ -161,8 +160,7 @@ TOUCHED = (
 def test_assistance_is_given_by_part_and_person_without_counting_a_moment_twice():
     joints = table(squatting_joints(np.concatenate([np.zeros(160), np.full(40, 80.0)])))
     found = measured(joints, TOUCHED)[1]
-    assert value(found, "assistance_time") == pytest.approx(7.5)
-    assert value(found, "contacts") == 3.0
+    assert (value(found, "assistance_time"), value(found, "contacts")) == (pytest.approx(7.5), 3.0)
     assert found["assistance_time", "left", "knee_left", None].value == pytest.approx(7.5)
     assert found["assistance_time", None, None, "person 2"].value == pytest.approx(5.0)
     assert found["assistance_time", "left", "knee_left", "person 1"].value == pytest.approx(5.0)
@@ -184,8 +182,7 @@ def test_a_contact_that_was_half_seen_is_half_inferred():
     for seen in SEEN:
         found = measured(joints, (contact("pelvis", "a", 20, 119, seen=seen),))[1]
         row = found["assistance_time", None, None, None]
-        assert row.value == pytest.approx(5.0)
-        assert row.inferred_share == pytest.approx(1.0 - seen)
+        assert (row.value, row.inferred_share) == pytest.approx((5.0, 1.0 - seen))
         assert found["hands_free_upright_time", None, None, None].inferred_share is None
         sigmas.append(row.sigma or 0.0)
     # no jump where ``state`` changes: the unseen part over root 12, and half a frame or so at either end
@@ -210,8 +207,7 @@ def test_who_touches_is_reported_only_for_the_time_in_which_the_patient_is_found
         assert why(found, name), name
     joints = table(squatting_joints(np.zeros(400)), lost={name: slice(160, 400) for name in JOINT_NAMES})
     found = measured(joints, (contact("pelvis", "a", 100, 299),))[1]
-    assert value(found, "found_time") == pytest.approx(8.0)
-    assert value(found, "assistance_time") == pytest.approx(3.0)
+    assert (value(found, "found_time"), value(found, "assistance_time")) == pytest.approx((8.0, 3.0))
     assert value(measured(joints, ())[1], "assistance_time") == 0.0
 
 

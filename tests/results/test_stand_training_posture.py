@@ -36,8 +36,7 @@ def move(start_deg: float, end_deg: float, seconds: float) -> np.ndarray:
 
 def test_the_masses_of_all_segments_are_the_body():
     whole = sum(s.mass for s in SINGLE_SEGMENTS) + 2.0 * sum(s.mass for s in PAIRED_SEGMENTS)
-    assert whole == pytest.approx(1.0, abs=2e-3)
-    assert joint_weights().sum() == pytest.approx(1.0)
+    assert (whole, joint_weights().sum()) == (pytest.approx(1.0, abs=2e-3), pytest.approx(1.0))
     for name, row in JOINT_INDEX.items():
         assert joint_weights()[row] == pytest.approx(joint_weights()[JOINT_INDEX[name.replace("Left", "Right")]])
 
@@ -140,8 +139,7 @@ def test_time_upright_its_share_and_its_longest_bout():
 def test_frames_without_a_leg_are_neither_upright_nor_not():
     joints = table(squatting_joints(still(0, 10.0)), lost={"KneeLeft": slice(100, 140)})
     session, found = measured(joints)
-    assert value(found, "unknown_time") == pytest.approx(2.0)
-    assert value(found, "upright_time") == pytest.approx(8.0)
+    assert (value(found, "unknown_time"), value(found, "upright_time")) == pytest.approx((2.0, 8.0))
     assert value(found, "upright_share") == pytest.approx(1.0)  # of the time in which it is known
     assert value(found, "longest_upright_bout") == pytest.approx(5.0)
     assert (session.posture.upright[100:140] == UNKNOWN).all()
@@ -178,10 +176,8 @@ def test_dropped_frames_and_cameras_that_slow_down_lose_no_time():
 def test_a_long_gap_is_time_of_which_nothing_is_known():
     time_s = np.concatenate([np.arange(200) / RATE, 15.0 + np.arange(100) / RATE])
     found = at_times(np.zeros(300), time_s)
-    assert value(found, "recorded_time") == pytest.approx(20.0)
-    assert value(found, "unknown_time") == pytest.approx(5.0)
-    assert value(found, "upright_time") == pytest.approx(15.0)
-    assert value(found, "upright_bouts") == 2.0
+    assert (value(found, "recorded_time"), value(found, "unknown_time")) == pytest.approx((20.0, 5.0))
+    assert (value(found, "upright_time"), value(found, "upright_bouts")) == (pytest.approx(15.0), 2.0)
 
 
 def test_standing_up_is_counted_though_frames_were_dropped():
@@ -196,8 +192,7 @@ def test_standing_up_is_counted_though_frames_were_dropped():
 
 def test_missing_frames_count_for_nothing_and_break_a_run():
     time_s = np.array([0.0, 0.1, 0.2, 1.0, 1.1])
-    assert recorded_seconds(time_s) == pytest.approx(1.2)
-    assert recorded_seconds(time_s[:1]) == 0.0
+    assert (recorded_seconds(time_s), recorded_seconds(time_s[:1])) == (pytest.approx(1.2), 0.0)
     np.testing.assert_allclose(frame_seconds(time_s), 0.1)
     assert unbroken_runs(np.ones(5, dtype=bool), time_s) == [slice(0, 3), slice(3, 5)]
     assert unbroken_runs(np.array([1, 0, 1, 1, 0], dtype=bool), np.arange(5.0)) == [slice(0, 1), slice(2, 4)]

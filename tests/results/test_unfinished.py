@@ -72,8 +72,7 @@ def test_a_stopped_run_goes_on_with_what_it_has_stored(tmp_path, recording, erro
     assert "--resume" in stopped.value.__notes__[0]
     assert _names(tmp_path) == {"recording", ".out.unfinished"}
     assert _run(tmp_path / "out", recording, 2, resume=True) == 3
-    assert (tmp_path / "out" / "run.json").read_text() == "5"
-    assert _names(tmp_path) == {"recording", "out"}
+    assert ((tmp_path / "out" / "run.json").read_text(), _names(tmp_path)) == ("5", {"recording", "out"})
     assert _names(tmp_path / "out") == set(RESULTS.marks)
 
 

@@ -52,8 +52,7 @@ def test_the_truth_is_beside_the_recording_and_complete(clinic):
     assert sorted(p.name for p in clinic.iterdir()) == ["recording", "truth"]
     with np.load(clinic / "truth/truth.npz") as truth:
         assert truth["joints"].shape == (3, 21, 3)
-        assert tuple(truth["names"]) == JOINT_NAMES
-        assert truth["time"] == pytest.approx(np.arange(3) / 3)
+        assert (tuple(truth["names"]), truth["time"]) == (JOINT_NAMES, pytest.approx(np.arange(3) / 3))
         assert truth["occluded"].dtype == bool
         assert truth["touched"].shape == (3, 31)
         assert truth["touched_joints"].shape == (3, 2, 21)
@@ -87,8 +86,7 @@ def test_a_rough_recorder_writes_what_its_truth_says(tmp_path):
     front, left = open_recording(tmp_path / "out/recording").streams
     with np.load(tmp_path / "out/truth/truth.npz") as truth:
         taken_s, doubled = truth["taken_s"], truth["doubled"]
-    assert list(front.frame) == list(range(20))
-    assert list(left.frame) == list(range(4, 15))
+    assert (list(front.frame), list(left.frame)) == (list(range(20)), list(range(4, 15)))
     assert np.flatnonzero(np.isfinite(taken_s[1])).tolist() == list(left.frame)
     assert 0 < left.duplicate.sum() < 8
     assert (left.duplicate == doubled[1, left.frame]).all()

@@ -37,18 +37,8 @@ SIGNED = {"reason": "the therapist", "who": "AB", "when": "2026-03-01T09:30:00Z"
 PELVIS = JOINT_INDEX["SpineBase"]
 FRAME = 6
 NEAR_M = 0.3  # from a point of the surface to the pelvis over the ground, of a person who walks
-PASSED = SimulationConfig(
-    seed=12,
-    seconds=2.0,
-    fps=5.0,
-    cameras=1,
-    therapists=0,
-    passers_by=1,
-    motions=("standing",),
-    equipment="none",
-    stool=False,
-    pose_known=False,
-)
+PASSED = SimulationConfig(seed=12, seconds=2.0, fps=5.0, cameras=1, therapists=0, passers_by=1, equipment="none")
+PASSED = replace(PASSED, motions=("standing",), stool=False, pose_known=False)
 
 
 def named(frame: int, place_m: np.ndarray, fps: float = 15.0) -> NamedPatient:

@@ -168,13 +168,11 @@ def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> Non
     share[22] = 0.4
     found = worst_frames(review.joints, share, review.run["dropped"])
     told = {frame.position: frame.reason for frame in reversed(found)}
-    assert found[0].position == LOST_FRAME
-    assert told[LOST_FRAME] == "all joints lost"
+    assert (found[0].position, told[LOST_FRAME]) == (LOST_FRAME, "all joints lost")
     assert told[3] == "front/depth/000003.png is truncated"
     assert told[22] == "40 % of the points found again in the next frame"
     unsure = [frame for frame in found if "sigma" in frame.reason]
-    assert unsure[0].position == UNSURE_FRAME
-    assert unsure[0].joint == JOINT_INDEX["HandRight"]
+    assert (unsure[0].position, unsure[0].joint) == (UNSURE_FRAME, JOINT_INDEX["HandRight"])
     assert unsure[0].reason == "HandRight: sigma 200 mm"
     assert np.diff(sorted(review.joints.time_s[frame.position] for frame in unsure)).min() >= APART_S
 

@@ -59,8 +59,7 @@ def test_what_is_drawn_is_what_inspection_finds(server: ViewerServer, tracked: t
     config = replace(TrackConfig(), patient_xz_m=(float(place[0]), float(place[2])))
     found = inspect_frame(open_recording(tracked[1]), 6, config, False, lambda: None)
     links = found.next.links
-    assert meta["frames"] == [6, 7]
-    assert len(meta["subsets"]) == links.match.shape[1]
+    assert (meta["frames"], len(meta["subsets"])) == ([6, 7], links.match.shape[1])
     assert np.allclose(arrays["nodes"], found.observation.surface.points_m, atol=1e-6)
     node, subset = np.argwhere(links.match >= 0)[100]
     there = found.next.observation.surface.points_m[links.match[node, subset]]

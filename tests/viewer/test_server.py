@@ -120,12 +120,10 @@ def test_the_page_may_load_nothing_from_elsewhere_and_nothing_is_kept(server: Vi
         status, _, headers = ask(server, name)
         assert status == 200
         policy = dict(part.strip().split(" ", 1) for part in headers["Content-Security-Policy"].split(";"))
-        assert policy["default-src"] == "'none'"
-        assert policy["connect-src"] == "'self'"
+        assert (policy["default-src"], policy["connect-src"]) == ("'none'", "'self'")
         assert policy["script-src"].startswith("'self' 'sha256-")
         assert "unsafe" not in headers["Content-Security-Policy"]
-        assert headers["Cache-Control"] == "no-store"
-        assert headers["Referrer-Policy"] == "no-referrer"
+        assert (headers["Cache-Control"], headers["Referrer-Policy"]) == ("no-store", "no-referrer")
 
 
 def test_requests_that_make_no_sense_get_a_sentence(server: ViewerServer) -> None:
@@ -306,8 +304,7 @@ def test_a_second_round_of_review_keeps_what_the_first_one_found(tmp_path: Path,
         assert not corrections_beside(reviewed).exists()  # looking writes nothing
         assert tell(second, "corrections/add", {**KNEE, "frame": 9})[0] == 200
         found = read_corrections(corrections_beside(reviewed))
-        assert found.unusable == said.unusable
-        assert [entry.frame for entry in found.joints] == [4, 9]
+        assert (found.unusable, [entry.frame for entry in found.joints]) == (said.unusable, [4, 9])
         assert found.joints[0] == said.joints[0]
         for entry in (*shown["unusable"], *shown["joints"]):
             assert tell(second, "corrections/take-back", {"entry": entry, "who": "CD"})[0] == 200

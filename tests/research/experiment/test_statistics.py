@@ -101,8 +101,7 @@ def test_a_ratio_is_of_the_means_of_recordings_that_both_sides_have() -> None:
     assert ratio_of(above, below, 200) == Estimate(2.0, 2.0, 2.0, 2)
     known = [np.array([4.0]), np.array([6.0])]
     found = ratio_of([*known, np.array([99.0])], [np.ones(1), np.ones(1), np.array([np.nan])], 100)
-    assert found.mean == 5.0
-    assert found.count == 2
+    assert (found.mean, found.count) == (5.0, 2)
 
 
 def test_a_ratio_to_nothing_is_not_known_and_needs_the_same_recordings() -> None:

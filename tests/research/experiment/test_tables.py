@@ -59,8 +59,7 @@ def test_methods_are_compared_in_the_frames_that_all_of_them_that_tracked_ran_on
         tracked("anchors", hard, "paper-2"),
     )
     same = table(results, "result1")
-    assert same.value("anchors", "0").mean == 10.0
-    assert same.value("fpfh", "0").mean == 20.0
+    assert (same.value("anchors", "0").mean, same.value("fpfh", "0").mean) == (10.0, 20.0)
     assert "3 frames" in same.note
     results = results_of(tracked("anchors", np.array([7.0])), methods=(FAST, SLOW))
     assert table(results, "result1").value("anchors", "0").mean == 7.0
