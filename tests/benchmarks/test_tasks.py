@@ -64,12 +64,8 @@ def swing(kind: str, start_s: float, end_s: float) -> Episode:
 
 def test_swings_are_paired_by_foot_and_time():
     true = [swing(STEP_LEFT, 1.0, 1.5), swing(STEP_RIGHT, 2.0, 2.5), swing(STEP_LEFT, 3.0, 3.5)]
-    found = [
-        swing(STEP_LEFT, 1.1, 1.4),
-        swing(STEP_LEFT, 2.0, 2.5),
-        swing(STEP_LEFT, 3.0, 3.6),
-        swing(UPRIGHT_EPISODE, 0.0, 4.0),
-    ]
+    found = [swing(STEP_LEFT, *times) for times in ((1.1, 1.4), (2.0, 2.5), (3.0, 3.6))]
+    found.append(swing(UPRIGHT_EPISODE, 0.0, 4.0))
     scores = compare_swings(found, true)
     assert (scores["swings"], scores["missed"], scores["extra"]) == (2, 1, 1)
     assert (scores["foot_off_late_s"], scores["foot_strike_late_s"]) == pytest.approx((0.05, 0.0))
