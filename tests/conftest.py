@@ -1,9 +1,7 @@
 """How all tests run: the same examples everywhere, no time limit that a first compilation would break; a browser."""
 
-from __future__ import annotations
-
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,6 +37,19 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         return next((k for k, group in enumerate((COMPILES_MOST, COMPILE_LITTLE, LONG)) if place in group), 3)
 
     items.sort(key=turn)
+
+
+@pytest.fixture
+def refusal(capsys: pytest.CaptureFixture[str]) -> Callable[[list[str]], str]:
+    """What the command writes on the error stream where it refuses its arguments."""
+
+    def refused(arguments: list[str]) -> str:
+        from anchorpose.cli import main
+
+        assert main(arguments) == 2
+        return capsys.readouterr().err
+
+    return refused
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,5 @@
 """Bad recordings through the command line: one sentence with file and remedy, exit code 2, nothing half-written."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shutil
@@ -130,91 +128,72 @@ def _bad_last_row(pose: np.ndarray) -> np.ndarray:
     return pose
 
 
+DOCUMENT = "recording.json"
 # what is done to the recording, the file that has to be named, and words of the sentence
 CASES = {
-    "no recording.json": (_remove("recording.json"), "recording.json", "no such file"),
-    "not JSON": (_raw("{'format'"), "recording.json", "line 1"),
-    "empty file": (_raw(""), "recording.json", "not JSON"),
-    "a list": (_raw("[]"), "recording.json", "curly bracket"),
-    "not UTF-8": (_raw(b'{"format": "\xff"}'), "recording.json", "UTF-8"),
-    "nested without end": (_raw("[" * 100000), "recording.json", "correct the file"),
-    "not a number": (_replace("30.0", "NaN"), "recording.json", "NaN"),
-    "infinity": (_replace("30.0", "-Infinity"), "recording.json", "-Infinity"),
-    "larger than any number": (_replace("30.0", "1e999"), "recording.json", "finite number"),
-    "a whole number beyond floats": (_replace("30.0", "1" + "0" * 400), "recording.json", "64 bits"),
-    "a key twice": (_replace('"width"', '"name": "x", "width"'), "recording.json", "'name' is given twice"),
-    "another format": (_document(lambda d: d.update(format="equipment-model")), "recording.json", "rgbd-recording"),
-    "another version": (_document(lambda d: d.update(version=2)), "recording.json", "version is 2; it must be 1"),
-    "no cameras": (_document(lambda d: d.update(cameras=[])), "recording.json", "at least one camera"),
-    "cameras no list": (
-        _document(lambda d: d.update(cameras={"name": "front"})),
-        "recording.json",
-        "it must be a list",
-    ),
-    "unknown key": (_document(lambda d: d.update(equipmnt=1)), "recording.json", "did you mean 'equipment'"),
-    "unknown camera key": (_camera(lambda c: c.update(depthscale=1)), "recording.json", "did you mean 'depth_scale'"),
-    "unknown lens key": (_intrinsics(f_x=3.0), "recording.json", "'cameras[0].intrinsics.f_x'; did you mean 'fx'"),
-    "unknown subject key": (_document(lambda d: d.update(subject={"height": 1.7})), "recording.json", "'height_m'"),
-    "missing key": (_camera(lambda c: c.pop("width")), "recording.json", "'cameras[0].width' is missing"),
+    "no recording.json": (_remove("recording.json"), DOCUMENT, "no such file"),
+    "not JSON": (_raw("{'format'"), DOCUMENT, "line 1"),
+    "empty file": (_raw(""), DOCUMENT, "not JSON"),
+    "a list": (_raw("[]"), DOCUMENT, "curly bracket"),
+    "not UTF-8": (_raw(b'{"format": "\xff"}'), DOCUMENT, "UTF-8"),
+    "nested without end": (_raw("[" * 100000), DOCUMENT, "correct the file"),
+    "not a number": (_replace("30.0", "NaN"), DOCUMENT, "NaN"),
+    "infinity": (_replace("30.0", "-Infinity"), DOCUMENT, "-Infinity"),
+    "larger than any number": (_replace("30.0", "1e999"), DOCUMENT, "finite number"),
+    "a whole number beyond floats": (_replace("30.0", "1" + "0" * 400), DOCUMENT, "64 bits"),
+    "a key twice": (_replace('"width"', '"name": "x", "width"'), DOCUMENT, "'name' is given twice"),
+    "another format": (_document(lambda d: d.update(format="equipment-model")), DOCUMENT, "rgbd-recording"),
+    "another version": (_document(lambda d: d.update(version=2)), DOCUMENT, "version is 2; it must be 1"),
+    "no cameras": (_document(lambda d: d.update(cameras=[])), DOCUMENT, "at least one camera"),
+    "cameras no list": (_document(lambda d: d.update(cameras={"name": "front"})), DOCUMENT, "it must be a list"),
+    "unknown key": (_document(lambda d: d.update(equipmnt=1)), DOCUMENT, "did you mean 'equipment'"),
+    "unknown camera key": (_camera(lambda c: c.update(depthscale=1)), DOCUMENT, "did you mean 'depth_scale'"),
+    "unknown lens key": (_intrinsics(f_x=3.0), DOCUMENT, "'cameras[0].intrinsics.f_x'; did you mean 'fx'"),
+    "unknown subject key": (_document(lambda d: d.update(subject={"height": 1.7})), DOCUMENT, "'height_m'"),
+    "missing key": (_camera(lambda c: c.pop("width")), DOCUMENT, "'cameras[0].width' is missing"),
     "width no number": (
         _camera(lambda c: c.update(width="32")),
-        "recording.json",
+        DOCUMENT,
         'cameras[0].width is "32"; it must be a whole number',
     ),
-    "width true": (
-        _camera(lambda c: c.update(width=True)),
-        "recording.json",
-        "width is true; it must be a whole number",
-    ),
-    "width half": (_camera(lambda c: c.update(width=32.5)), "recording.json", "whole number"),
-    "width none": (_camera(lambda c: c.update(width=0)), "recording.json", "more than 0"),
-    "depth_scale none": (_camera(lambda c: c.update(depth_scale=0)), "recording.json", "metres per grey value"),
-    "depth_scale of metres": (_camera(lambda c: c.update(depth_scale=1.0)), "recording.json", "at most 0.1"),
-    "name leads out": (_camera(lambda c: c.update(name="../front")), "recording.json", "names a folder"),
-    "names twice": (_document(lambda d: d["cameras"].append(camera_entry("Front"))), "recording.json", "two cameras"),
-    "intrinsic text": (_intrinsics(fx="wide"), "recording.json", 'fx is "wide"; it must be a number: the focal length'),
-    "intrinsic null": (_intrinsics(cx=None), "recording.json", "cx is null; it must be a number"),
-    "intrinsic zero": (_intrinsics(fy=0), "recording.json", "at least 1"),
-    "intrinsic next to nothing": (_intrinsics(fx=1e-300), "recording.json", "fx is 1e-300; it must be at least 1"),
-    "principal point nowhere": (_intrinsics(cx=1e308), "recording.json", "cx is 1e+308; it must be at most 100000"),
-    "distortion without limits": (_intrinsics(distortion=[1e308] * 5), "recording.json", "at most 10000"),
-    "images larger than any": (
-        _camera(lambda c: c.update(width=16384, height=16384)),
-        "recording.json",
-        "16384 x 16384",
-    ),
+    "width true": (_camera(lambda c: c.update(width=True)), DOCUMENT, "width is true; it must be a whole number"),
+    "width half": (_camera(lambda c: c.update(width=32.5)), DOCUMENT, "whole number"),
+    "width none": (_camera(lambda c: c.update(width=0)), DOCUMENT, "more than 0"),
+    "depth_scale none": (_camera(lambda c: c.update(depth_scale=0)), DOCUMENT, "metres per grey value"),
+    "depth_scale of metres": (_camera(lambda c: c.update(depth_scale=1.0)), DOCUMENT, "at most 0.1"),
+    "name leads out": (_camera(lambda c: c.update(name="../front")), DOCUMENT, "names a folder"),
+    "names twice": (_document(lambda d: d["cameras"].append(camera_entry("Front"))), DOCUMENT, "two cameras"),
+    "intrinsic text": (_intrinsics(fx="wide"), DOCUMENT, 'fx is "wide"; it must be a number: the focal length'),
+    "intrinsic null": (_intrinsics(cx=None), DOCUMENT, "cx is null; it must be a number"),
+    "intrinsic zero": (_intrinsics(fy=0), DOCUMENT, "at least 1"),
+    "intrinsic next to nothing": (_intrinsics(fx=1e-300), DOCUMENT, "fx is 1e-300; it must be at least 1"),
+    "principal point nowhere": (_intrinsics(cx=1e308), DOCUMENT, "cx is 1e+308; it must be at most 100000"),
+    "distortion without limits": (_intrinsics(distortion=[1e308] * 5), DOCUMENT, "at most 10000"),
+    "images larger than any": (_camera(lambda c: c.update(width=16384, height=16384)), DOCUMENT, "16384 x 16384"),
     "thousands of cameras": (
         _document(lambda d: d.update(cameras=[camera_entry(f"c{k}") for k in range(5000)])),
-        "recording.json",
+        DOCUMENT,
         "5000 cameras; list 16 at most",
     ),
-    "a name too long for a folder": (_camera(lambda c: c.update(name="x" * 5000)), "recording.json", "names a file"),
-    "a name too long for a file": (
-        _document(lambda d: d.update(equipment="x" * 5000)),
-        "recording.json",
-        "names a file",
-    ),
-    "a line break in a file's name": (
-        _document(lambda d: d.update(equipment="a\nb")),
-        "recording.json",
-        "names a file",
-    ),
-    "a null character in a name": (_document(lambda d: d.update(equipment="a\0b")), "recording.json", "character"),
-    "a frame in a minute": (_document(lambda d: d.update(fps=1e-300)), "recording.json", "at least 0.1"),
-    "four distortions": (_intrinsics(distortion=[0, 0, 0, 0]), "recording.json", '"model": "kannala-brandt"'),
-    "three distortions": (_intrinsics(distortion=[0, 0, 0]), "recording.json", "k1, k2, p1, p2, k3"),
-    "seven of eight": (_intrinsics(model="rational", distortion=[0] * 7), "recording.json", "8 or 12 or 14"),
-    "unknown lens": (_intrinsics(model="equidistant"), "recording.json", "kannala-brandt"),
-    "lens of no radius": (_intrinsics(valid_radius=0), "recording.json", "at least 0.01"),
-    "pose text": (_camera(lambda c: c["camera_to_world"][0].__setitem__(0, "x")), "recording.json", "camera_to_world"),
-    "pose of three rows": (_camera(lambda c: c["camera_to_world"].pop()), "recording.json", "4 x 4"),
-    "pose scaled": (_pose(_scaled), "recording.json", "not a rigid motion"),
-    "pose mirrored": (_pose(_mirrored), "recording.json", "not a rigid motion"),
-    "pose last row": (_pose(_bad_last_row), "recording.json", "not a rigid motion"),
-    "pose in millimetres": (_pose(_millimetres), "recording.json", "metres"),
-    "height in centimetres": (_document(lambda d: d["subject"].update(height_m=172)), "recording.json", "in metres"),
-    "fps none": (_document(lambda d: d.update(fps=0)), "recording.json", "at least 0.1"),
-    "equipment outside": (_document(lambda d: d.update(equipment="../e.json")), "recording.json", "leads out"),
+    "a name too long for a folder": (_camera(lambda c: c.update(name="x" * 5000)), DOCUMENT, "names a file"),
+    "a name too long for a file": (_document(lambda d: d.update(equipment="x" * 5000)), DOCUMENT, "names a file"),
+    "a line break in a file's name": (_document(lambda d: d.update(equipment="a\nb")), DOCUMENT, "names a file"),
+    "a null character in a name": (_document(lambda d: d.update(equipment="a\0b")), DOCUMENT, "character"),
+    "a frame in a minute": (_document(lambda d: d.update(fps=1e-300)), DOCUMENT, "at least 0.1"),
+    "four distortions": (_intrinsics(distortion=[0, 0, 0, 0]), DOCUMENT, '"model": "kannala-brandt"'),
+    "three distortions": (_intrinsics(distortion=[0, 0, 0]), DOCUMENT, "k1, k2, p1, p2, k3"),
+    "seven of eight": (_intrinsics(model="rational", distortion=[0] * 7), DOCUMENT, "8 or 12 or 14"),
+    "unknown lens": (_intrinsics(model="equidistant"), DOCUMENT, "kannala-brandt"),
+    "lens of no radius": (_intrinsics(valid_radius=0), DOCUMENT, "at least 0.01"),
+    "pose text": (_camera(lambda c: c["camera_to_world"][0].__setitem__(0, "x")), DOCUMENT, "camera_to_world"),
+    "pose of three rows": (_camera(lambda c: c["camera_to_world"].pop()), DOCUMENT, "4 x 4"),
+    "pose scaled": (_pose(_scaled), DOCUMENT, "not a rigid motion"),
+    "pose mirrored": (_pose(_mirrored), DOCUMENT, "not a rigid motion"),
+    "pose last row": (_pose(_bad_last_row), DOCUMENT, "not a rigid motion"),
+    "pose in millimetres": (_pose(_millimetres), DOCUMENT, "metres"),
+    "height in centimetres": (_document(lambda d: d["subject"].update(height_m=172)), DOCUMENT, "in metres"),
+    "fps none": (_document(lambda d: d.update(fps=0)), DOCUMENT, "at least 0.1"),
+    "equipment outside": (_document(lambda d: d.update(equipment="../e.json")), DOCUMENT, "leads out"),
     "equipment missing": (_remove("equipment.json"), "equipment.json", "no such file"),
     "no camera folder": (_remove("front"), "front/depth", "no such folder"),
     "no pictures": (_remove("front/depth"), "front/depth", "no such folder"),
@@ -276,23 +255,21 @@ def test_a_bad_recording_is_refused_in_one_sentence_and_leaves_nothing(tmp_path,
 
 
 @pytest.mark.parametrize("kind", ["absent", "a file", "an empty folder"])
-def test_a_recording_that_is_no_folder_is_refused(tmp_path, capsys, kind):
+def test_a_recording_that_is_no_folder_is_refused(tmp_path, refusal, kind):
     path = tmp_path / "ward"
     if kind == "a file":
         path.write_text(json.dumps({}))
     if kind == "an empty folder":
         path.mkdir()
-    assert main(["track", str(path), "-o", str(tmp_path / "out")]) == 2
-    assert str(path) in capsys.readouterr().err
+    assert str(path) in refusal(["track", str(path), "-o", str(tmp_path / "out")])
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("place", ["ward/results", "ward", "."])
-def test_results_never_go_into_the_recording_or_over_it(tmp_path, capsys, place):
+def test_results_never_go_into_the_recording_or_over_it(tmp_path, refusal, place):
     folder = write_recording(tmp_path / "ward", frames=2)
     before = sorted(tmp_path.rglob("*"))
-    assert main(["track", str(folder), "-o", str(tmp_path / place), "--overwrite"]) == 2
-    assert "; choose" in capsys.readouterr().err
+    assert "; choose" in refusal(["track", str(folder), "-o", str(tmp_path / place), "--overwrite"])
     assert sorted(tmp_path.rglob("*")) == before
 
 

@@ -1,7 +1,5 @@
 """Pixels and metres: projection, back-projection, rigid transforms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -61,28 +59,20 @@ def test_pixels_reach_half_a_pixel_beyond_their_centre_and_no_farther():
     def at(column: float, row: float) -> np.ndarray:
         return np.array([[(column - 256.0) / 365.0, (row - 212.0) / 365.0, 1.0]])
 
-    for column, row, inside in (
-        (-0.4, 3.0, True),
-        (-0.6, 3.0, False),
-        (511.4, 423.4, True),
-        (511.6, 10.0, False),
-        (10.0, 423.6, False),
-        (10.0, -0.6, False),
-    ):
-        assert FRONT.pixel_of(at(column, row))[2][0] == inside, (column, row)
+    for place, inside in (((-0.4, 3.0), True), ((511.4, 423.4), True), ((-0.6, 3.0), False), ((511.6, 10.0), False)):
+        assert FRONT.pixel_of(at(*place))[2][0] == inside, place
+    for place in ((10.0, 423.6), (10.0, -0.6)):
+        assert not FRONT.pixel_of(at(*place))[2][0], place
     found_column, found_row, _ = FRONT.pixel_of(at(100.4, 50.6))
     assert (found_column[0], found_row[0]) == (100, 51)
 
 
-def test_a_camera_without_a_pose_refuses_to_say_where_it_is():
+def test_the_position_is_the_centre_of_projection_and_without_a_pose_it_is_refused():
     lost = replace(FRONT, T_world_camera=None)
     with pytest.raises(ValueError, match="front"):
         lost.require_pose()
     with pytest.raises(ValueError, match="unknown"):
         _ = lost.position_m
-
-
-def test_the_position_is_the_centre_of_projection():
     camera = camera_at((1.0, 1.5, -2.0), (0.0, 1.0, 0.0))
     np.testing.assert_allclose(camera.position_m, [1.0, 1.5, -2.0])
     ahead = transform_points(invert_rigid(camera.require_pose()), np.array([0.0, 1.0, 0.0]))

@@ -1,7 +1,5 @@
 """The documentation builds without a warning, its links lead somewhere, and its examples run."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The pages on faults and quality name tests that exist: a renamed test would leave a claim that nothing supports."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

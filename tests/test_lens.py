@@ -1,6 +1,6 @@
 """Lenses against OpenCV's forward projection, which is exact; its way back is not."""
 
-from __future__ import annotations
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -23,9 +23,8 @@ LENSES = {
 
 def intrinsics(name: str, valid_radius: float | None = None) -> Intrinsics:
     model, coefficients = LENSES[name]
-    return Intrinsics(
-        fx=126.0, fy=127.0, cx=80.3, cy=71.2, distortion=coefficients, model=model, valid_radius=valid_radius
-    )
+    pinhole = Intrinsics(fx=126.0, fy=127.0, cx=80.3, cy=71.2)
+    return replace(pinhole, distortion=coefficients, model=model, valid_radius=valid_radius)
 
 
 def by_opencv(lens: Intrinsics, points: np.ndarray) -> np.ndarray:
@@ -35,9 +34,8 @@ def by_opencv(lens: Intrinsics, points: np.ndarray) -> np.ndarray:
 
 
 def camera(lens: Intrinsics) -> Camera:
-    return Camera(
-        name="front", width=WIDTH, height=HEIGHT, depth_scale=0.001, intrinsics=lens, T_world_camera=np.eye(4)
-    )
+    size = {"width": WIDTH, "height": HEIGHT, "depth_scale": 0.001}
+    return Camera(name="front", **size, intrinsics=lens, T_world_camera=np.eye(4))
 
 
 @pytest.mark.parametrize("name", LENSES)

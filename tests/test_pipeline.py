@@ -1,7 +1,5 @@
 """From a recording folder to a results folder, end to end."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -29,18 +27,8 @@ from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
 
 FRAMES, FPS, DAMAGED = 9, 8.0, 5
-TABLES = (
-    "joints.parquet",
-    "angles.parquet",
-    "contacts.parquet",
-    "poses.parquet",
-    "anchors.parquet",
-    "people.parquet",
-    "posture.parquet",
-    "episodes.parquet",
-    "measures.parquet",
-    "explained.parquet",
-)
+NAMES = "anchors angles contacts episodes explained joints measures people poses posture"
+TABLES = [f"{name}.parquet" for name in NAMES.split()]
 AGAIN = (
     "import sys; from pathlib import Path; from anchorpose.pipeline import TrackConfig, track_recording; "
     "track_recording(Path(sys.argv[1]), Path(sys.argv[2]), TrackConfig(), lambda done, total: None)"
@@ -97,22 +85,8 @@ def test_most_joints_lie_within_their_sigma(run):
 def test_every_frame_is_in_the_tables(run):
     np.testing.assert_array_equal(run.joints.frame, np.arange(FRAMES))
     np.testing.assert_allclose(run.joints.time_s, np.arange(FRAMES) / FPS, atol=1e-6)
-    assert sorted(path.name for path in run.results.iterdir() if path.is_file()) == [
-        ".log.jsonl.lock",
-        "anchors.parquet",
-        "angles.parquet",
-        "contacts.parquet",
-        "episodes.parquet",
-        "explained.parquet",
-        "joints.parquet",
-        "log.jsonl",
-        "measures.parquet",
-        "people.parquet",
-        "poses.parquet",
-        "posture.parquet",
-        "report.html",
-        "run.json",
-    ]
+    files = {path.name for path in run.results.iterdir() if path.is_file()}
+    assert files == {*TABLES, ".log.jsonl.lock", "log.jsonl", "report.html", "run.json"}
 
 
 def test_a_damaged_picture_is_counted_and_the_rest_tracked(run):
@@ -191,9 +165,8 @@ def test_the_record_says_with_what_and_from_what(run):
     recorded = json.loads((run.results.parent / "out/recording/recording.json").read_text())
     np.testing.assert_allclose(camera["camera_to_world"], recorded["cameras"][0]["camera_to_world"])
     assert document["config"]["method"] == "articulated"
-    assert {"isolation", "surface", "anchors", "tree", "registration", "learning", "follow"} <= document[
-        "config"
-    ].keys()
+    stages = {"isolation", "surface", "anchors", "tree", "registration", "learning", "follow"}
+    assert stages <= document["config"].keys()
     assert {"recording.json", "front/background.png", "front/depth/000000.png"} <= document["inputs_sha256"].keys()
     stages = {timing["stage"]: timing["seconds"] for timing in document["timings"]}
     assert {"calibration and background", "isolation", "first pose", "body shape", "registration"} <= stages.keys()
@@ -235,13 +208,10 @@ def test_a_recording_without_anybody_is_lost_from_end_to_end_and_says_so(empty_r
     assert document["pictures"] == []
 
 
-def test_a_range_without_frames_is_refused_before_anything_is_written(empty_room, tmp_path):
+def test_a_part_of_a_recording_keeps_its_frame_numbers_and_one_without_frames_is_refused(empty_room, tmp_path):
     with pytest.raises(InputError, match="has no frames"):
         track_recording(empty_room, tmp_path, TrackConfig(start=99), silent)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_part_of_a_recording_keeps_its_frame_numbers(empty_room, tmp_path):
     track_recording(empty_room, tmp_path, TrackConfig(start=1, stop=3), silent)
     joints = read_joints(tmp_path / "joints.parquet")
     np.testing.assert_array_equal(joints.frame, [1, 2])

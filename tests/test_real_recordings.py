@@ -3,8 +3,6 @@
 The recordings are for development only and not part of the project; without them these tests skip.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,18 +90,15 @@ def test_every_frame_has_its_21_joints_in_order(tracked):
     assert rows["joint"].to_pylist() == list(JOINT_NAMES) * len(wanted)
 
 
-def test_a_lost_joint_has_no_numbers_and_any_other_has_all(tracked):
+def test_a_lost_joint_has_no_numbers_and_bones_keep_their_length(tracked):
     _assert_lost_is_null(tracked.joints)
+    _assert_bones_keep_their_length(tracked.joints)
 
 
 def test_the_run_says_who_was_taken_for_the_patient(tracked):
     assert "the patient was taken to be the person at" in tracked.notes
     if tracked.excerpt.people > 1:
         assert f"of {tracked.excerpt.people} people" in tracked.notes
-
-
-def test_bones_keep_their_length(tracked):
-    _assert_bones_keep_their_length(tracked.joints)
 
 
 def test_who_is_in_full_view_is_tracked(tracked):

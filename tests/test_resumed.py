@@ -1,7 +1,5 @@
 """A run that is stopped again and again ends with the same bytes as one that never was."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

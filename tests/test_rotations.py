@@ -1,7 +1,5 @@
 """Rotations and directions: against scipy, and the laws they keep."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st

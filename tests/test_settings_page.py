@@ -1,7 +1,5 @@
 """docs/settings.md lists every setting of tracking with its default, and no other."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

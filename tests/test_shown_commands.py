@@ -1,7 +1,5 @@
 """Every command that the README and the documentation show is one that this program understands, and it works."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import shutil

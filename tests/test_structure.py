@@ -1,7 +1,5 @@
 """How the project is laid out: who imports whom, what an import costs, what a committed file may not hold."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Work shared among threads: the same bytes with one thread and with four."""
 
-from __future__ import annotations
-
 import time
 from threading import Barrier, get_ident
 
@@ -21,13 +19,15 @@ from anchorpose.tracker.room import Run
 FRAMES = 5
 
 
-def test_results_come_in_the_order_of_the_arguments_whoever_ends_first():
+def test_results_come_in_the_order_of_the_arguments_and_a_call_within_a_call_does_not_wait_for_itself():
     def slower_first(k: int) -> int:
         time.sleep(0.02 * (4 - k))
         return k
 
     with worker_threads(4):
         assert each(slower_first, range(4)) == [0, 1, 2, 3]
+    with worker_threads(2):
+        assert each(lambda _: each(lambda k: k, range(3)), range(4)) == [[0, 1, 2]] * 4
 
 
 def test_calls_run_at_the_same_time_and_only_where_threads_are_given():
@@ -35,11 +35,6 @@ def test_calls_run_at_the_same_time_and_only_where_threads_are_given():
         together = Barrier(3)
         assert sorted(each(lambda _: together.wait(timeout=10.0), range(3))) == [0, 1, 2]
     assert each(lambda _: get_ident(), range(3)) == [get_ident()] * 3
-
-
-def test_a_call_within_a_call_does_not_wait_for_itself():
-    with worker_threads(2):
-        assert each(lambda _: each(lambda k: k, range(3)), range(4)) == [[0, 1, 2]] * 4
 
 
 def test_an_error_and_arguments_of_unequal_number_are_raised():

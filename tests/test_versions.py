@@ -1,7 +1,5 @@
 """The digest of the code: the same for the same files, another for any other."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Joint centres from markers against known answers; files against another library."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A simulated laboratory is evaluated without its clock and frame, and files that do not fit are refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Intraclass correlations against Shrout and Fleiss 1979 to the printed digit; laws and refusals."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Correlation of waveforms and calibration of sigma: known answers and laws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

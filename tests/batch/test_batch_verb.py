@@ -1,7 +1,5 @@
 """``anchorpose batch``: what it writes, what it repeats, and how it ends."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -41,14 +39,12 @@ def test_a_summary_has_every_session_its_shares_and_its_measures(three: Path, ca
     found = {row.session: row for row in SESSIONS.read(three / "out" / SESSIONS.file)}
     assert {name: row.state for name, row in found.items()} == {"one": "done", "two": "failed", "three": "open"}
     one = found["one"]
-    assert one.frames == 30
-    assert one.length_s == pytest.approx(29 / 30)
+    assert (one.frames, one.length_s) == (30, pytest.approx(29 / 30))
     assert one.seen_share + one.inferred_share + one.lost_share == pytest.approx(1)
     assert one.lost_share == pytest.approx(3 / 30 / 21)  # the head, at the end
     assert found["three"].seen_share is None
-    assert {row["session"]: row["state"] for row in rows(three / "out" / "sessions.csv")} == {
-        name: row.state for name, row in found.items()
-    }
+    states = {row["session"]: row["state"] for row in rows(three / "out" / "sessions.csv")}
+    assert states == {name: row.state for name, row in found.items()}
     measures = MEASURES.read(three / "out" / MEASURES.file)
     assert {row.session for row in measures} == {"one"}
     assert len(rows(three / "out" / "measures.csv")) == len(measures) == 11  # without the one of a single person
@@ -82,27 +78,29 @@ def test_what_cannot_be_tracked_is_a_row_with_its_sentence_and_exit_code_1(tmp_p
 @pytest.mark.parametrize(
     ("more", "sentence"), [(["--index", "7"], "--index is 7"), (["--scheduler", "fast"], "--scheduler is 'fast'")]
 )
-def test_what_makes_no_sense_is_refused_before_anything_is_written(tmp_path: Path, capsys, more, sentence) -> None:
+def test_what_makes_no_sense_is_refused_before_anything_is_written(tmp_path: Path, refusal, more, sentence) -> None:
     write_recording(tmp_path / "a", frames=2)
-    assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "out"), *more]) == 2
-    assert sentence in capsys.readouterr().err
+    assert sentence in refusal(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "out"), *more])
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_of_something_else_and_one_inside_a_recording_are_not_touched(tmp_path: Path, capsys) -> None:
+def test_a_folder_of_something_else_one_inside_a_recording_and_a_table_without_a_session_are_refused(
+    tmp_path: Path, refusal
+) -> None:
     write_recording(tmp_path / "a", frames=2)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("1")
-    assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "mine")]) == 2
-    assert "not the folder of a batch" in capsys.readouterr().err
+    assert "not the folder of a batch" in refusal(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "mine")])
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
-    assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "a" / "out")]) == 2
-    assert "lies inside the recording" in capsys.readouterr().err
+    assert "lies inside the recording" in refusal(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "a" / "out")])
+    (tmp_path / "t.csv").write_text("recording,subject\n")
+    assert "names no recording" in refusal(["batch", str(tmp_path / "t.csv"), "-o", str(tmp_path / "b")])
+    assert not (tmp_path / "b").exists()
 
 
 @pytest.mark.parametrize("name", ["sessions", "logs", "logs/one.log", "logs/two.json", "sessions.csv", "index.html"])
 @pytest.mark.parametrize("kind", ["a link", "of another kind"])
-def test_a_batch_writes_through_no_link_and_over_nothing_of_another_kind(three: Path, capsys, name, kind) -> None:
+def test_a_batch_writes_through_no_link_and_over_nothing_of_another_kind(three: Path, refusal, name, kind) -> None:
     out, mine = three / "out", three / "mine"
     place = out / name
     if place.exists():
@@ -116,8 +114,7 @@ def test_a_batch_writes_through_no_link_and_over_nothing_of_another_kind(three: 
     else:
         place.write_text("years of work")
     before = sorted(path for path in three.rglob("*") if path.name != ".batch.lock")
-    assert main(["batch", str(three / "in"), "-o", str(out), "--summary"]) == 2
-    assert "move it away" in capsys.readouterr().err
+    assert "move it away" in refusal(["batch", str(three / "in"), "-o", str(out), "--summary"])
     assert sorted(path for path in three.rglob("*") if path.name != ".batch.lock") == before
 
 
@@ -127,13 +124,6 @@ def test_a_session_whose_measures_are_a_pipe_is_not_done(three: Path, capsys) ->
     os.mkfifo(measures)
     assert main(["batch", str(three / "in" / "one"), "-o", str(three / "out"), "--summary"]) == 1
     assert "is a named pipe" in capsys.readouterr().out
-
-
-def test_a_table_without_a_session_is_refused(tmp_path: Path, capsys) -> None:
-    (tmp_path / "t.csv").write_text("recording,subject\n")
-    assert main(["batch", str(tmp_path / "t.csv"), "-o", str(tmp_path / "b")]) == 2
-    assert "names no recording" in capsys.readouterr().err
-    assert not (tmp_path / "b").exists()
 
 
 def test_a_scheduler_that_is_asked_is_named_first(tmp_path: Path, monkeypatch, capsys) -> None:
@@ -181,9 +171,8 @@ def test_an_outcome_that_cannot_be_noted_ends_nothing(tmp_path: Path, monkeypatc
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("anchorpose.batch.tracking.note_outcome", full)
-    monkeypatch.setattr(
-        "anchorpose.batch.tracking.run_jobs", lambda jobs, place: [Outcome(jobs[0].name, "a is broken.")]
-    )
+    broken = [Outcome("a", "a is broken.")]
+    monkeypatch.setattr("anchorpose.batch.tracking.run_jobs", lambda jobs, place: broken)
     write_recording(tmp_path / "a", frames=2)
     assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "out")]) == 1
     (row,) = SESSIONS.read(tmp_path / "out" / SESSIONS.file)

@@ -1,7 +1,5 @@
 """Jobs on workers: a failure stays alone, a killed worker repeats one job, and what is stopped ends."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import shutil
@@ -189,12 +187,9 @@ def test_a_scheduler_that_runs_is_used_and_left_running(tmp_path: Path) -> None:
             assert [outcome.why for outcome in run_jobs([Job("a", print)], place)] == [None]
 
 
-def test_a_scheduler_that_does_not_answer_is_one_sentence(monkeypatch) -> None:
+def test_a_scheduler_that_does_not_answer_or_is_no_address_is_one_sentence(monkeypatch) -> None:
     monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
     with pytest.raises(AnchorposeError, match=r"No scheduler answers at tcp://127\.0\.0\.1:9"):
         list(run_jobs([Job("a", print)], Place(scheduler="tcp://127.0.0.1:9")))
-
-
-def test_a_scheduler_that_is_no_address_is_refused() -> None:
     with pytest.raises(AnchorposeError, match="--scheduler"):
         Place(scheduler="fast")

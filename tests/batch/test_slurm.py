@@ -1,7 +1,5 @@
 """``--scheduler slurm`` with stand-ins for the programs of SLURM, which run a job on this machine."""
 
-from __future__ import annotations
-
 import os
 from functools import partial
 from pathlib import Path
@@ -29,24 +27,19 @@ def test_jobs_run_on_workers_that_slurm_started(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     builders = str(Path(batch_stub.__file__).parent)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (builders, os.environ.get("PYTHONPATH")))))
-    place = Place(
-        workers=1,
-        scheduler=SLURM,
-        slurm={"queue": "clinic", "walltime": "00:10:00", "interface": "lo", "local_directory": str(tmp_path)},
-    )
+    settings = {"queue": "clinic", "walltime": "00:10:00", "interface": "lo", "local_directory": str(tmp_path)}
+    place = Place(workers=1, scheduler=SLURM, slurm=settings)
     (outcome,) = run_jobs([Job("a", partial(batch_stub.threads, tmp_path / "threads"))], place)
     assert (outcome.why, (tmp_path / "threads").read_text()) == (None, "1 1")
     assert len((tmp_path / "started").read_text().split()) == 1
 
 
-def test_settings_that_slurm_does_not_know_are_one_sentence() -> None:
+def test_settings_that_slurm_does_not_know_and_slurm_that_is_not_there_are_one_sentence(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     pytest.importorskip("dask_jobqueue", reason="slurm needs the package dask-jobqueue")
     with pytest.raises(AnchorposeError, match="settings for SLURM cannot be used"):
         list(run_jobs([Job("a", print)], Place(scheduler=SLURM, slurm={"quue": "clinic"})))
-
-
-def test_without_slurm_itself_the_verb_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("dask_jobqueue", reason="slurm needs the package dask-jobqueue")
     monkeypatch.setattr("anchorpose.batch.cluster.which", lambda name: None)
     place = Place(scheduler=SLURM, slurm={"interface": "lo"})
     with pytest.raises(AnchorposeError, match="needs SLURM's program sbatch"):

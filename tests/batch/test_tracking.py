@@ -1,7 +1,5 @@
 """Sessions really tracked: done means the same identity, and stopping costs nothing."""
 
-from __future__ import annotations
-
 import json
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The program that damages inputs sees what must not become of them, and goes on where it was stopped."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 """Poses spoilt on purpose are wrong as they should be, a spoilt tracker is wrong throughout and as confident as before,
 and trials are judged by the rules."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The shipped body and its forward kinematics: skinning, symmetry, bone lengths, joints inside the skin."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult, asset, random_pose, turned_about_y, winding_numbers

@@ -1,7 +1,5 @@
 """What the depth says about the body: rows from surface to skin and from skin to outline."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

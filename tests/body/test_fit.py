@@ -1,7 +1,5 @@
 """The normal equations of a frame, the priors in them, and the joint step on shape and poses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult, adult_body, asset, points, random_pose, seen_body, shaken, standing

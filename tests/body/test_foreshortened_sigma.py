@@ -1,7 +1,5 @@
 """Little tells how long a limb is that is seen end on: it is less certain than the frames before say."""
 
-from __future__ import annotations
-
 import numpy as np
 from body_builder import FRONT, LEFT, adult_body, joints_of, seen_body, standing
 

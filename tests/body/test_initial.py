@@ -1,7 +1,5 @@
 """The first pose, from nothing but what is seen."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -118,7 +116,6 @@ def test_who_crouches_is_found_from_one_camera():
     truth = standing((0.0, 0.45, 0.0), **knees, **shanks, **arms, **bent)
     evidence = seen_body(truth, BODY)
     found = rough_person(evidence.views, evidence.cameras, PixelLabel.PATIENT)
-    assert found is not None
     off_m = np.linalg.norm(joints_of(found.body, found.found.belief.pose) - joints_of(BODY, truth), axis=1)
     assert off_m.mean() < 0.10
     assert found.found.explained > 0.8

@@ -1,7 +1,5 @@
 """From joint positions back to a pose."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult_body, joint_errors_m, joints_of, points, random_pose, shaken

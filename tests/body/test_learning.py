@@ -1,7 +1,5 @@
 """The patient's own shape, bone lengths and clothing, from several frames."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import (

@@ -1,7 +1,5 @@
 """Proposals of limbs along the paths of anchors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

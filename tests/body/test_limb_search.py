@@ -1,7 +1,5 @@
 """Limbs found again from the picture, whatever was predicted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A wrist whose hand is not where it puts it is not called seen, and says that it may be far off."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult_body, joints_of, standing

@@ -1,7 +1,5 @@
 """The pose from places on the skin: the true ones give it back, and gross errors do not matter."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import (

@@ -1,7 +1,5 @@
 """Bodies that lack limbs: what is gone, and that no pose brings it back."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import get_args
 

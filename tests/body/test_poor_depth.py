@@ -1,7 +1,5 @@
 """Where depth is too poor for joints, and what sigma drawn-out edges leave."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -58,7 +56,6 @@ def test_steps_higher_than_a_limb_are_poor_and_those_of_a_kinect_are_not():
     detail = DepthDetail(2.0, 285.0, 0.003)
     assert too_coarse("front", detail, 4.5) is None
     far = too_coarse("front", detail, 6.0)
-    assert far is not None
     assert (far.kind, far.amount) == (PoorKind.STEPS, pytest.approx(0.108))
 
 
@@ -66,7 +63,6 @@ def test_a_sharp_camera_has_no_poor_frame_and_one_that_draws_edges_out_has():
     evidence = seen_body(POSE, BODY)
     assert found(evidence, SHARP) == (None,)
     (poor,) = found(evidence, FILTERED)
-    assert poor is not None
     assert (poor.camera, poor.kind) == ("front", PoorKind.EDGES)
     assert 0.09 < poor.amount < 0.12
 
@@ -77,7 +73,6 @@ def test_holes_in_most_of_the_skin_are_stated_and_those_in_an_arm_are_not():
     assert found(trunk, SHARP) == (None,)
     names = [name for name in points().asset.bone_names if "Arm" not in name and "Hand" not in name]
     (poor,) = found(holes := seen_body(POSE, BODY, change=hide_bones(*names)), SHARP)
-    assert poor is not None
     assert poor.kind is PoorKind.HOLES
     assert poor.amount == missing_share(posed, holes.views[0], FRONT, REACH_M) > 0.5
 

@@ -1,7 +1,5 @@
 """Pose changes, joint ranges and hinges."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult_body, asset, points, random_pose, standing

@@ -1,7 +1,5 @@
 """Registration of the body: known poses are recovered, uncertainty grows while unseen, other bodies are refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Poses that explain the pictures almost as well are kept until the pictures decide."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult_body, hide_bones, joint_errors_m, joints_of, seen_body, standing

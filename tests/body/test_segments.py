@@ -1,7 +1,5 @@
 """Directions of a person's own: what each one changes, and that it changes nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import asset

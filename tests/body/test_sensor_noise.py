@@ -1,7 +1,5 @@
 """What the cameras' noise does to a registered pose: as stated as it is when the same body is seen again and again."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

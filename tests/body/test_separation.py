@@ -1,7 +1,5 @@
 """Limbs do not enter the trunk."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult_body, asset, points, standing, turned_about_y

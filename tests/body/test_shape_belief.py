@@ -1,7 +1,5 @@
 """What is known of a shape: a prior with tails, what was seen, a measured height, bone lengths and their sigma."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compiled rows by pose, shape and clothes together: those of the reference implementation, and their products."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult, asset, points, random_pose, standing

@@ -1,7 +1,5 @@
 """The sampled skin: where it lies, how it moves with pose and shape, both implementations of its equations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult, adult_body, asset, points, random_pose, standing, turned_about_y, winding_numbers

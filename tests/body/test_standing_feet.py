@@ -1,7 +1,5 @@
 """Feet that stand: what holds them while nobody sees them, and what lets them go."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Segments that stand off the learnt body: found, named as in recording.json, and less certain."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From the covariance of a pose to how far off each joint may be."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult_body, joints_of, points, random_pose, turned_about_y

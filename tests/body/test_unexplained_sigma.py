@@ -1,7 +1,5 @@
 """A limb that leaves seen skin uncovered is less certain."""
 
-from __future__ import annotations
-
 import numpy as np
 from body_builder import adult_body, joints_of, points, seen_body, standing
 

@@ -1,7 +1,5 @@
 """What each joint's state is when something hides it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

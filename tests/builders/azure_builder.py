@@ -3,8 +3,6 @@
 PyAV's own writer knows no time stamps finer than a millisecond; the recorder's are microseconds.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Depth images that are measurements of a room, and such as no sensor that works delivers; recordings of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

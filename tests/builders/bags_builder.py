@@ -1,9 +1,7 @@
 """Bags written by the library rosbags with the published message definitions, as tests of readers need them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -195,6 +193,17 @@ def stamp_ns(k: int) -> int:
     return 1_700_000_000_123_457_000 + k * 33_333_000
 
 
-def renamed(info: Info, frame: str) -> Info:
-    """The same lens in another optical frame."""
-    return replace(info, frame=frame)
+def rich_bag(folder: Path, form: str) -> Path:
+    """Everything that a reader of ROS drivers' bags looks at."""
+    sent = [
+        Sent("/tf_static", "tf2_msgs/msg/TFMessage", 1, transforms_of([("map", "optical", (1.0, 0, 0, 0, 0, 0, 1.0))])),
+        Sent("/camera/depth/camera_info", "sensor_msgs/msg/CameraInfo", 2, Info()),
+    ]
+    for k in range(4):
+        for topic, encoding, values in (
+            ("camera", "16UC1", depth_values(k)),
+            ("second", "32FC1", depth_values(k) / 1e3),
+        ):
+            image = image_of(values.astype("f4" if encoding == "32FC1" else "u2"), encoding, stamp_ns(k))
+            sent.append(Sent(f"/{topic}/depth/image_raw", "sensor_msgs/msg/Image", stamp_ns(k), image))
+    return write_bag(folder, form, sent)

@@ -1,7 +1,5 @@
 """Work for the tests of batches: quick stand-ins that a child process can do."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """A sheet, the same sheet bent without stretching it, and a hill that is not a bent sheet."""
 
-from __future__ import annotations
-
 import numpy as np
 from surface_builder import flat_grid, grid_surface
 

@@ -1,7 +1,5 @@
 """Bodies of known shape and pose, and what depth cameras would see of them, for the tests of body and tracker."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -28,6 +26,7 @@ from anchorpose.body.skin_points import (
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import Intrinsics
+from anchorpose.simulate.clinic import look_at
 from anchorpose.simulate.person import vertex_normals
 from anchorpose.simulate.render import Figure, TrueImage, draw_figures
 from anchorpose.surface.mesh import build_surface
@@ -116,22 +115,10 @@ def joint_errors_m(body: Body, pose: Pose, truth: Pose) -> np.ndarray:
 
 def camera_at(position_m: Sequence[float], look_at_m: Sequence[float], name: str = "front", shrink: int = 1) -> Camera:
     """A level Kinect v2 that looks at a place, with 1/shrink of its pixels each way."""
-    away = np.subtract(look_at_m, position_m).astype(float)
-    away /= np.linalg.norm(away)
-    right = np.cross(away, [0.0, 1.0, 0.0])
-    right /= np.linalg.norm(right)
-    T_world_camera = np.eye(4)
-    T_world_camera[:3, :3] = np.stack([right, np.cross(away, right), away], axis=1)
-    T_world_camera[:3, 3] = position_m
+    T_world_camera = look_at(np.array(position_m, float), np.array(look_at_m, float))
     lens = Intrinsics(fx=365.0 / shrink, fy=365.0 / shrink, cx=256.0 / shrink, cy=212.0 / shrink)
-    return Camera(
-        name=name,
-        width=512 // shrink,
-        height=424 // shrink,
-        depth_scale=0.001,
-        intrinsics=lens,
-        T_world_camera=T_world_camera,
-    )
+    size = {"width": 512 // shrink, "height": 424 // shrink, "depth_scale": 0.001}
+    return Camera(name=name, **size, intrinsics=lens, T_world_camera=T_world_camera)
 
 
 FRONT = camera_at((2.4, 1.1, 0.0), (0.0, 0.9, 0.0))
@@ -139,10 +126,8 @@ LEFT = camera_at((0.9, 1.2, -2.2), (0.0, 0.9, 0.0), "left")
 
 
 def blank(camera: Camera) -> TrueImage:
-    shape = (camera.height, camera.width)
-    return TrueImage(
-        np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
-    )
+    nothing = np.zeros((camera.height, camera.width), np.uint8)
+    return TrueImage(nothing.astype(np.float32), np.ones(nothing.shape, np.float32), nothing, nothing.copy())
 
 
 def photograph(skin_m: np.ndarray, camera: Camera) -> TrueImage:
@@ -152,11 +137,11 @@ def photograph(skin_m: np.ndarray, camera: Camera) -> TrueImage:
     return draw_figures(camera, blank(camera), (figure,))
 
 
-def before_wall(picture: TrueImage, camera: Camera, distance_m: float = 4.0) -> View:
-    """The picture as isolation would label it, a wall behind the body."""
+def before_wall(picture: TrueImage, camera: Camera) -> View:
+    """The picture as isolation would label it, a wall 4 m away behind the body."""
     body = picture.depth_m > 0
     labels = np.where(body, PixelLabel.PATIENT, PixelLabel.BACKGROUND).astype(np.uint8)
-    return View(np.where(body, picture.depth_m, np.float32(distance_m)).astype(np.float32), labels)
+    return View(np.where(body, picture.depth_m, np.float32(4.0)), labels)
 
 
 def skin_in(pose: Pose, body: Body) -> np.ndarray:
@@ -180,12 +165,10 @@ def evidence_of(views: Sequence[View], cameras: Sequence[Camera]) -> Evidence:
     return gather_evidence(fuse(meshes, cameras), views, cameras)
 
 
-def seen_body(
-    pose: Pose,
-    body: Body,
-    cameras: Sequence[Camera] = (FRONT,),
-    change: Callable[[View, TrueImage], View] | None = None,
-) -> Evidence:
+Change = Callable[[View, TrueImage], View]
+
+
+def seen_body(pose: Pose, body: Body, cameras: Sequence[Camera] = (FRONT,), change: Change | None = None) -> Evidence:
     """The evidence that cameras gather of a naked body in a pose; ``change`` may hide some of it."""
     views = []
     for camera in cameras:
@@ -201,10 +184,8 @@ def hide_bones(*names: str) -> Callable[[View, TrueImage], View]:
 
     def change(view: View, picture: TrueImage) -> View:
         gone = np.isin(picture.part, numbers)
-        return View(
-            np.where(gone, np.float32(0.0), view.depth_m),
-            np.where(gone, PixelLabel.NO_READING, view.labels).astype(np.uint8),
-        )
+        labels = np.where(gone, PixelLabel.NO_READING, view.labels).astype(np.uint8)
+        return View(np.where(gone, np.float32(0.0), view.depth_m), labels)
 
     return change
 

@@ -1,7 +1,5 @@
 """A reader of BVH files for the tests: its own parser and its own forward kinematics, nothing of the writer's."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Simulated clinics in memory, as calibration gets them: nothing is written."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Outcomes of experiments that nobody ran, with the means that a test asks for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -85,48 +83,33 @@ def make_results(
     tracking: TrackingMean = as_the_paper_says,
     matching: Matches = matches_as_the_paper_says,
     recordings: int = 6,
-    methods: Sequence[Method] = METHODS,
-    holes_m: Sequence[float] = (0.0, 0.03, 0.15),
-    seed: int = 3,
     scenes: Mapping[Scene, Sequence[Method]] | None = None,
-    spread: float = 0.1,
 ) -> ExperimentResults:
     """An outcome of the paper's scene in all forms, and of others with their methods in the first form."""
-    rng = np.random.default_rng(seed)
-    wanted = {Scene.PAPER: tuple(methods), **(scenes or {})}
+    rng = np.random.default_rng(3)
+    wanted = {Scene.PAPER: METHODS, **(scenes or {})}
     tracked = [
-        _track(rng, scene, number, hole, one, tracking, spread, form)
+        _track(rng, scene, number, hole, one, tracking, form)
         for scene, ran in wanted.items()
         for number in range(recordings)
-        for hole in (holes_m if scene in (Scene.PAPER, Scene.LOOSE, Scene.REAL) else (0.0,))
+        for hole in (HOLES_M if scene in (Scene.PAPER, Scene.LOOSE, Scene.REAL) else (0.0,))
         for one in ran
         for form in forms_of(scene, one)
     ]
     matched = [
         _match(rng, number, hole, one.key, matching, gap_s)
         for number in range(recordings)
-        for hole in holes_m
-        for one in methods
+        for hole in HOLES_M
+        for one in METHODS
         if one.family is not Family.TRACKER and one.key != "none"
         for gap_s in GAPS_S
     ]
-    everyone = tuple(dict.fromkeys((*methods, *(one for ran in wanted.values() for one in ran))))
-    tried = tuple(
-        (one.key, (TriedSetting("radius 0.1", 123.4, True), TriedSetting("radius 0.2", 150.0, False)))
-        for one in methods
-        if one.family is Family.LOCAL
-    )
+    everyone = tuple(dict.fromkeys(one for ran in wanted.values() for one in ran))
+    settings = (TriedSetting("radius 0.1", 123.4, True), TriedSetting("radius 0.2", 150.0, False))
+    tried = tuple((one.key, settings) for one in METHODS if one.family is Family.LOCAL)
+    config = replace(ExperimentConfig(), recordings=recordings, holes_m=HOLES_M, resamples=300, gaps_s=GAPS_S)
     return ExperimentResults(
-        config=replace(
-            ExperimentConfig(),
-            recordings=recordings,
-            holes_m=tuple(holes_m),
-            resamples=300,
-            scenes=tuple(wanted),
-            seconds=3.0,
-            scene_seconds=3.0,
-            gaps_s=GAPS_S,
-        ),
+        config=replace(config, scenes=tuple(wanted), seconds=3.0, scene_seconds=3.0),
         methods=everyone,
         tried=tried,
         tracked=tuple(tracked),
@@ -137,7 +120,7 @@ def make_results(
     )
 
 
-GAPS_S = (0.1, 1.0)
+GAPS_S, HOLES_M, SPREAD = (0.1, 1.0), (0.0, 0.03, 0.15), 0.1
 
 
 def forms_of(scene: Scene, one: Method) -> tuple[Form, ...]:
@@ -145,21 +128,14 @@ def forms_of(scene: Scene, one: Method) -> tuple[Form, ...]:
 
 
 def _track(
-    rng: np.random.Generator,
-    scene: Scene,
-    number: int,
-    hole_m: float,
-    one: Method,
-    tracking: TrackingMean,
-    spread: float,
-    form: Form,
+    rng: np.random.Generator, scene: Scene, number: int, hole_m: float, one: Method, tracking: TrackingMean, form: Form
 ) -> Tracked:
     frame = np.arange(FRAMES) + 1
     occluded = (frame % 2 == 0) & (hole_m > 0)
     seen, hidden = (np.broadcast_to(tracking(one.key, hole_m, covered), JOINT_COUNT) for covered in (False, True))
     means = np.where(occluded[:, None], hidden, seen)
     hard = 1.0 + 0.1 * np.sin(number)  # the recording's own: harder or easier for every method
-    error = hard * means * (1.0 + spread * rng.uniform(-1, 1, means.shape))
+    error = hard * means * (1.0 + SPREAD * rng.uniform(-1, 1, means.shape))
     return Tracked(scene, f"{scene}-{500 + number}", hole_m, one.key, frame, occluded, error, form)
 
 
@@ -172,23 +148,7 @@ def _match(rng: np.random.Generator, number: int, hole_m: float, key: str, match
     direct = np.full_like(error, np.nan) if key.startswith(("anchors", "next")) else error
     tree = error * 0.9
     mirrored = (rng.random(len(region)) < share) & np.isfinite(error)
-    return Matched(
-        Scene.PAPER,
-        f"paper-{500 + number}",
-        hole_m,
-        key,
-        4,
-        hole_m > 0,
-        region,
-        direct,
-        tree,
-        direct * 1.2,
-        tree * 1.2,
-        mirrored,
-        4000,
-        0.02 + 0.3 * (key in ("gmds", "rops")),
-        1.7,
-        gap_s,
-        rng.uniform(0.0, 60.0, len(region)),
-        tree,
-    )
+    window = (Scene.PAPER, f"paper-{500 + number}", hole_m, key, 4, hole_m > 0, region)
+    errors = (direct, tree, direct * 1.2, tree * 1.2, mirrored)
+    seconds, moved = 0.02 + 0.3 * (key in ("gmds", "rops")), rng.uniform(0.0, 60.0, len(region))
+    return Matched(*window, *errors, 4000, seconds, 1.7, gap_s, moved, tree)

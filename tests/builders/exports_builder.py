@@ -1,8 +1,6 @@
 """Results to export: true joints of a simulated person written as a results folder, without any tracking."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -13,6 +11,7 @@ from results_builder import make_frame, write_results
 
 from anchorpose.exports.formats import Samples
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
+from anchorpose.results.tables import POSES_FILE, BodyPose, write_poses
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import single
 
@@ -49,11 +48,16 @@ def write_true_results(
     return write_results(folder, frames)
 
 
-def make_samples(time_s: np.ndarray, position_m: np.ndarray | None = None) -> Samples:
+def write_all_poses(folder: Path, poses: Sequence[BodyPose]) -> None:
+    with write_poses(folder / POSES_FILE) as table:
+        for pose in poses:
+            table.append(pose)
+
+
+def make_samples(time_s: np.ndarray) -> Samples:
     """Samples with one angle; every coordinate moves at 1 m/s and the angle at 10 degrees a second."""
     count = len(time_s)
-    if position_m is None:
-        position_m = np.broadcast_to(time_s[:, None, None], (count, JOINT_COUNT, 3)).copy()
+    position_m = np.broadcast_to(time_s[:, None, None], (count, JOINT_COUNT, 3)).copy()
     return Samples(
         time_s=time_s,
         position_m=position_m,

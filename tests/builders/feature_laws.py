@@ -1,7 +1,5 @@
 """How numbers of descriptors are compared: rounding may take a vote over the edge of a bin."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """A closed surface without symmetry, for the tests of the local descriptors and for their reference numbers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

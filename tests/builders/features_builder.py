@@ -1,7 +1,5 @@
 """Surfaces with exact normals, moved and renumbered, for the tests of descriptors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

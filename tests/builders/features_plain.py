@@ -1,7 +1,5 @@
 """MeshHOG, SIFT and LD-SIFT in plain numpy, a node at a time: what the kernels are held to and how much they gain."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from anchorpose.research.features.depth_map import image_side

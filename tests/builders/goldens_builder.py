@@ -1,7 +1,5 @@
 """The golden recordings of ``tools/goldens.py``, compared as its own ``check`` compares them."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from pathlib import Path

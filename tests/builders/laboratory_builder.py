@@ -7,8 +7,6 @@ random, at the knee with its bend, up to 15 mm (Leardini et al. 2005, doi:10.101
 noise of 0.3 mm. Its clock starts anywhere and drifts, its axes are Z up, lengths are millimetres, and markers get lost.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -186,7 +184,6 @@ def missed(lab: Laboratory, match: Match) -> Missed:
     """Errors of clock and frame; the frame is compared at the middle of the patient."""
     ends = np.array(match.clock.overlap_s)
     off_s = match.clock.reference_time_s(ends) - (ends * (1.0 + lab.drift) + lab.offset_s)
-    assert match.placement is not None
     found, true = match.placement.T_world_reference, lab.T_world_reference
     turn = Rotation.from_matrix(found[:3, :3] @ true[:3, :3].T).magnitude()
     middle = np.linalg.inv(true) @ np.append(np.nanmean(match.joints.position_m, axis=(0, 1)), 1.0)

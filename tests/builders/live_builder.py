@@ -1,7 +1,5 @@
 """A source without an end, frames as a live session sends them, and a page that serves them."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

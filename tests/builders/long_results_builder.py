@@ -1,7 +1,5 @@
 """Results of hours: the tables of a short recording repeated, frames and times going on."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A patient before a wall, parts of whom have another person's label."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A built room in which people move, seen by cameras whose clocks disagree; depth frames on demand."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sheets with convex holes that are smooth, and closed cylinders, for the tests of occlusion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

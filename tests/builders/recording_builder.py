@@ -1,7 +1,5 @@
 """Small recordings made on disk for the tests of what reads them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -15,17 +13,16 @@ WIDTH, HEIGHT, PERIOD_S = 32, 24, 0.1
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 
 
+BOX = {"name": "bar", "shape": "box", "center": [0.3, 0.5, 0], "size": [0.05, 0.1, 0.6]}
+BOX |= {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}
+POST = {"name": "post", "shape": "cylinder", "center": [0, 0.5, 0.4], "radius": 0.03, "length": 1, "axis": [0, 2, 0]}
+
+
 def camera_entry(name: str) -> dict[str, Any]:
     intrinsics = {"fx": 30.0, "fy": 31.0, "cx": 15.5, "cy": 11.5, "distortion": [0, 0, 0, 0, 0]}
     pose = [[0, 0, -1, 2.5], [0, -1, 0, 1.2], [-1, 0, 0, 0.1], [0, 0, 0, 1]]
-    return {
-        "name": name,
-        "width": WIDTH,
-        "height": HEIGHT,
-        "depth_scale": 0.001,
-        "intrinsics": intrinsics,
-        "camera_to_world": pose,
-    }
+    size = {"width": WIDTH, "height": HEIGHT, "depth_scale": 0.001}
+    return {"name": name, **size, "intrinsics": intrinsics, "camera_to_world": pose}
 
 
 def depth_grey(frame: int) -> np.ndarray:
@@ -61,16 +58,7 @@ def write_recording(folder: Path, frames: int = 4, cameras: tuple[str, ...] = ("
         "subject": {"height_m": 1.72},
     }
     (folder / "recording.json").write_text(json.dumps(document))
-    box = {"name": "bar", "shape": "box", "center": [0.3, 0.5, 0], "size": [0.05, 0.1, 0.6], "rotation": _identity()}
-    post = {
-        "name": "post",
-        "shape": "cylinder",
-        "center": [0, 0.5, 0.4],
-        "radius": 0.03,
-        "length": 1,
-        "axis": [0, 2, 0],
-    }
-    equipment = {"format": "equipment-model", "version": 1, "parts": [box, post]}
+    equipment = {"format": "equipment-model", "version": 1, "parts": [BOX, POST]}
     (folder / "equipment.json").write_text(json.dumps(equipment))
     return folder
 
@@ -79,7 +67,3 @@ def edit_json(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
     document = json.loads(path.read_text())
     change(document)
     path.write_text(json.dumps(document))
-
-
-def _identity() -> list[list[float]]:
-    return [[1, 0, 0], [0, 1, 0], [0, 0, 1]]

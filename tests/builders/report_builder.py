@@ -1,14 +1,13 @@
 """Results folders made up for the tests of the report: a patient who sits, stands up, squats and is held."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 from results_builder import make_frame, standing_joints, write_results
+from session_builder import contact
 
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.results.measuring import MeasureConfig
@@ -28,29 +27,15 @@ from anchorpose.results.tables import JOINTS_FILE, POSTURE_FILE, JointFrame, Pos
 
 RATE_HZ = 30.0
 
+KNEE = {"measure": "knee_flexion_upright_mean", "unit": "deg"}
 MEASURES = (
     Measure(measure="recorded_time", value=4.0, unit="s", frames=120),
     Measure(measure="unknown_time", value=0.0, unit="s", frames=120),
     Measure(measure="upright_share", value=0.8125, unit="1", sigma=0.03, frames=120, inferred_share=0.25),
     Measure(measure="upright_time", value=3.25, unit="s", sigma=0.12, frames=120, inferred_share=0.25),
     Measure(measure="sit_to_stand_count", value=1.0, unit="count", frames=120),
-    Measure(
-        measure="knee_flexion_upright_mean",
-        side="left",
-        value=12.345,
-        unit="deg",
-        sigma=1.5,
-        frames=90,
-        inferred_share=0.5,
-    ),
-    Measure(
-        measure="knee_flexion_upright_mean",
-        side="right",
-        value=None,
-        unit="deg",
-        frames=0,
-        why="the right knee is lost <always>",
-    ),
+    Measure(**KNEE, side="left", value=12.345, sigma=1.5, frames=90, inferred_share=0.5),
+    Measure(**KNEE, side="right", value=None, frames=0, why="the right knee is lost <always>"),
     Measure(measure="sway_time", value=2.5, unit="s", frames=80),
     Measure(measure="sway_path", value=432.1, unit="mm", sigma=50.0, frames=80, inferred_share=0.0),
     Measure(measure="assistance_share_upright", value=0.4, unit="1", sigma=0.02, frames=120, inferred_share=0.004),
@@ -143,22 +128,13 @@ def _episodes(frame: np.ndarray, time_s: np.ndarray) -> list[Episode]:
 
 def _contacts(frames: list[JointFrame]) -> list[Contact]:
     """Person 1 holds the left knee, seen; person 2 the pelvis, mostly inferred."""
-
-    def held(part: str, person: str, first: int, last: int, seen: float) -> Contact:
-        return Contact(
-            part=part,
-            person=person,
-            first_frame=frames[first].frame,
-            last_frame=frames[last].frame,
+    count = len(frames)
+    spans = (("knee_left", 1, count // 3, count // 2, 0.9), ("pelvis", 2, count // 4, count - 1, 0.2))
+    return [
+        replace(
+            contact(part, f"person {person}", frames[first].frame, frames[last].frame, seen),
             start_s=frames[first].time_s,
             end_s=frames[last].time_s,
-            seen_share=seen,
-            area_cm2=40.0,
-            gap_mm=4.0,
         )
-
-    count = len(frames)
-    return [
-        held("knee_left", "person 1", count // 3, count // 2, 0.9),
-        held("pelvis", "person 2", count // 4, count - 1, 0.2),
+        for part, person, first, last, seen in spans
     ]

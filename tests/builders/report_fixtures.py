@@ -1,7 +1,5 @@
 """A report and a comparison of two; a plugin of the tests that open them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
@@ -19,12 +17,10 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture(scope="module")
 def comparison(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = tmp_path_factory.mktemp("comparison")
-    sessions = [
-        write_session(
-            folder / f"r{n}", squats(60 + 30 * n, seed=n), inputs_sha256={"a": f"{n}" * 64}, recording=f"week {n}"
-        )
-        for n in (1, 2)
-    ]
+    sessions = []
+    for n in (1, 2):
+        run = {"inputs_sha256": {"a": f"{n}" * 64}, "recording": f"week {n}"}
+        sessions.append(write_session(folder / f"r{n}", squats(60 + 30 * n, seed=n), **run))
     return write_comparison(sessions, folder / "c.html").as_uri()
 
 

@@ -1,7 +1,5 @@
 """Results made up for the tests: a walking stick figure, with noise and states as asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,15 +9,7 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.results.explained import EXPLAINED_FILE, PART_NAMES, ExplainedFrame, write_explained
 from anchorpose.results.joint_angles import joint_angles
-from anchorpose.results.run_record import (
-    RUN_FILE,
-    CameraRecord,
-    DepthRecord,
-    DroppedFrame,
-    PictureRecord,
-    RunRecord,
-    write_run_record,
-)
+from anchorpose.results.run_record import RUN_FILE, CameraRecord, DepthRecord, DroppedFrame, RunRecord, write_run_record
 from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointFrame, read_joints, write_angles, write_joints
 
 NOISE = DepthNoise((2.0, 3.0), (0.0064, 0.0144), (1.26, None), 49.0, holes=0.0123)
@@ -56,15 +46,12 @@ def make_frame(
     position, sigma = position_m.copy(), np.full(JOINT_COUNT, sigma_m)
     state = [(states or {}).get(name, JointState.OBSERVED) for name in JOINT_NAMES]
     for name in lost:
-        position[JOINT_INDEX[name]], sigma[JOINT_INDEX[name]], state[JOINT_INDEX[name]] = (
-            np.nan,
-            np.nan,
-            JointState.LOST,
-        )
+        row = JOINT_INDEX[name]
+        position[row], sigma[row], state[row] = np.nan, np.nan, JointState.LOST
     return JointFrame(frame=frame, time_s=time_s, position_m=position, state=tuple(state), sigma_m=sigma)
 
 
-def write_results(folder: Path, frames: list[JointFrame], pictures: tuple[PictureRecord, ...] = ()) -> Path:
+def write_results(folder: Path, frames: list[JointFrame]) -> Path:
     """A results folder without a report."""
     folder.mkdir(parents=True, exist_ok=True)
     with write_joints(folder / JOINTS_FILE) as joints:
@@ -78,7 +65,6 @@ def write_results(folder: Path, frames: list[JointFrame], pictures: tuple[Pictur
         cameras=(CameraRecord("front", np.eye(4), "given", depth=DepthRecord(NOISE, 0.0008, 2.0)),),
         frame_count=len(frames),
         dropped=(DroppedFrame(3, 0.3, "front/depth/000003.png is truncated"),),
-        pictures=pictures,
         notes=("The floor was found <by itself>.",),
     )
     write_run_record(folder / RUN_FILE, record)

@@ -1,7 +1,5 @@
 """A room of boxes with people in it, as depth cameras of known noise see it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 from body_builder import adult_body, asset, child_body, skin_in, standing
+from body_builder import camera_at as kinect_at
 from recording_builder import write_picture
 
 from anchorpose.camera import Camera
@@ -31,17 +30,8 @@ KNEE_BAR = Box("knee-bar", np.array([0.3, 0.5, 0.0]), np.array([0.05, 0.1, 0.8])
 
 def camera_at(position_m, look_at_m, width: int = 256, height: int = 212) -> Camera:
     """A level camera that looks at a place."""
-    away = np.subtract(look_at_m, position_m).astype(float)
-    away /= np.linalg.norm(away)
-    right = np.cross(away, [0.0, 1.0, 0.0])
-    right /= np.linalg.norm(right)
-    T_world_camera = np.eye(4)
-    T_world_camera[:3, :3] = np.stack([right, np.cross(away, right), away], axis=1)
-    T_world_camera[:3, 3] = position_m
     lens = Intrinsics(fx=0.71 * width, fy=0.71 * width, cx=width / 2, cy=height / 2)
-    return Camera(
-        name="front", width=width, height=height, depth_scale=0.001, intrinsics=lens, T_world_camera=T_world_camera
-    )
+    return replace(kinect_at(position_m, look_at_m), width=width, height=height, intrinsics=lens)
 
 
 FRONT = camera_at((2.5, 1.2, 0.0), (0.0, 0.9, 0.0))
@@ -116,13 +106,8 @@ def write_room_recording(
 ) -> Path:
     """A recording of one camera: what the empty room and each frame look like, and boxes as equipment."""
     lens = camera.intrinsics
-    entry: dict[str, Any] = {
-        "name": "front",
-        "width": camera.width,
-        "height": camera.height,
-        "depth_scale": 0.001,
-        "fps": 10,
-    }
+    entry: dict[str, Any] = {"name": "front", "width": camera.width, "height": camera.height, "depth_scale": 0.001}
+    entry["fps"] = 10
     entry["intrinsics"] = {"fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy, "distortion": [0.0] * 5}
     entry["camera_to_world"] = camera.require_pose().tolist()
     document: dict[str, Any] = {"format": "rgbd-recording", "version": 1, "cameras": [entry], "equipment": None}

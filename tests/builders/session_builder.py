@@ -1,7 +1,5 @@
 """Sessions made up for the tests of measures: a stick figure that stands, sits, sways and is touched as asked for."""
 
-from __future__ import annotations
-
 import numpy as np
 from results_builder import standing_joints
 
@@ -64,6 +62,13 @@ def value(found: dict[tuple[str | None, ...], Measure], name: str, side: str | N
     number = found[name, side, None, None].value
     assert number is not None
     return number
+
+
+def why(found: dict[tuple[str | None, ...], Measure], name: str, side: str | None = None) -> str:
+    """The reason for which a measure of the whole session has no value."""
+    row = found[name, side, None, None]
+    assert row.value is None, name
+    return str(row.why or "")
 
 
 def contact(part: str, person: str, first: int, last: int, seen: float = 1.0) -> Contact:

@@ -1,8 +1,7 @@
 """Recorders' folders and files, written by hand as their formats' pages describe them, from depth that is known."""
 
-from __future__ import annotations
-
 import json
+import tracemalloc
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -61,6 +60,16 @@ def times_of(recording: Path, name: str) -> list[float]:
 def content(folder: Path) -> dict[str, bytes]:
     files = [file for file in sorted(folder.rglob("*")) if file.is_file()]
     return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
+
+
+def peak_bytes(call: Callable[[], object]) -> int:
+    """The most memory that Python asked for during a call."""
+    tracemalloc.start()
+    try:
+        call()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
 
 
 def plain_folder(path: Path, grey: np.ndarray) -> None:

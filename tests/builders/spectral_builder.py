@@ -1,7 +1,5 @@
 """Shapes whose spectrum is known, and changes of a surface that no intrinsic feature may notice."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

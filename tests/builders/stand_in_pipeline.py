@@ -1,7 +1,5 @@
 """Stands in for the tracker in tests of the command line: reads every frame as the tracker does, answers "lost"."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -31,11 +29,8 @@ def track_recording(
     dropped, count = [], 0
     with write_joints(results / "joints.parquet") as joints:
         for frame in read_frames(opened, config.start or 0, config.stop):
-            joints.append(
-                JointFrame(
-                    frame=frame.frame, time_s=frame.time_s, position_m=blank, state=state, sigma_m=blank[:, 0].copy()
-                )
-            )
+            lost = {"position_m": blank, "state": state, "sigma_m": blank[:, 0].copy()}
+            joints.append(JointFrame(frame=frame.frame, time_s=frame.time_s, **lost))
             dropped += [DroppedFrame(frame.frame, frame.time_s, problem) for problem in frame.problems]
             count += 1
             progress(count, len(opened.streams[0].files))

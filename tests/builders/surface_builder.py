@@ -1,7 +1,5 @@
 """Pictures and meshes of shapes whose geometry is known, for the tests of surface, geodesics and association."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -20,14 +18,9 @@ FACING_X = np.array([[0.0, 0.0, -1.0, 2.4], [0.0, -1.0, 0.0, 1.0], [-1.0, 0.0, 0
 
 def kinect(width: int = 128, height: int = 106, T_world_camera: np.ndarray | None = FACING_X) -> Camera:
     """A camera with the pixels of a Kinect v2, only fewer of them."""
-    return Camera(
-        name="front",
-        width=width,
-        height=height,
-        depth_scale=0.001,
-        intrinsics=Intrinsics(fx=365.0, fy=365.0, cx=(width - 1) / 2, cy=(height - 1) / 2),
-        T_world_camera=T_world_camera,
-    )
+    size = {"name": "front", "width": width, "height": height, "depth_scale": 0.001}
+    lens = Intrinsics(fx=365.0, fy=365.0, cx=(width - 1) / 2, cy=(height - 1) / 2)
+    return Camera(**size, intrinsics=lens, T_world_camera=T_world_camera)
 
 
 def plane_depth(camera: Camera, normal: np.ndarray, distance_m: float) -> np.ndarray:

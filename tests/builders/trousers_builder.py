@@ -1,7 +1,5 @@
 """Two touching legs with a known map: a depth image joins them, the body does not."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra

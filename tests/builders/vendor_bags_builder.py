@@ -1,7 +1,5 @@
 """RealSense's and Orbbec's own recordings, written after the layout of their public SDK sources."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 from pathlib import Path

@@ -1,21 +1,20 @@
 """A small recording with its results, made up in two seconds, and a viewer of them for the tests of the page."""
 
-from __future__ import annotations
-
 import json
 import struct
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from recording_builder import write_picture, write_timestamps
+from recording_builder import BOX, camera_entry, write_picture, write_timestamps
 from results_builder import make_frame, standing_joints, write_explained_frames
 from scipy.spatial.transform import Rotation
+from session_builder import contact
 
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.body.segments import load_body_asset
@@ -24,7 +23,7 @@ from anchorpose.recording.reader import input_files, open_recording
 from anchorpose.recording.recording import Clock
 from anchorpose.results.explained import ExplainedFrame
 from anchorpose.results.joint_angles import joint_angles
-from anchorpose.results.records import CONTACTS_FILE, PEOPLE_FILE, Contact, LabelImage, write_contacts, write_people
+from anchorpose.results.records import CONTACTS_FILE, PEOPLE_FILE, LabelImage, write_contacts, write_people
 from anchorpose.results.run_record import RUN_FILE, hash_files
 from anchorpose.results.tables import (
     ANCHORS_FILE,
@@ -47,6 +46,9 @@ WIDTH, HEIGHT, FRAMES, PERIOD_S = 96, 128, 45, 1.0 / 15.0
 FOCAL = 110.0
 LOST_FRAME, UNSURE_FRAME = 30, 12
 
+REASON = "was seen in place in 9 of 9 frames, of 2 people"
+BODY = {"learnt_from_s": 4.0, "height_m": 1.7, "height_sigma_m": 0.01, "clothes_m": {}, "bones": []}
+BODY |= {"coefficients": [0.0] * 16}
 BODY_TURN = Rotation.from_rotvec([0.0, 0.6, 0.0])  # all bones alike: the body of the page is the rest body, turned
 BODY_SHIFT_M = np.array([0.05, 0.02, 0.1])
 
@@ -96,23 +98,9 @@ def write_small_recording(folder: Path) -> Path:
             write_picture(folder / name / "depth" / f"{frame:06d}.png", depth_mm(frame))
         write_timestamps(folder / name, [(frame, frame * PERIOD_S) for frame in range(FRAMES)])
         intrinsics = {"fx": FOCAL, "fy": FOCAL, "cx": 48.0, "cy": 64.0, "distortion": [0.05, -0.02, 0.001, 0.0, 0.0]}
-        cameras.append(
-            {
-                "name": name,
-                "width": WIDTH,
-                "height": HEIGHT,
-                "depth_scale": 0.001,
-                "intrinsics": intrinsics,
-                "camera_to_world": pose.tolist(),
-            }
-        )
-    box = {
-        "name": "bar",
-        "shape": "box",
-        "center": [0.3, 0.6, 0],
-        "size": [0.05, 0.09, 0.7],
-        "rotation": np.eye(3).tolist(),
-    }
+        size = {"width": WIDTH, "height": HEIGHT, "intrinsics": intrinsics, "camera_to_world": pose.tolist()}
+        cameras.append(camera_entry(name) | size)
+    box = BOX | {"center": [0.3, 0.6, 0], "size": [0.05, 0.09, 0.7]}
     equipment = {"format": "equipment-model", "version": 1, "parts": [box]}
     (folder / "equipment.json").write_text(json.dumps(equipment))
     document = {"format": "rgbd-recording", "version": 1, "cameras": cameras, "equipment": "equipment.json"}
@@ -140,19 +128,7 @@ def write_small_results(
             place = np.full((5, 3), np.nan)
             place[0] = (0.0, 1.7, 0.0)
             anchors.append(AnchorFrame(frame, frame * PERIOD_S, place, np.where(np.isnan(place[:, 0]), np.nan, 0.02)))
-        contacts.append(
-            Contact(
-                part="knee_left",
-                person="person 1",
-                first_frame=5,
-                last_frame=20,
-                start_s=5 * PERIOD_S,
-                end_s=20 * PERIOD_S,
-                seen_share=1.0,
-                area_cm2=30.0,
-                gap_mm=10.0,
-            )
-        )
+        contacts.append(replace(contact("knee_left", "person 1", 5, 20), start_s=5 * PERIOD_S, end_s=20 * PERIOD_S))
     write_angles(folder / ANGLES_FILE, joint_angles(read_joints(folder / JOINTS_FILE)))
     if people:
         with write_people(folder / PEOPLE_FILE) as pictures:
@@ -174,25 +150,19 @@ def write_small_results(
         "residuals": [],
         "association": {"matched_share": [None, *[0.97] * (FRAMES - 1)]},
         "dropped": [{"frame": 3, "time_s": 0.2, "why": "front/depth/000003.png is truncated"}],
-        "patient": {
-            "frame": 2,
-            "xz_m": [0.1, 0.05],
-            "reason": "was seen in place in 9 of 9 frames, of 2 people",
-            "rival_xz_m": [0.4, -0.9],
-        },
-        "body": {
-            "learnt_from_s": 4.0,
-            "height_m": 1.7,
-            "height_sigma_m": 0.01,
-            "clothes_m": {},
-            "bones": [],
-            "coefficients": [0.0] * 16,
-        },
+        "patient": {"frame": 2, "xz_m": [0.1, 0.05], "reason": REASON, "rival_xz_m": [0.4, -0.9]},
+        "body": BODY,
         "notes": [],
         "inputs_sha256": dict(hash_files(input_files(opened), recording)),
     }
     (folder / RUN_FILE).write_text(json.dumps(document))
     return folder
+
+
+def write_small_session(folder: Path, **more: Any) -> tuple[Path, Path]:
+    """The small results and their recording."""
+    recording = write_small_recording(folder / "recording")
+    return write_small_results(folder / "results", recording, **more), recording
 
 
 @contextmanager

@@ -1,13 +1,11 @@
 """A viewer of a small recording, running; a plugin of the tests that need it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from viewer_builder import viewer_of, write_small_recording, write_small_results
+from viewer_builder import viewer_of, write_small_session
 from viewer_page import opened
 
 from anchorpose.results.corrections import corrections_beside
@@ -16,9 +14,7 @@ from anchorpose.viewer.server import ViewerServer
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    folder = tmp_path_factory.mktemp("viewer")
-    recording = write_small_recording(folder / "recording")
-    return write_small_results(folder / "results", recording), recording
+    return write_small_session(tmp_path_factory.mktemp("viewer"))
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """The viewer's page in Chromium, for the tests: opened, waited for, looked at."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any
@@ -32,6 +30,14 @@ def position(page: Any) -> int:
     return int(page.evaluate("anchorpose.playback.position"))
 
 
+def nameless(page: Any) -> list[str]:
+    """The controls that a screen reader could not name."""
+    return page.evaluate(
+        "[...document.querySelectorAll('button, input, select, canvas')].filter((e) => !(e.textContent.trim()"
+        " || e.getAttribute('aria-label') || e.labels?.length)).map((e) => e.outerHTML)"
+    )
+
+
 def scene_picture(page: Any) -> np.ndarray:
     """(h, w, 3) int RGB of the three-dimensional view, everything over it hidden."""
     for name in ("layers", "presets", "notice", "joint-card"):
@@ -39,7 +45,6 @@ def scene_picture(page: Any) -> np.ndarray:
     page.wait_for_timeout(150)
     data = page.locator("#scene").screenshot()
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    assert picture is not None
     return picture[..., ::-1].astype(int)
 
 

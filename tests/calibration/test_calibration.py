@@ -1,7 +1,5 @@
 """Noise, floor and world: known answers in built rooms, refusals, and the shared recordings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,26 +7,20 @@ import numpy as np
 import pytest
 from room_builder import FRONT, KNEE_BAR, NOISE_PER_M, ROOM, body, camera_at, picture, unposed
 
-from anchorpose.calibration.first_frames import FloorPlane, NoFloor, find_floor, floor_of_room, noise_per_m
+from anchorpose.calibration.first_frames import NoFloor, find_floor, floor_of_room, noise_per_m
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.equipment import Box, EquipmentModel
 from anchorpose.recording.reader import open_recording, read_frame
-from anchorpose.recording.recording import UNKNOWN, FrameSet, Recording
+from anchorpose.recording.recording import FrameSet, Recording
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 
 
 def recording(*cameras, backgrounds=None, equipment=None) -> Recording:
-    return Recording(
-        folder=Path("built"),
-        cameras=cameras,
-        streams=(),
-        equipment=equipment,
-        subject=UNKNOWN,
-        backgrounds_m=backgrounds or (None,) * len(cameras),
-    )
+    backgrounds = backgrounds or (None,) * len(cameras)
+    return Recording(folder=Path("built"), cameras=cameras, streams=(), backgrounds_m=backgrounds, equipment=equipment)
 
 
 def frames(*pictures) -> list[FrameSet]:
@@ -44,11 +36,8 @@ def shared(name: str) -> tuple[Recording, list[FrameSet]]:
     return opened, [read_frame(opened, k) for k in sampled]
 
 
-def test_the_noise_of_a_built_room_is_measured_within_a_fifth():
+def test_the_noise_of_a_built_room_is_measured_within_a_fifth_and_not_on_an_empty_picture():
     assert noise_per_m([picture(FRONT, *ROOM, seed=1)]) == pytest.approx(NOISE_PER_M, rel=0.2)
-
-
-def test_noise_cannot_be_measured_on_an_empty_picture():
     with pytest.raises(ValueError, match="noise cannot be measured"):
         noise_per_m([np.zeros((10, 10), np.float32)])
 
@@ -57,7 +46,6 @@ def test_noise_cannot_be_measured_on_an_empty_picture():
 def test_the_floor_is_found_at_its_height_and_tilt(height):
     camera = camera_at((2.5, height, 0.3), (0.0, 0.9, 0.0))
     floor = find_floor(picture(camera, *ROOM, seed=2), camera, NOISE_PER_M)
-    assert isinstance(floor, FloorPlane)
     assert floor.height_m == pytest.approx(height, abs=0.004)
     up_world = camera.T_world_camera[:3, :3] @ floor.up
     assert np.degrees(np.arccos(up_world[1])) < 0.15
@@ -67,12 +55,12 @@ def test_the_floor_is_found_at_its_height_and_tilt(height):
 def test_a_floor_full_of_people_is_still_the_floor():
     depth = picture(FRONT, *ROOM, *body(0.0, 0.0), *body(0.4, 0.7), *body(-0.5, -0.8), seed=3)
     floor = find_floor(depth, FRONT, NOISE_PER_M)
-    assert isinstance(floor, FloorPlane)
     assert floor.height_m == pytest.approx(1.2, abs=0.005)
 
 
-def test_a_wall_alone_is_not_a_floor():
+def test_a_wall_alone_is_not_a_floor_and_an_empty_picture_has_none():
     assert find_floor(picture(FRONT, ROOM[1], seed=4), FRONT, NOISE_PER_M) == NoFloor.NO_PLANE
+    assert find_floor(np.zeros((212, 256), np.float32), FRONT, 0.001) == NoFloor.NO_READINGS
 
 
 def test_a_table_is_no_floor_where_somebody_stands_beside_it():
@@ -81,7 +69,6 @@ def test_a_table_is_no_floor_where_somebody_stands_beside_it():
     empty = picture(FRONT, table, seed=5)
     frames = [picture(FRONT, table, *body(0.3, 0.7 + 0.05 * k), seed=6 + k) for k in range(3)]
     alone = floor_of_room(FRONT, empty, [])
-    assert isinstance(alone, FloorPlane)
     assert alone.height_m == pytest.approx(0.5, abs=0.01)
     assert floor_of_room(FRONT, empty, frames) is NoFloor.NO_PLANE
 
@@ -90,12 +77,7 @@ def test_who_stands_on_the_floor_does_not_refute_it():
     empty = picture(FRONT, *ROOM, seed=5)
     frames = [picture(FRONT, *ROOM, *body(0.3, 0.05 * k), seed=6 + k) for k in range(3)]
     floor = floor_of_room(FRONT, empty, frames)
-    assert isinstance(floor, FloorPlane)
     assert floor.height_m == pytest.approx(1.2, abs=0.005)
-
-
-def test_an_empty_picture_has_no_floor():
-    assert find_floor(np.zeros((212, 256), np.float32), FRONT, 0.001) == NoFloor.NO_READINGS
 
 
 def test_given_poses_are_kept_and_the_floors_height_is_measured():
@@ -143,12 +125,15 @@ def test_a_person_without_a_room_gets_a_world_without_a_floor():
     assert level[0] > 1.5
 
 
-def test_several_cameras_without_poses_are_refused_with_a_remedy():
+def test_several_cameras_without_poses_are_refused_with_a_remedy_also_where_they_see_no_floor():
     """Some with a pose and some without is no question that people in view can answer."""
     with pytest.raises(
         InputError, match=r"null for front.*nothing ties them to the others' world; give every camera_to_world, or none"
     ):
         find_world(recording(unposed(FRONT), replace(FRONT, name="left")), [])
+    blind = recording(unposed(FRONT), replace(unposed(FRONT), name="left"))
+    with pytest.raises(InputError, match=r"null for front, left.*a camera sees no floor; give every camera_to_world"):
+        find_world(blind, [])
 
 
 @pytest.mark.thorough
@@ -156,12 +141,6 @@ def test_equipment_that_is_not_in_the_picture_is_refused_with_a_remedy():
     blind = recording(unposed(FRONT), equipment=EquipmentModel((KNEE_BAR,)))
     with pytest.raises(InputError, match=r"null for front, and this camera .*; compare equipment\.json"):
         find_world(blind, frames(picture(FRONT, *ROOM, seed=9)))
-
-
-def test_cameras_without_poses_that_see_no_floor_are_refused_with_the_reason():
-    blind = recording(unposed(FRONT), replace(unposed(FRONT), name="left"))
-    with pytest.raises(InputError, match=r"null for front, left.*a camera sees no floor; give every camera_to_world"):
-        find_world(blind, [])
 
 
 def test_the_pose_of_the_sample_with_holes_is_found_again():

@@ -1,7 +1,5 @@
 """Camera to camera: known answers in a room where people of cylinders walk, and refusals where that is no evidence."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -30,16 +28,11 @@ CONFIG = PlacingConfig(step_px=2)  # the pictures of these tests are small
 
 def frames(scene, count: int = 12) -> list[FrameSet]:
     times_s = np.linspace(0.0, 9.0, count)
-    return [
-        FrameSet(
-            frame=k,
-            time_s=t,
-            depths_m=tuple(
-                picture(camera, *ROOM, *scene(float(t)), seed=2 * k + n) for n, camera in enumerate(CAMERAS)
-            ),
-        )
-        for k, t in enumerate(times_s.tolist())
-    ]
+
+    def depths_m(k: int, t: float) -> tuple:
+        return tuple(picture(camera, *ROOM, *scene(t), seed=2 * k + n) for n, camera in enumerate(CAMERAS))
+
+    return [FrameSet(frame=k, time_s=t, depths_m=depths_m(k, t)) for k, t in enumerate(times_s.tolist())]
 
 
 @pytest.fixture(scope="module")
@@ -47,22 +40,22 @@ def found() -> CameraToCamera | NoCameraToCamera:
     return place_cameras(CAMERAS, FLOORS, EMPTY, frames(walking), CONFIG)
 
 
-def test_two_cameras_are_placed_by_the_people_both_see(found):
+def test_two_cameras_are_placed_by_the_people_both_see_at_their_heights_over_the_floor(found):
     assert isinstance(found, CameraToCamera)
     true = invert_rigid(FRONT.T_world_camera) @ LEFT.T_world_camera
     off = invert_rigid(true) @ found.T_first_camera[1]
     assert np.linalg.norm(off[:3, 3]) < 0.02
     assert np.degrees(np.arccos(np.clip((np.trace(off[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))) < 0.5
-
-
-def test_the_cameras_keep_their_heights_over_the_floor(found):
     up = FLOORS[0].up
     placed = found.T_first_camera[1][:3, 3]
     assert up @ placed + FLOORS[0].height_m == pytest.approx(LEFT.T_world_camera[1, 3], abs=0.01)
 
 
-def test_an_empty_room_is_refused():
+def test_an_empty_room_and_a_camera_without_a_floor_are_refused():
     assert place_cameras(CAMERAS, FLOORS, EMPTY, frames(lambda t: (), 6), CONFIG) is NoCameraToCamera.NOTHING_COMMON
+    assert isinstance(FLOORS[0], FloorPlane)
+    answer = find_camera_to_camera(None, (FLOORS[0], NoFloor.NO_PLANE), CONFIG)
+    assert answer is NoCameraToCamera.NO_FLOOR
 
 
 def test_a_few_seconds_are_refused():
@@ -85,12 +78,6 @@ def test_people_at_other_places_in_each_camera_are_refused():
         replace(one, depths_m=(one.depths_m[0], other.depths_m[1])) for one, other in zip(first, second, strict=True)
     ]
     assert isinstance(place_cameras(CAMERAS, FLOORS, EMPTY, mixed, CONFIG), NoCameraToCamera)
-
-
-def test_a_camera_without_a_floor_is_refused_before_anything_is_read():
-    assert isinstance(FLOORS[0], FloorPlane)
-    answer = find_camera_to_camera(None, (FLOORS[0], NoFloor.NO_PLANE), CONFIG)
-    assert answer is NoCameraToCamera.NO_FLOOR
 
 
 def test_people_fall_upon_the_people_another_camera_sees_and_beside_them_where_the_pose_is_wrong():

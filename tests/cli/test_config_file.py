@@ -1,7 +1,5 @@
 """Configuration files: what fits is taken as it is, what does not is refused by place."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import field, is_dataclass
 from enum import Enum
@@ -92,12 +90,9 @@ def test_what_does_not_fit_is_refused_by_place(tmp_path, text, sentence):
     assert sentence in str(refusal.value)
 
 
-def test_a_missing_setting_without_default_is_named(tmp_path):
+def test_a_missing_setting_a_missing_file_and_an_unknown_kind_are_refused(tmp_path):
     with pytest.raises(InputError, match="'height_m' is missing"):
         _load(tmp_path, "", Demanding)
-
-
-def test_a_missing_file_and_an_unknown_kind_are_refused(tmp_path):
     for name in ("none.toml", "none.json", "none.yaml"):
         with pytest.raises(InputError, match=name):
             load_config(tmp_path / name, Outer)

@@ -1,7 +1,5 @@
 """No input may be a pipe or a device: each option of each verb that reads a file refuses both, by name, at once."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -10,10 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from recording_builder import write_recording
-from results_builder import make_frame, standing_joints, write_results
+from places_builder import make_places
+from results_builder import standing_joints
 
 from anchorpose.cli import app, main
 from anchorpose.joints import JOINT_NAMES
@@ -79,24 +76,12 @@ READS = {
 }
 """Each path that a verb reads, as "VERB OPTION", and a command line that comes to read it."""
 
-WRITTEN = {
-    ("demo", "OUT"),
-    ("simulate", "OUT"),
-    ("motions build", "OUT"),
-    ("experiment", "OUT"),
-    ("benchmark make", "OUT"),
-    ("live", "--record"),
-    ("evaluate", "--json"),
-    ("benchmark score", "--json"),
-}
+WRITTEN = {(verb, "OUT") for verb in ("demo", "simulate", "motions build", "experiment", "benchmark make")}
+WRITTEN |= {("live", "--record"), ("evaluate", "--json"), ("benchmark score", "--json")}
 """Paths of outputs, beside every --output."""
 
-NOT_READ = {
-    ("measure", "angles.parquet"),
-    ("evaluate", "angles.parquet"),
-    ("evaluate", "log.jsonl"),
-    ("view", "log.jsonl"),
-}
+NOT_READ = {(verb, "angles.parquet") for verb in ("measure", "evaluate")}
+NOT_READ |= {(verb, "log.jsonl") for verb in ("evaluate", "view")}
 TABLES = ("joints.parquet", "run.json", "angles.parquet", "log.jsonl")
 OF_RESULTS = {
     "measure": ["measure", "{copy}"],
@@ -128,18 +113,11 @@ def test_every_path_of_every_verb_is_tried():
 @pytest.fixture(scope="module")
 def places(tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("given")
-    joints = standing_joints()
-    write_results(folder / "session-17", [make_frame(k, k / 15, joints) for k in range(40)])
-    assert main(["measure", str(folder / "session-17")]) == 0
-    times = np.arange(40) / 15
-    np.savez(folder / "truth.npz", joints=np.repeat(joints[None], 40, 0), names=np.array(JOINT_NAMES), time=times)
-    write_recording(folder / "recording", frames=6)
     columns = [f"{name}_{axis}_m" for name in JOINT_NAMES for axis in "xyz"]
-    rows = [",".join(map(str, (time, *joints.ravel()))) for time in times]
+    rows = [",".join(map(str, (k / 15, *standing_joints().ravel()))) for k in range(40)]
     (folder / "lab.csv").write_text("\n".join([",".join(("time_s", *columns)), *rows]) + "\n")
     (folder / "labels.csv").write_text("camera,frame,joint,u,v\nfront,0,Head,1,1\n")
-    given = {"results": "session-17", "truth": "truth.npz", "trc": "lab.csv", "labels": "labels.csv"}
-    return {name: folder / file for name, file in {**given, "recording": "recording"}.items()}
+    return make_places(folder, "session-17") | {"trc": folder / "lab.csv", "labels": folder / "labels.csv"}
 
 
 class TooLong(Exception):
@@ -183,7 +161,7 @@ def require_refusal(arguments: list[str], name: str, capsys: Any) -> None:
 @pytest.mark.parametrize("kind", ["a pipe", "an endless device"])
 @pytest.mark.parametrize("option", READS)
 def test_an_option_refuses_what_is_not_a_file(option, kind, places, tmp_path, capsys):
-    given = {"x": tmp_path / "given", "out": tmp_path / "out", **places}
+    given = places | {"x": tmp_path / "given", "out": tmp_path / "out"}
     arguments = [each.format(**given) for each in READS[option]]
     (path,) = {each for each in arguments if each.startswith(str(tmp_path / "given"))}
     put(kind, Path(path))

@@ -1,20 +1,15 @@
 """A disk that takes no more bytes: every verb that writes names the place, and leaves nothing half-written."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
-from recording_builder import write_recording
-from results_builder import make_frame, standing_joints, write_results
+from places_builder import make_places
 from sources_builder import noise, tum
 
 from anchorpose.cli import main
-from anchorpose.joints import JOINT_NAMES
 
 resource = pytest.importorskip("resource", reason="limits of a process exist on POSIX only")
 
@@ -52,25 +47,14 @@ WRITES_INTO_RESULTS = {"report", "measure"}
 @pytest.fixture(scope="module")
 def places(tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("given")
-    joints = standing_joints()
-    write_results(folder / "session-17", [make_frame(k, k / 15, joints) for k in range(40)])
-    assert main(["measure", str(folder / "session-17")]) == 0
-    np.savez(
-        folder / "truth.npz",
-        joints=np.repeat(joints[None], 40, 0),
-        names=np.array(JOINT_NAMES),
-        time=np.arange(40) / 15,
-    )
-    write_recording(folder / "recording", frames=6)
     tum(folder / "tum", noise())
-    given = {name: folder / name for name in ("recording", "tum")}
-    return given | {"results": folder / "session-17", "truth": folder / "truth.npz"}
+    return make_places(folder, "session-17") | {"tum": folder / "tum"}
 
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_full_disk_is_reported_with_the_place(verb, places, tmp_path, capsys):
     out = tmp_path / "ward-north"
-    given = [one.format(out=out, **places) for one in VERBS[verb]]
+    given = [one.format(**places | {"out": out}) for one in VERBS[verb]]
     before = sorted(path.name for path in places["results"].iterdir())
     with full_disk():
         code = main([verb, *given])

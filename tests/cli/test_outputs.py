@@ -1,19 +1,14 @@
 """What verbs write goes neither into a recording nor over what another program wrote; no verb makes a folder of an
 address."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from recording_builder import write_recording
-from results_builder import make_frame, standing_joints, write_results
+from places_builder import make_places
 
 from anchorpose.cli import main
-from anchorpose.joints import JOINT_NAMES
 
 FOLDERS = {
     "simulate": ["simulate", "{x}"],
@@ -45,18 +40,11 @@ IN_A_RECORDING = "{recording}/front/new", "{recording}/new/deep"
 @pytest.fixture
 def places(tmp_path, monkeypatch) -> dict[str, Path]:
     monkeypatch.chdir(tmp_path)
-    joints = standing_joints()
-    for name in ("results", "later"):
-        write_results(tmp_path / name, [make_frame(k, k / 15, joints) for k in range(40)])
-    time = np.arange(40) / 15
-    np.savez(tmp_path / "truth.npz", joints=np.repeat(joints[None], 40, 0), names=np.array(JOINT_NAMES), time=time)
-    write_recording(tmp_path / "recording", frames=2)
     (tmp_path / "reference.trc").write_text("never read")
     rows = [f"s{k % 3},{k // 3},knee,{k}.5" for k in range(9)]
     (tmp_path / "sessions.csv").write_text("\n".join(["subject,session,measure,value", *rows]) + "\n")
-    names = {"results": "results", "later": "later", "recording": "recording", "truth": "truth.npz"}
-    names |= {"reference": "reference.trc", "sessions": "sessions.csv", "out": "out"}
-    return {name: tmp_path / file for name, file in names.items()}
+    more = {"reference": tmp_path / "reference.trc", "sessions": tmp_path / "sessions.csv"}
+    return make_places(tmp_path) | more
 
 
 def _content(folder: Path) -> dict[str, Any]:
@@ -71,6 +59,7 @@ def _refused(command: list[str], places: dict[str, Path], x: str, capsys: Any) -
     """What is said by a verb that is refused and leaves everything as it was."""
     folder = places["recording"].parent
     before = _content(folder)
+    capsys.readouterr()
     assert main([part.format(x=x.format(**places), **places) for part in command]) == 2
     assert _content(folder) == before
     return " ".join(capsys.readouterr().err.split())
@@ -172,6 +161,5 @@ def test_a_name_that_is_too_long_leaves_no_folder_above_it(verb, length, places,
 
 def test_a_folder_of_no_recordings_leaves_no_experiment(places, capsys):
     (places["out"].parent / "empty").mkdir()
-    assert "contains no recording folder" in _refused(
-        ["experiment", "out", "--quick", "--real", "empty"], places, "", capsys
-    )
+    command = ["experiment", "out", "--quick", "--real", "empty"]
+    assert "contains no recording folder" in _refused(command, places, "", capsys)

@@ -1,7 +1,5 @@
 """What verbs print acts on no terminal: markup, control characters and passwords of names stay text."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

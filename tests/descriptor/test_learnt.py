@@ -1,7 +1,5 @@
 """The learnt descriptor: places on the body of simulated people, and files that are no network."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Things that the learnt descriptor may take for people: no body explains them; a mannequin is a person in shape."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

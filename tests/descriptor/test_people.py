@@ -1,7 +1,5 @@
 """People in simulated images, each found once by the votes of the pixels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,13 +1,11 @@
 """BVH: forward kinematics of the file gives the joints back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bvh_reader import Bvh, read_bvh
-from exports_builder import times, true_joints, write_true_results
+from exports_builder import times, true_joints, write_all_poses, write_true_results
 from scipy.spatial.transform import Rotation
 
 from anchorpose.body.kinematics import shape_body
@@ -20,7 +18,7 @@ from anchorpose.exports.formats import Format
 from anchorpose.exports.opensim_coordinates import joint
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.options import ExportConfig
-from anchorpose.results.tables import POSES_FILE, BodyPose, write_poses
+from anchorpose.results.tables import BodyPose
 from anchorpose.rotations import rotation_matrices
 
 BY_JOINTS = {
@@ -31,27 +29,10 @@ BY_JOINTS = {
     "AnkleLeft_end": "FootLeft",
     "AnkleRight_end": "FootRight",
 }
-BY_BONES = {
-    "Hips": "SpineBase",
-    "Spine": "SpineMid",
-    "Neck": "SpineShoulder",
-    "Neck1": "Neck",
-    "Head_end": "Head",
-    **{
-        f"{side}{bone}": f"{name}{side}"
-        for side in ("Left", "Right")
-        for bone, name in (
-            ("Arm", "Shoulder"),
-            ("ForeArm", "Elbow"),
-            ("Hand", "Wrist"),
-            ("Hand_end", "Hand"),
-            ("UpLeg", "Hip"),
-            ("Leg", "Knee"),
-            ("Foot", "Ankle"),
-            ("Foot_end", "Foot"),
-        )
-    },
-}
+BY_BONES = {"Hips": "SpineBase", "Spine": "SpineMid", "Neck": "SpineShoulder", "Neck1": "Neck", "Head_end": "Head"}
+ARM = {"Arm": "Shoulder", "ForeArm": "Elbow", "Hand": "Wrist", "Hand_end": "Hand"}
+LEG = {"UpLeg": "Hip", "Leg": "Knee", "Foot": "Ankle", "Foot_end": "Foot"}
+BY_BONES |= {f"{side}{bone}": f"{name}{side}" for side in ("Left", "Right") for bone, name in (ARM | LEG).items()}
 
 
 def exported(results: Path) -> list[Bvh]:
@@ -90,15 +71,10 @@ def posed(count: int, spin_deg: float = 0.0) -> tuple[np.ndarray, list[BodyPose]
 def posed_results(folder: Path, spin_deg: float = 0.0, lost: int | None = None) -> np.ndarray:
     joints, poses = posed(20, spin_deg)
     write_true_results(folder, joints, lost={} if lost is None else {lost: JOINT_NAMES})
-    with write_poses(folder / POSES_FILE) as table:
-        for pose in poses:
-            gone = pose.frame == lost
-            blank = BodyPose(
-                pose.frame,
-                pose.time_s,
-                *(np.full_like(a, np.nan) for a in (pose.head_m, pose.quaternion, pose.axial_sigma_rad)),
-            )
-            table.append(blank if gone else pose)
+    if lost is not None:
+        arrays = (poses[lost].head_m, poses[lost].quaternion, poses[lost].axial_sigma_rad)
+        poses[lost] = BodyPose(lost, poses[lost].time_s, *(np.full_like(array, np.nan) for array in arrays))
+    write_all_poses(folder, poses)
     return joints
 
 
@@ -148,20 +124,13 @@ def test_poses_between_jittering_stamps_are_turned_and_not_shortened(tmp_path):
     joints, poses = posed(20, spin_deg=15.0)  # past half a turn, where quaternions change their sign
     stamps = times(20) + np.random.default_rng(2).uniform(-0.01, 0.01, 20)
     folder = write_true_results(tmp_path / "results", joints, stamps)
-    with write_poses(folder / POSES_FILE) as table:
-        for pose in poses:
-            table.append(pose)
+    write_all_poses(folder, poses)
     (bvh,) = exported(folder)
     shank = np.linalg.norm(bvh.paths_cm["LeftFoot"] - bvh.paths_cm["LeftLeg"], axis=1)
     known = np.linalg.norm(joint(joints, "AnkleLeft") - joint(joints, "KneeLeft"), axis=1)
     assert np.ptp(shank) < 0.01
-    place = np.stack(
-        [
-            np.interp(stamps[0] + bvh.frame_s * np.arange(len(shank)), stamps, axis)
-            for axis in joint(joints, "KneeLeft").T
-        ],
-        axis=1,
-    )
+    grid = stamps[0] + bvh.frame_s * np.arange(len(shank))
+    place = np.stack([np.interp(grid, stamps, axis) for axis in joint(joints, "KneeLeft").T], axis=1)
     assert np.linalg.norm(bvh.paths_cm["LeftLeg"] / 100.0 - place, axis=1).max() < 0.01  # an arc against its chord
     assert shank[0] == pytest.approx(100.0 * known[0], abs=0.01)
 
@@ -181,16 +150,16 @@ def test_the_chest_is_turned_by_the_shoulders_and_the_pelvis_by_the_hips():
 def test_poses_of_other_frames_are_refused(tmp_path):
     joints, poses = posed(20)
     folder = write_true_results(tmp_path / "results", joints)
-    with write_poses(folder / POSES_FILE) as table:
-        for pose in poses[:-1]:
-            table.append(pose)
+    write_all_poses(folder, poses[:-1])
     with pytest.raises(InputError, match="other frames"):
         export_results(folder, [Format.BVH], ExportConfig())
     assert not (folder / "exports").exists()
 
 
-def test_nothing_to_animate_is_refused(tmp_path):
+@pytest.mark.parametrize("kind", [Format.BVH, Format.MOT])
+def test_nothing_to_animate_is_refused(tmp_path, kind):
     lost = dict.fromkeys(range(75), JOINT_NAMES)
     results = write_true_results(tmp_path / "results", true_joints(), lost=lost)
     with pytest.raises(AnchorposeError, match="csv"):
-        export_results(results, [Format.BVH], ExportConfig())
+        export_results(results, [kind], ExportConfig())
+    assert not (results / "exports").exists()

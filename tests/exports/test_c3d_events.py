@@ -1,10 +1,11 @@
 """Events of a C3D as ezc3d reads them back."""
 
-from __future__ import annotations
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from results_builder import make_frame, standing_joints, write_results
+from session_builder import contact
 
 from anchorpose.agreement.reference import read_reference
 from anchorpose.exports import c3d
@@ -18,7 +19,6 @@ from anchorpose.results.records import (
     EPISODES_FILE,
     SIT_TO_STAND,
     STEP_LEFT,
-    Contact,
     Episode,
     write_contacts,
     write_episodes,
@@ -32,27 +32,10 @@ def results(tmp_path):
     """Two minutes from 5 s on at 10 frames a second, with a step, a rise and a contact."""
     folder = write_results(tmp_path / "results", [make_frame(i, 5.0 + i / 10, standing_joints()) for i in range(1200)])
     steps = [(STEP_LEFT, 6.0, 6.6), (SIT_TO_STAND, 70.0, 72.5)]
-    write_episodes(
-        folder / EPISODES_FILE,
-        [
-            Episode(kind=kind, first_frame=0, last_frame=1, start_s=a, end_s=b, state=JointState.OBSERVED)
-            for kind, a, b in steps
-        ],
-    )
+    seen = {"first_frame": 0, "last_frame": 1, "state": JointState.OBSERVED}
+    write_episodes(folder / EPISODES_FILE, [Episode(kind=k, start_s=a, end_s=b, **seen) for k, a, b in steps])
     with write_contacts(folder / CONTACTS_FILE) as table:
-        table.append(
-            Contact(
-                part="knee_left",
-                person="person 1",
-                first_frame=0,
-                last_frame=1,
-                start_s=8.0,
-                end_s=9.0,
-                seen_share=1.0,
-                area_cm2=20.0,
-                gap_mm=3.0,
-            )
-        )
+        table.append(replace(contact("knee_left", "person 1", 0, 1), start_s=8.0, end_s=9.0))
     return folder
 
 
@@ -61,27 +44,17 @@ def test_events_have_the_labels_contexts_and_times_that_other_programs_read(resu
     file = ezc3d.c3d(str(tmp_path / "out/c3d/joints.c3d"))
     group = {name: file["parameters"]["EVENT"][name]["value"] for name in ("LABELS", "CONTEXTS", "TIMES", "USED")}
     assert group["USED"][0] == 6
-    assert list(group["LABELS"]) == [
-        "Foot Off",
-        "Foot Strike",
-        "Contact Start",
-        "Contact End",
-        "Stand Up Start",
-        "Stand Up End",
-    ]
-    assert list(group["CONTEXTS"]) == ["Left", "Left", *["General"] * 4]
+    told = ["Foot Off", "Foot Strike", "Contact Start", "Contact End", "Stand Up Start", "Stand Up End"]
+    assert (list(group["LABELS"]), list(group["CONTEXTS"])) == (told, ["Left", "Left", *["General"] * 4])
     seconds = np.array([60.0, 1.0]) @ np.asarray(group["TIMES"])  # from the file's first frame
     assert seconds == pytest.approx([1.0, 1.6, 3.0, 4.0, 65.0, 67.5], abs=1e-4)
 
 
-def test_more_events_than_a_file_holds_lose_contacts_before_steps(results, monkeypatch):
+def test_more_events_than_a_file_holds_lose_contacts_before_steps_and_none_make_no_group(results, monkeypatch):
     monkeypatch.setattr(c3d, "MOST_EVENTS", 2)
     file = ezc3d.c3d()
     assert add_events(file, read_events(results), np.arange(5.0, 125.0, 0.1)) == 2
     assert list(file["parameters"]["EVENT"]["LABELS"]["value"]) == ["Foot Off", "Foot Strike"]
-
-
-def test_a_file_whose_time_holds_no_event_has_no_group(results):
     file = ezc3d.c3d()
     assert add_events(file, read_events(results), np.array([200.0, 201.0])) == 0
     assert "EVENT" not in file["parameters"]

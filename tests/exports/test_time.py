@@ -1,7 +1,5 @@
 """A regular time: what lies on a grid is not touched, nothing is put into a gap, and what is between is linear."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from exports_builder import make_samples, times
@@ -86,8 +84,7 @@ def test_a_value_between_a_known_and_a_lost_one_is_not_made_up_and_the_state_is_
     assert regular.base is TimeBase.RESAMPLED
     row = int(np.argmin(np.abs(regular.samples.time_s - 0.4)))
     assert np.isnan(regular.samples.position_m[row, 7]).all()
-    assert regular.samples.joint_state_code[row, 7] == 6
-    assert regular.samples.joint_state_code[row, 8] == 2
+    assert (regular.samples.joint_state_code[row, 7], regular.samples.joint_state_code[row, 8]) == (6, 2)
     assert regular.samples.position_m[row, 8, 0] == pytest.approx(0.4)
 
 

@@ -1,7 +1,5 @@
 """Five true anchors of five behind the standing frame's bars, and none on a stump."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

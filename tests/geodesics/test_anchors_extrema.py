@@ -1,7 +1,5 @@
 """Geodesic extrema by the paper's rule, word for word."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from surface_builder import flat_grid, star
@@ -36,12 +34,17 @@ def test_extrema_are_those_of_the_definition(seed, radius_m):
     assert (np.diff(field[found]) <= 0).all()
 
 
-def test_of_two_equally_far_nodes_neither_is_an_extremum():
+def test_of_two_equally_far_nodes_neither_is_an_extremum_and_a_foreign_field_is_refused():
     surface = flat_grid(5, 9, 0.013)
     field = np.zeros(len(surface), np.float32)
     field[[10, 16]] = 1.0
     assert len(geodesic_extrema(surface, field, 0.2)) == 0
     assert sorted(geodesic_extrema(surface, field, 0.05)) == [10, 16]
+    surface = flat_grid(3, 3, 0.01)
+    with pytest.raises(ValueError, match="field"):
+        geodesic_extrema(surface, np.zeros(8, np.float32), 0.1)
+    with pytest.raises(ValueError, match="radius_m"):
+        geodesic_extrema(surface, np.zeros(9, np.float32), 0.0)
 
 
 def test_a_figure_of_five_strips_has_five_extrema_at_their_ends():
@@ -54,23 +57,12 @@ def test_a_figure_of_five_strips_has_five_extrema_at_their_ends():
         assert np.linalg.norm(found[:, 1:] - [up, -left], axis=1).min() < 0.06
 
 
-def test_the_centre_is_the_node_next_to_the_mean_even_where_a_hole_is():
+def test_the_centre_is_the_node_next_to_the_mean_even_where_a_hole_is_and_nowhere_without_nodes():
     surface = flat_grid(21, 21, 0.01)
     assert surface_center(surface) == 10 * 21 + 10
     middle = np.linalg.norm(surface.points_m - surface.points_m.mean(axis=0), axis=1)
     rim = keep_nodes(surface, middle > 0.045)
     assert np.linalg.norm(rim.points_m[surface_center(rim)] - surface.points_m.mean(axis=0)) < 0.06
-
-
-def test_a_surface_without_nodes_has_no_centre():
     empty = keep_nodes(flat_grid(3, 3, 0.01), np.zeros(9, bool))
     with pytest.raises(DegenerateGeometry):
         surface_center(empty)
-
-
-def test_a_field_of_another_surface_and_an_empty_radius_are_refused():
-    surface = flat_grid(3, 3, 0.01)
-    with pytest.raises(ValueError, match="field"):
-        geodesic_extrema(surface, np.zeros(8, np.float32), 0.1)
-    with pytest.raises(ValueError, match="radius_m"):
-        geodesic_extrema(surface, np.zeros(9, np.float32), 0.0)

@@ -1,7 +1,5 @@
 """The marching front against its plain form, behind corners, and against the exact method."""
 
-from __future__ import annotations
-
 import heapq
 
 import numpy as np

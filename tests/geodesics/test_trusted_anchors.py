@@ -1,7 +1,5 @@
 """Trust from bending paths against the exact definition: what the surface without the hole says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -134,11 +132,8 @@ def test_a_rigid_motion_and_a_mirror_change_nothing():
     _, seen, sources, rim, _ = truth("a disc of pixels")
     before = detour(seen, geodesic_distance(seen, sources).T, rim)
     turn = Rotation.from_rotvec([0.4, 1.2, -0.6]).as_matrix() * -1.0  # a rotation and a mirror
-    moved = replace(
-        seen,
-        points_m=(seen.points_m @ turn.T + [1, 2, 3]).astype(np.float32),
-        normals=(seen.normals @ turn.T).astype(np.float32),
-    )
+    points_m, normals = seen.points_m @ turn.T + [1, 2, 3], seen.normals @ turn.T
+    moved = replace(seen, points_m=points_m.astype(np.float32), normals=normals.astype(np.float32))
     after = detour(moved, geodesic_distance(moved, sources).T, rim)
     assert np.median(np.abs(after - before)) < 1e-6
     assert np.percentile(np.abs(after - before), 99) < 1e-3  # where two ways are equally long, rounding chooses

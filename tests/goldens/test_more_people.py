@@ -1,7 +1,5 @@
 """What recordings with several people are tracked to, byte for byte (``goldens_builder``)."""
 
-from __future__ import annotations
-
 import pytest
 from goldens_builder import assert_golden
 

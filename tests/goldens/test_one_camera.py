@@ -1,7 +1,5 @@
 """What one camera's recordings are tracked to, byte for byte (``goldens_builder``); a file of its own, for speed."""
 
-from __future__ import annotations
-
 import pytest
 from goldens_builder import assert_golden
 

@@ -1,7 +1,5 @@
 """The empty room, with a picture of it and without: what stands out and what does not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from room_builder import FRONT, NOISE_PER_M, ROOM, body, in_front, picture, seated

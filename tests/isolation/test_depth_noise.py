@@ -1,7 +1,5 @@
 """The noise of a camera, measured on the still background of its own recording."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The equipment in a picture: what is it, what it hides, and what merely leans on it."""
 
-from __future__ import annotations
-
 import numpy as np
 from room_builder import FRONT, KNEE_BAR, ROOM, body, built_scene, in_front, picture
 from scipy.ndimage import label as label_mask

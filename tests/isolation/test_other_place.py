@@ -1,7 +1,5 @@
 """An image of another place is left out; whoever walks through the room, however near, is not taken for one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

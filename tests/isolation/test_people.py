@@ -1,7 +1,5 @@
 """Who is in the room: people in a built room, then the shared recordings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The person label of every pixel: decisions against brute force, growth up to creases, people who touch and cross."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

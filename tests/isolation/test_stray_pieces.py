@@ -1,7 +1,5 @@
 """Pieces of the patient's pixels that continue another person are that person's; what a bar cuts off stays."""
 
-from __future__ import annotations
-
 import numpy as np
 from room_builder import FRONT, ROOM, body, built_scene, picture
 

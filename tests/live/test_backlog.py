@@ -3,6 +3,7 @@
 import time
 
 import numpy as np
+import pytest
 
 from anchorpose.camera import Camera
 from anchorpose.lens import Intrinsics
@@ -24,19 +25,12 @@ def waiting(count: int) -> Backlog:
     return backlog
 
 
-def test_all_are_taken_in_order_where_following_is_fast():
-    backlog = waiting(10)
-    numbers = []
+@pytest.mark.parametrize(("follow_s", "taken"), [(0.0, list(range(10))), (0.25, [0, 3, 6, 9])])
+def test_all_are_taken_in_order_but_where_following_is_slow_some_are_left_out_and_never_the_newest(follow_s, taken):
+    """0.25 s is longer than the sets are apart: one by one, they would never end."""
+    backlog, numbers = waiting(10), []
     while (found := backlog.take()) is not None:
         numbers.append(found.images[0].number)
         assert (found.images[0].grey == 7).all()
-    assert numbers == list(range(10))
-
-
-def test_some_are_left_out_where_following_is_slow_and_the_newest_is_kept():
-    backlog = waiting(10)
-    numbers = []
-    while (found := backlog.take()) is not None:
-        numbers.append(found.images[0].number)
-        time.sleep(0.25)  # longer than the sets are apart: one by one, they would never end
-    assert numbers == [0, 3, 6, 9]
+        time.sleep(follow_s)
+    assert numbers == taken

@@ -1,7 +1,5 @@
 """A live session that ends early, on a full disk or killed, is finished from what is stored."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -52,7 +50,9 @@ def played(recording, monkeypatch) -> str:
 
 
 @pytest.mark.thorough
-def test_a_full_disk_ends_the_session_and_what_is_stored_becomes_results(played, tmp_path, monkeypatch, capsys):
+def test_a_full_disk_ends_the_session_and_what_is_stored_becomes_results(
+    played, tmp_path, monkeypatch, capsys, refusal
+):
     write = Blocks.write
 
     def full_after_the_first(blocks: Blocks, number: int, items: list) -> None:
@@ -62,24 +62,21 @@ def test_a_full_disk_ends_the_session_and_what_is_stored_becomes_results(played,
 
     monkeypatch.setattr(Blocks, "write", full_after_the_first)
     monkeypatch.chdir(tmp_path)
-    assert main(["live", played, "-o", "session", *LIVE]) == 2
-    said = capsys.readouterr().err
+    said = refusal(["live", played, "-o", "session", *LIVE])
     assert "No space left on device); make room and give the same command with --finish." in said
     assert "--resume" not in said
     assert main(["live", played, "-o", "session"]) == 2
     assert (
         "'anchorpose live --finish -o session' finishes it; to begin again, give --overwrite" in capsys.readouterr().err
     )
-    assert main(["track", played, "-o", "session", "--resume"]) == 2
-    assert "anchorpose live --finish" in capsys.readouterr().err
+    assert "anchorpose live --finish" in refusal(["track", played, "-o", "session", "--resume"])
 
     assert main(["live", "--finish", "-o", "session"]) == 0
     assert os.listdir(tmp_path) == ["session"]
     assert len(read_joints(tmp_path / "session" / JOINTS_FILE).frame) >= 1  # the last of the first seconds
     (note,) = [one for one in json.loads(Path("session/run.json").read_text())["notes"] if "ended early" in one]
     assert "No space left on device" in note
-    assert main(["live", "--finish", "-o", "session"]) == 2
-    assert "has no live session that was cut off" in capsys.readouterr().err
+    assert "has no live session that was cut off" in refusal(["live", "--finish", "-o", "session"])
 
 
 @pytest.mark.slow
@@ -121,17 +118,15 @@ def killed(results: Path, fill: Callable[[SessionStore], None]) -> None:
     kept.rename(work)
 
 
-def test_a_session_that_was_killed_before_a_patient_was_found_blocks_no_later_one(tmp_path, capsys):
+def test_a_session_that_was_killed_before_a_patient_was_found_blocks_no_later_one_and_another_form_is_refused(
+    tmp_path, capsys, refusal
+):
     killed(tmp_path / "session", lambda store: (store.first_seconds / "start-1.json").touch())
     assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
     assert "was cut off before a patient was found; begin again" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_stored_session_of_another_form_is_refused(tmp_path, capsys):
     killed(tmp_path / "session", lambda store: (store.first_seconds.parent / SESSION_FILE).write_text('{"options": 7}'))
-    assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
-    assert SESSION_FILE in capsys.readouterr().err
+    assert SESSION_FILE in refusal(["live", "--finish", "-o", str(tmp_path / "session")])
 
 
 def _patient(store: SessionStore) -> None:
@@ -165,17 +160,15 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("spoilt", SPOILT)
-def test_a_damaged_session_is_kept_and_the_remedy_works(spoilt, tmp_path, recording, capsys):
+def test_a_damaged_session_is_kept_and_the_remedy_works(spoilt, tmp_path, recording, refusal):
     killed(tmp_path / "session", _patient)
     spoil, problem = SPOILT[spoilt]
     spoil(tmp_path / ".session.unfinished" / JOURNAL)
     before = sorted(tmp_path.rglob("*"))
-    assert main(["live", "--finish", "-o", str(tmp_path / "session")]) == 2
-    said = " ".join(capsys.readouterr().err.split())
+    said = " ".join(refusal(["live", "--finish", "-o", str(tmp_path / "session")]).split())
     assert problem in said
     assert ("put there what it leads to" if spoilt == "a link" else "'anchorpose live' and --overwrite") in said
-    assert main(["live", str(recording), "-o", str(tmp_path / "session")]) == 2
-    said = " ".join(capsys.readouterr().err.split())
+    said = " ".join(refusal(["live", str(recording), "-o", str(tmp_path / "session")]).split())
     assert ("put there" if spoilt == "a link" else "to begin again, give --overwrite") in said
     assert sorted(tmp_path.rglob("*")) == before
 
@@ -190,37 +183,30 @@ def test_a_body_that_is_gone_is_named(tmp_path, monkeypatch, capsys):
     assert "learnt: is missing; begin again with 'anchorpose live' and --overwrite" in capsys.readouterr().err
 
 
-def test_results_below_the_current_folder_are_accepted(recording, tmp_path, monkeypatch, capsys):
+def test_results_below_the_current_folder_are_accepted(recording, tmp_path, monkeypatch, refusal):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("anchorpose.live.cameras.Playback.images", lambda self, stop: iter(()))
-    assert main(["live", str(recording), "-o", "session"]) == 2
-    assert "Nothing can be tracked" in capsys.readouterr().err
+    assert "Nothing can be tracked" in refusal(["live", str(recording), "-o", "session"])
 
 
-def test_results_inside_a_recording_that_is_played_are_refused(recording, capsys):
-    assert main(["live", str(recording), "-o", str(recording / "session")]) == 2
-    assert "lies inside the recording" in capsys.readouterr().err
-
-
-def test_a_calibration_that_is_not_there_is_refused_at_once(recording, tmp_path, capsys):
-    given = ["--calibration", str(tmp_path / "none.json")]
-    assert main(["live", str(recording), "-o", str(tmp_path / "session"), *given]) == 2
-    assert "none.json: there is no such file" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("out", "given", "told"),
+    [
+        ("{recording}/session", [], "lies inside the recording"),
+        ("{tmp}/session", ["--calibration", "{tmp}/none.json"], "none.json: there is no such file"),
+    ],
+)
+def test_what_cannot_be_played_into_a_folder_is_refused_at_once(recording, tmp_path, refusal, out, given, told):
+    arguments = ["live", "{recording}", "-o", out, *given]
+    assert told in refusal([each.format(recording=recording, tmp=tmp_path) for each in arguments])
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_stored_session_names_its_own_copy_of_the_calibration(recording, tmp_path):
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     given = tmp_path / "wednesday.json"
-    given.write_text(
-        json.dumps(
-            {
-                "format": "camera-calibration",
-                "version": 1,
-                "cameras": [{"name": "front", "camera_to_world": pose.tolist()}],
-            }
-        )
-    )
+    cameras = [{"name": "front", "camera_to_world": pose.tolist()}]
+    given.write_text(json.dumps({"format": "camera-calibration", "version": 1, "cameras": cameras}))
     (tmp_path / "results").mkdir()
     store = SessionStore(tmp_path / "results", LiveOptions(config=TrackConfig(height_m=1.7), calibration=given))
     store._write(store._session)

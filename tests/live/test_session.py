@@ -1,7 +1,5 @@
 """From a source that runs to joints at once and a finished results folder."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -129,18 +127,13 @@ def test_a_camera_that_is_lost_ends_the_run_in_order(recording, tmp_path):
     assert "check its cable" in (tmp_path / "out" / "run.json").read_text()
 
 
-def test_without_images_nothing_is_written(tmp_path, recording):
-    source = Again(open_recording(recording), FPS)
-    source.lose_after = 0
-    stop = Event()
-    with pytest.raises(AnchorposeError, match="check its cable"):
+@pytest.mark.parametrize(("images", "told"), [(0, "check its cable"), (None, "Stopped before")])
+def test_without_images_or_before_anybody_is_found_nothing_is_written(tmp_path, recording, images, told):
+    source, stop = Again(open_recording(recording), FPS), Event()
+    if images is None:
+        threading.Timer(0.5, stop.set).start()
+    else:
+        source.lose_after = images
+    with pytest.raises(AnchorposeError, match=told):
         run(source, tmp_path / "out", stop, Collecting(1, stop))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_stopped_before_anybody_was_found_says_so_and_leaves_nothing(tmp_path, recording):
-    stop = Event()
-    threading.Timer(0.5, stop.set).start()
-    with pytest.raises(AnchorposeError, match="Stopped before"):
-        run(Again(open_recording(recording), FPS), tmp_path / "out", stop, Collecting(1, stop))
     assert list(tmp_path.iterdir()) == []

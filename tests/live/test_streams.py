@@ -45,8 +45,7 @@ def test_a_lab_streaming_layer_client_reads_joints_with_capture_time_and_metadat
         assert stamp + inlet.time_correction(timeout=5.0) == pytest.approx(sent, abs=0.02)
         channel = inlet.info(timeout=5.0).desc().child("channels").child("channel")
         assert channel.child_value("label") == f"{JOINT_NAMES[0]}_X"
-        assert channel.child_value("type") == "PositionX"
-        assert channel.child_value("unit") == "meters"
+        assert (channel.child_value("type"), channel.child_value("unit")) == ("PositionX", "meters")
     finally:
         output.close()
 
@@ -62,8 +61,7 @@ def test_an_osc_receiver_gets_one_bundle_per_frame():
         receiver.settimeout(5.0)
         OscOutput("127.0.0.1", receiver.getsockname()[1]).send(frame_sent())
         messages = list(OscBundle(receiver.recv(65536)))
-    assert messages[0].address == "/anchorpose/frame"
-    assert messages[0].params[0] == 12
+    assert (messages[0].address, messages[0].params[0]) == ("/anchorpose/frame", 12)
     assert messages[6].params[1:5] == pytest.approx([15.0, 16.0, 17.0, 0.01])
     assert (messages[6].params[0], messages[6].params[5]) == (JOINT_NAMES[5], "observed")
     assert messages[3].params == [JOINT_NAMES[2], "lost"]

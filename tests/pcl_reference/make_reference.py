@@ -3,8 +3,6 @@
 Writes reference.npz beside this file; the tests compare with it and do not need PCL. Made with Debian's PCL 1.13.0.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Builds and runs pcl_features, the program that asks the Point Cloud Library for its descriptors."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """JSON text becomes values within limits of size, depth and numbers; every refusal is a sentence, in linear time."""
 
-from __future__ import annotations
-
 import json
 import time
 from contextlib import suppress

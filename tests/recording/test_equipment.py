@@ -1,7 +1,5 @@
 """The equipment model: exact distances, closed surfaces, and meshes from PLY files."""
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path
@@ -26,11 +24,8 @@ def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
     return float(np.sum(a * np.cross(b, c)) / 6.0)
 
 
-def test_a_boxs_triangles_enclose_its_volume_seen_from_outside():
+def test_triangles_enclose_the_volume_of_the_part_seen_from_outside():
     assert _volume(*BOX.triangles()) == pytest.approx(np.prod(BOX.size_m))
-
-
-def test_a_cylinders_triangles_enclose_nearly_its_volume():
     round_volume = np.pi * CYLINDER.radius_m**2 * CYLINDER.length_m
     assert 0.99 * round_volume < _volume(*CYLINDER.triangles()) < round_volume
 
@@ -62,15 +57,12 @@ def _sampled_distance(points: np.ndarray, vertices: np.ndarray, faces: np.ndarra
     return np.linalg.norm(points[:, None] - samples, axis=2).min(axis=1)
 
 
-def test_distance_to_a_mesh_agrees_with_dense_sampling():
+def test_distance_to_a_mesh_agrees_with_dense_sampling_and_that_of_a_box_with_the_box():
     points = np.random.default_rng(5).uniform(-1, 2, (80, 3))
     exact = Mesh("t", TETRAHEDRON, TETRAHEDRON_FACES).distance_m(points)
     sampled = _sampled_distance(points, TETRAHEDRON, TETRAHEDRON_FACES)
     assert (exact <= sampled + 1e-9).all()
     np.testing.assert_allclose(exact, sampled, atol=0.02)  # half the spacing of the samples
-
-
-def test_a_box_and_its_own_triangles_are_equally_far_from_outside():
     points = np.random.default_rng(6).uniform(-2, 2, (200, 3))
     distance = BOX.distance_m(points)
     mesh = Mesh("m", *BOX.triangles()).distance_m(points)

@@ -1,7 +1,5 @@
 """Whatever is written into a recording's files, it is either read or refused by name."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

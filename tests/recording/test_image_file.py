@@ -1,7 +1,5 @@
 """Images that are not depth frames: a damaged one is None, and no library prints about it."""
 
-from __future__ import annotations
-
 import os
 
 import cv2

@@ -1,8 +1,7 @@
 """Pictures of several cameras are paired by time, each used once."""
 
-from __future__ import annotations
-
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.recording.recording import (
     Clock,
     DepthStream,
+    Recording,
     align_clocks,
     find_gaps,
     nearest_within,
@@ -46,10 +46,15 @@ def test_a_camera_is_paired_with_itself(time_s):
     np.testing.assert_array_equal(nearest_within(time_s, time_s, 0.001), np.arange(len(time_s)))
 
 
+def two_cameras(folder: Path, *left_s: float) -> Recording:
+    """A recording of as many frames, ten a second; the times of the left camera are given."""
+    write_recording(folder / "r", frames=len(left_s), cameras=("front", "left"))
+    write_timestamps(folder / "r" / "left", list(enumerate(left_s)))
+    return open_recording(folder / "r")
+
+
 def test_a_slower_camera_is_missing_between_its_pictures_and_never_stale(tmp_path):
-    folder = write_recording(tmp_path / "r", frames=4, cameras=("front", "left"))
-    write_timestamps(folder / "left", [(0, 0.03), (1, 0.23), (2, 0.43), (3, 0.63)])
-    recording = open_recording(folder)
+    recording = two_cameras(tmp_path, 0.03, 0.23, 0.43, 0.63)
     np.testing.assert_array_equal(pair_frames(recording)[:, 1], [0, -1, 1, -1])
     sets = list(read_frames(recording))
     assert [frame.depths_m[1] is None for frame in sets] == [False, True, False, True]
@@ -57,27 +62,20 @@ def test_a_slower_camera_is_missing_between_its_pictures_and_never_stale(tmp_pat
 
 
 def test_cameras_are_paired_on_the_reference_clock(tmp_path):
-    folder = write_recording(tmp_path / "r", frames=3, cameras=("front", "left"))
-    write_timestamps(folder / "left", [(0, 100.0), (1, 100.1), (2, 100.2)])
-    recording = align_clocks(open_recording(folder), (Clock(), Clock(ahead_s=100.0)))
+    recording = align_clocks(two_cameras(tmp_path, 100.0, 100.1, 100.2), (Clock(), Clock(ahead_s=100.0)))
     np.testing.assert_array_equal(pair_frames(recording)[:, 1], [0, 1, 2])
 
 
 def test_cameras_that_never_meet_are_refused_by_name(tmp_path):
-    folder = write_recording(tmp_path / "r", frames=3, cameras=("front", "left"))
-    write_timestamps(folder / "left", [(0, 50.0), (1, 50.1), (2, 50.2)])
-    recording = open_recording(folder)
+    recording = two_cameras(tmp_path, 50.0, 50.1, 50.2)
     with pytest.raises(InputError, match=r"left.timestamps.csv: camera left never overlaps in time with camera front"):
         read_frames(recording)
 
 
 def test_when_each_picture_was_taken_is_said_on_the_reference_clock(tmp_path):
-    folder = write_recording(tmp_path / "r", frames=3, cameras=("front", "left"))
-    write_timestamps(folder / "left", [(0, 100.01), (1, 100.11), (2, 100.31)])
-    recording = align_clocks(open_recording(folder), (Clock(), Clock(ahead_s=100.0)))
+    recording = align_clocks(two_cameras(tmp_path, 100.01, 100.11, 100.31), (Clock(), Clock(ahead_s=100.0)))
     sets = list(read_frames(recording))
-    assert sets[0].taken_s == pytest.approx((0.0, 0.01))
-    assert sets[1].taken_s == pytest.approx((0.1, 0.11))
+    assert (sets[0].taken_s, sets[1].taken_s) == (pytest.approx((0.0, 0.01)), pytest.approx((0.1, 0.11)))
     assert sets[2].taken_s[1] is None
 
 
@@ -99,15 +97,12 @@ def test_pictures_without_noise_are_not_called_doubled(tmp_path):
     assert not open_recording(folder).streams[0].duplicate.any()
 
 
-def test_a_stamp_given_twice_leaves_its_picture_out(tmp_path):
+def test_a_stamp_given_twice_leaves_its_picture_out_and_a_clock_set_back_is_refused(tmp_path):
     folder = write_recording(tmp_path / "r", frames=12)
     write_timestamps(folder / "front", [(k, 0.1 * (k - (k == 5))) for k in range(12)])
     recording = open_recording(folder)
     assert recording.streams[0].frame.tolist() == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 11]
     assert find_gaps(recording)[0].repeated == 1
-
-
-def test_a_clock_set_back_is_refused(tmp_path):
     folder = write_recording(tmp_path / "r", frames=3)
     write_timestamps(folder / "front", [(0, 0.0), (1, 0.1), (2, 0.05)])
     with pytest.raises(InputError, match=r"frame 2 is not later than 0.1 s; .*set back"):
@@ -121,9 +116,7 @@ def test_late_starts_early_ends_pauses_and_drops_are_said_once(tmp_path):
         (folder / f"left/depth/{k:06d}.png").unlink()
     write_timestamps(folder / "left", [(k, 0.1 * k) for k in kept])
     front, left = find_gaps(open_recording(folder))
-    assert front.sentence == ""
-    assert left.late_s == pytest.approx(1.5)
-    assert left.early_s == pytest.approx(1.4)
+    assert (front.sentence, left.late_s, left.early_s) == ("", pytest.approx(1.5), pytest.approx(1.4))
     assert left.dropped == 2
     assert left.pauses == (pytest.approx((2.7, 4.1)),)
     assert left.paired_share == pytest.approx(len(kept) / 60)

@@ -1,7 +1,5 @@
 """The patient's height in recording.json and as given by the user."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -15,40 +13,23 @@ from anchorpose.tracker.config import TrackConfig
 
 
 def recording(height_m: float | None) -> Recording:
-    return Recording(
-        folder=Path("visit"),
-        cameras=(),
-        streams=(),
-        backgrounds_m=(),
-        equipment=None,
-        subject=Subject(height_m=height_m),
-    )
+    parts = dict.fromkeys(("cameras", "streams", "backgrounds_m"), ())
+    return Recording(folder=Path("visit"), **parts, equipment=None, subject=Subject(height_m=height_m))
 
 
 def test_the_given_height_is_used_where_the_recording_has_none_or_nearly_the_same():
     assert with_height(recording(None), 1.72).subject.height_m == 1.72
     assert with_height(recording(1.70), 1.72).subject.height_m == 1.72
-
-
-def test_without_a_given_height_the_recordings_own_stays():
     assert with_height(recording(1.70), None).subject.height_m == 1.70
     assert with_height(recording(None), None).subject.height_m is None
-
-
-def test_two_heights_of_two_people_are_refused():
     with pytest.raises(InputError, match=r"recording\.json: says that the patient is 1\.70 m tall.*1\.85 m; measure"):
         with_height(recording(1.70), 1.85)
 
 
-@pytest.mark.parametrize("height_m", [172.0, 1.1, 2.3, 0.0, -1.7])
+@pytest.mark.parametrize("height_m", [172.0, 1.1, 2.3, 0.0, -1.7, float("nan")])
 def test_a_height_that_no_adult_has_is_refused(height_m):
-    with pytest.raises(ValueError, match=r"height_m is in metres, 1\.2 to 2\.2, got"):
+    with pytest.raises(ValueError, match="height_m" if height_m != height_m else r"in metres, 1\.2 to 2\.2, got"):
         TrackConfig(height_m=height_m)
-
-
-def test_a_height_that_is_not_a_number_is_refused():
-    with pytest.raises(ValueError, match="height_m"):
-        TrackConfig(height_m=float("nan"))
 
 
 def stated(tmp_path: Path, subject: dict[str, object]) -> Subject:
@@ -58,14 +39,8 @@ def stated(tmp_path: Path, subject: dict[str, object]) -> Subject:
 
 
 def test_what_is_stated_about_the_patient_comes_back(tmp_path):
-    given = {
-        "height_m": 1.5,
-        "age_years": 12.0,
-        "sex": "female",
-        "missing": ["hand_left"],
-        "covered": ["trunk", "head"],
-    }
-    read = stated(tmp_path, given)
+    given = {"height_m": 1.5, "age_years": 12.0, "sex": "female", "missing": ["hand_left"]}
+    read = stated(tmp_path, given | {"covered": ["trunk", "head"]})
     assert (read.height_m, read.age_years, read.sex) == (1.5, 12.0, "female")
     assert (read.missing, read.covered) == (("hand_left",), ("trunk", "head"))
     assert read.grown is False

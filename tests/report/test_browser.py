@@ -1,7 +1,5 @@
 """The report as people use it in Chromium: with a mouse, by keyboard, and over ten minutes."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Many frames on a narrow page: no peak is lost, no gap is bridged, and axes hold what they must."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -56,22 +54,16 @@ def test_a_line_is_broken_where_values_are_missing():
     values = np.array([0.0, 1.0, np.nan, np.nan, 1.0, 0.0, np.nan, 0.5])
     bins = bins_of(8)
     seen, inferred = line_paths(envelope(values, bins), np.ones(8, dtype=bool), bins, WHOLE)
-    assert inferred == ""
-    assert starts(seen) == [0, 571, 1000]
-    assert seen.count("z") == 0
+    assert (inferred, starts(seen), seen.count("z")) == ("", [0, 571, 1000], 0)
 
 
-def test_a_line_is_broken_where_the_camera_paused():
+def test_a_line_is_broken_where_the_camera_paused_and_a_pause_is_no_column():
     time_s = np.concatenate([np.arange(5) / 30, 3.0 + np.arange(5) / 30])
     bins = bins_of(10, time_s=time_s)
     seen, _ = line_paths(envelope(np.zeros(10), bins), np.ones(10, dtype=bool), bins, WHOLE)
     assert len(starts(seen)) == 2
     band = band_path(np.zeros(10), np.ones(10), bins, WHOLE)
     assert band.count("z") == 2
-
-
-def test_a_pause_is_no_column():
-    time_s = np.concatenate([np.arange(5) / 30, 3.0 + np.arange(5) / 30])
     widths = [int(width) for width in re.findall(r"h(\d+)", step_path(np.ones(10), bins_of(10, time_s=time_s)))]
     assert sum(widths) < 150  # of 1000: eight thirtieths of some three seconds
 
@@ -80,9 +72,7 @@ def test_seen_and_inferred_stretches_meet_and_a_link_is_seen_where_both_ends_are
     bins = bins_of(6)
     flags = np.array([True, True, False, False, True, True])
     seen, inferred = line_paths(envelope(np.full(6, 0.5), bins), flags, bins, WHOLE)
-    assert starts(seen) == [0, 800]
-    assert starts(inferred) == [200]
-    assert inferred == "M200 500l200 0 200 0 200 0"
+    assert (starts(seen), starts(inferred), inferred) == ([0, 800], [200], "M200 500l200 0 200 0 200 0")
 
 
 @given(st.floats(-1e3, 1e3), st.floats(0.01, 1e3), st.floats(0.0, 1e3), st.floats(0.1, 50.0))
@@ -125,5 +115,4 @@ def test_angles_within_half_a_turn_are_not_moved():
 
 def test_numbers_have_the_digits_that_their_error_leaves():
     assert [decimals_for(error, 12.3456) for error in (0.012, 0.24, 2.9, 3.6, 31.0, None)] == [3, 2, 1, 0, 0, 1]
-    assert number(-0.2, 0) == "0"
-    assert number(-1234.5, 1) == "\u22121\u202f234.5"
+    assert (number(-0.2, 0), number(-1234.5, 1)) == ("0", "\u22121\u202f234.5")

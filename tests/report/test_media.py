@@ -1,7 +1,5 @@
 """The report on a phone, on paper, in the dark, without colour and without a script, in Chromium."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest_plugins = ("report_fixtures",)

@@ -1,7 +1,5 @@
 """Moments that the body does not explain: a sentence, a table, a row of the timeline; nothing where there are none."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -38,12 +36,8 @@ def section(page: PageReader) -> str:
 
 
 def test_the_sentence_and_the_table_name_the_worst_moments(tmp_path: Path) -> None:
-    page = page_of(
-        tmp_path / "r",
-        explained(
-            {10: 620.0, 11: 610.0, 60: 100.0}, {(10, "arm_left"): 0.45, (40, "leg_right"): 0.62, (40, "trunk"): 0.31}
-        ),
-    )
+    past = {(10, "arm_left"): 0.45, (40, "leg_right"): 0.62, (40, "trunk"): 0.31}
+    page = page_of(tmp_path / "r", explained({10: 620.0, 11: 610.0, 60: 100.0}, past))
     assert "In 3 % of the frames in which the patient was found" in section(page)  # of 100 and not of 120
     assert "80 cm² or more of the patient's visible surface is covered by no limb" in section(page)
     table = page.find("section", id="moments")[0]

@@ -1,7 +1,5 @@
 """Full and anchor descriptors: invariance under rigid motion and isometry, straight lines on a sheet, refusals."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

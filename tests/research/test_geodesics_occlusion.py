@@ -1,7 +1,5 @@
 """Bright and shadow regions, and what of the paper's two propositions holds; docs/occlusion.md has the proofs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """All solvers of geodesic distance behind the one interface: known shapes, the exact one as oracle, refusals."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

@@ -1,13 +1,12 @@
 """Who touches the patient where: distances in one frame, contacts over time, their table and their evaluation."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from body_builder import FRONT, adult_body, asset, before_wall, photograph, points, skin_in, standing
+from session_builder import contact
 
 from anchorpose.body.config import VisibilityConfig
 from anchorpose.body.contact_regions import (
@@ -83,16 +82,13 @@ def span(contact: Contact) -> tuple[str, str, int, int]:
 KNEE, CHEST = region("knee_left")[:12], region("chest")[:12]
 
 
-def test_every_bone_belongs_to_a_part_and_every_part_has_skin():
+def test_every_bone_belongs_to_a_part_and_the_skin_points_stand_for_the_skin_of_an_adult():
     assert {bone for bones in REGION_BONES.values() for bone in bones} == set(asset().bone_names)
     assert set(REGION) == set(range(len(REGIONS)))
     left = [name for name in REGIONS if name.endswith("_left")]
     for name in left:
         other = name.replace("_left", "_right")
         assert len(region(name)) == pytest.approx(len(region(other)), rel=0.25, abs=4)
-
-
-def test_the_skin_points_stand_for_the_skin_of_an_adult():
     assert 1.5 < AREA_M2 * len(REGION) < 2.2  # square metres (Du Bois and Du Bois 1916)
 
 
@@ -132,11 +128,9 @@ def test_only_skin_that_faces_the_camera_is_shown():
 def test_a_hold_is_one_contact_from_its_first_frame_to_its_last():
     found = contacts_of([nothing()] * 3 + [held(KNEE)] * 5 + [nothing()] * 6)
     assert [span(contact) for contact in found] == [("knee_left", "person 1", 3, 7)]
-    assert found[0].start_s == pytest.approx(0.3)
-    assert found[0].end_s == pytest.approx(0.7)
+    assert (found[0].start_s, found[0].end_s) == pytest.approx((0.3, 0.7))
     assert found[0].area_cm2 == pytest.approx(12e4 * AREA_M2)
-    assert found[0].gap_mm == pytest.approx(20.0, abs=0.01)
-    assert found[0].state == "seen"
+    assert (found[0].gap_mm, found[0].state) == (pytest.approx(20.0, abs=0.01), "seen")
 
 
 FEW = KNEE[:2]
@@ -159,20 +153,16 @@ def test_when_a_contact_begins_and_ends(frames, spans):
     assert [span(contact)[2:] for contact in contacts_of(frames)] == spans
 
 
-def test_a_hold_that_goes_out_of_sight_goes_on_as_inferred():
+def test_a_hold_that_goes_out_of_sight_goes_on_as_inferred_as_are_remembered_hands():
     unseen = held(KNEE, distance_m=0.15, shown=False)
     (contact,) = contacts_of([held(KNEE)] * 3 + [unseen] * 7 + [nothing()] * 5)
     assert span(contact)[2:] == (0, 9)
-    assert contact.seen_share == pytest.approx(0.3)
-    assert contact.state == "inferred"
-
-
-def test_remembered_hands_are_inferred():
+    assert (contact.seen_share, contact.state) == (pytest.approx(0.3), "inferred")
     (contact,) = contacts_of([held(KNEE, remembered=True)] * 5)
     assert (contact.state, contact.seen_share) == ("inferred", 0.0)
 
 
-def test_people_and_parts_are_counted_apart_and_named_as_their_contacts_end():
+def test_people_and_parts_are_counted_apart_and_nobody_is_known_while_the_patient_is_lost():
     both = held(np.concatenate([KNEE, CHEST]), label=9)
     found = contacts_of([both] * 4 + [held(KNEE, label=6)] * 9)
     assert [span(contact) for contact in found] == [
@@ -180,9 +170,6 @@ def test_people_and_parts_are_counted_apart_and_named_as_their_contacts_end():
         ("knee_left", "person 1", 0, 3),
         ("knee_left", "person 2", 4, 12),
     ]
-
-
-def test_while_the_patient_is_lost_nobody_is_known():
     found = contacts_of([held(KNEE)] * 4 + [None] + [held(KNEE)] * 4)
     assert [span(contact) for contact in found] == [("knee_left", "person 1", 0, 3), ("knee_left", "person 2", 5, 8)]
 
@@ -193,20 +180,10 @@ def test_settings_that_cannot_work_are_refused(wrong):
         ContactConfig(**wrong)
 
 
-CONTACT = Contact(
-    part="knee_left",
-    person="person 1",
-    first_frame=2,
-    last_frame=5,
-    start_s=0.2,
-    end_s=0.5,
-    seen_share=0.9,
-    area_cm2=80.0,
-    gap_mm=12.0,
-)
+CONTACT = replace(contact("knee_left", "person 1", 2, 5, 0.9), area_cm2=80.0, gap_mm=12.0)
 
 
-def test_the_table_gives_back_what_was_written_and_the_same_bytes(tmp_path):
+def test_the_table_gives_back_what_was_written_and_refuses_an_unknown_part(tmp_path):
     written = (CONTACT, replace(CONTACT, part="chest", seen_share=0.1))
     for name in ("a", "b"):
         with write_contacts(tmp_path / name) as table:
@@ -215,9 +192,6 @@ def test_the_table_gives_back_what_was_written_and_the_same_bytes(tmp_path):
     assert read_contacts(tmp_path / "a") == written
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
     assert pq.read_table(tmp_path / "a")["state"].to_pylist() == ["seen", "inferred"]
-
-
-def test_a_part_that_nobody_knows_is_refused(tmp_path):
     with write_contacts(tmp_path / "t") as table:
         table.append(replace(CONTACT, part="wing"))
     with pytest.raises(InputError, match="wing"):

@@ -1,7 +1,5 @@
 """What was done with results is in their log, and edits of the log or of what it names are found."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -87,11 +85,10 @@ def test_a_log_that_was_edited_does_not_fit(results, edit):
 
 
 @pytest.mark.parametrize("line", ["{", "[]", '{"at": "now"}', '{"a":' * 1000, "\0"])
-def test_a_log_that_is_none_is_refused(results, capsys, line):
+def test_a_log_that_is_none_is_refused(results, refusal, line):
     with (results / LOG_FILE).open("a") as file:
         file.write(line + "\n")
-    assert main(["verify", str(results)]) == 2
-    assert "log.jsonl: line 2 is not an entry of a log" in capsys.readouterr().err
+    assert "log.jsonl: line 2 is not an entry of a log" in refusal(["verify", str(results)])
     add_event(results, "report")  # goes on behind it
     with pytest.raises(InputError):
         read_log(results)

@@ -1,7 +1,5 @@
 """explained.parquet: what goes in comes out, unknown stays unknown, and the worst moments are found and worded."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

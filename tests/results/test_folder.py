@@ -1,7 +1,5 @@
 """A results folder appears whole or not at all, and nobody's files are lost."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -18,6 +16,7 @@ def recording(tmp_path) -> Path:
 
 
 def _fill(folder: Path, text: str) -> None:
+    folder.mkdir(exist_ok=True)
     for name in RESULTS.marks:
         (folder / name).write_text(text)
 
@@ -30,8 +29,7 @@ def test_a_folder_appears_only_when_it_is_complete(tmp_path, recording):
     with new_results_folder(tmp_path / "out", recording) as folder:
         _fill(folder, "new")
         assert not (tmp_path / "out").exists()
-    assert _names(tmp_path / "out") == set(RESULTS.marks)
-    assert _names(tmp_path) == {"recording", "out"}
+    assert (_names(tmp_path / "out"), _names(tmp_path)) == (set(RESULTS.marks), {"recording", "out"})
 
 
 def _fail_half_way(path: Path, recording: Path, error: type[BaseException], overwrite: bool = False) -> None:
@@ -49,23 +47,19 @@ def test_whatever_stops_the_work_leaves_nothing_behind(tmp_path, recording, erro
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_a_failed_replacement_leaves_the_old_result(tmp_path, recording, error):
-    (tmp_path / "out").mkdir()
     _fill(tmp_path / "out", "old")
     with pytest.raises(error):
         _fail_half_way(tmp_path / "out", recording, error, overwrite=True)
-    assert (tmp_path / "out" / "run.json").read_text() == "old"
-    assert _names(tmp_path) == {"recording", "out"}
+    assert ((tmp_path / "out" / "run.json").read_text(), _names(tmp_path)) == ("old", {"recording", "out"})
 
 
 def test_a_result_is_replaced_only_when_asked(tmp_path, recording):
-    (tmp_path / "out").mkdir()
     _fill(tmp_path / "out", "old")
     with pytest.raises(InputError, match="--overwrite"), new_results_folder(tmp_path / "out", recording):
         pass
     with new_results_folder(tmp_path / "out", recording, overwrite=True) as folder:
         _fill(folder, "new")
-    assert (tmp_path / "out" / "run.json").read_text() == "new"
-    assert _names(tmp_path) == {"recording", "out"}
+    assert ((tmp_path / "out" / "run.json").read_text(), _names(tmp_path)) == ("new", {"recording", "out"})
 
 
 def test_a_folder_that_is_no_result_is_never_touched(tmp_path, recording):
@@ -100,8 +94,7 @@ def test_a_text_file_is_replaced_whole_or_kept(tmp_path):
     write_text_whole(path, "old")
     with pytest.raises(UnicodeEncodeError):
         write_text_whole(path, "half \udc80")
-    assert path.read_text() == "old"
-    assert _names(tmp_path) == {"report.html"}
+    assert (path.read_text(), _names(tmp_path)) == ("old", {"report.html"})
 
 
 def _replace(path: Path, recording: Path) -> None:
@@ -136,7 +129,6 @@ def test_a_folder_that_appears_meanwhile_is_not_touched_and_the_results_are_kept
 
 
 def test_a_replacement_that_was_killed_half_way_is_undone(tmp_path, recording):
-    (tmp_path / ".out.replaced").mkdir()
     _fill(tmp_path / ".out.replaced", "old")
     with pytest.raises(InputError, match="--overwrite"), new_results_folder(tmp_path / "out", recording):
         pass
@@ -161,7 +153,6 @@ def test_what_a_killed_run_left_behind_blocks_no_later_one(tmp_path, recording):
 def test_only_results_that_were_moved_away_are_moved_back(tmp_path, recording, made):
     replaced = tmp_path / ".out.replaced"
     if made == "link to results":
-        (tmp_path / "elsewhere").mkdir()
         _fill(tmp_path / "elsewhere", "of another run")
         replaced.symlink_to(tmp_path / "elsewhere")
     else:
@@ -170,8 +161,7 @@ def test_only_results_that_were_moved_away_are_moved_back(tmp_path, recording, m
     before = _names(tmp_path)
     with new_results_folder(tmp_path / "out", recording, overwrite=True) as folder:
         _fill(folder, "new")
-    assert _names(tmp_path) == before | {"out"}
-    assert _names(tmp_path / "out") == set(RESULTS.marks)
+    assert (_names(tmp_path), _names(tmp_path / "out")) == (before | {"out"}, set(RESULTS.marks))
 
 
 def test_nothing_is_made_or_replaced_through_a_link(tmp_path):
@@ -180,5 +170,4 @@ def test_nothing_is_made_or_replaced_through_a_link(tmp_path):
     (tmp_path / "tables").symlink_to(tmp_path / "mine")
     with pytest.raises(InputError, match="is a link"), whole_or_nothing(tmp_path / "tables", ("*.csv",)):
         pass
-    assert (tmp_path / "mine" / "a.csv").read_text() == "mine"
-    assert _names(tmp_path) == {"mine", "tables"}
+    assert ((tmp_path / "mine" / "a.csv").read_text(), _names(tmp_path)) == ("mine", {"mine", "tables"})

@@ -1,7 +1,5 @@
 """An hour's results: contacts are counted at once, and run.json may name every depth image."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

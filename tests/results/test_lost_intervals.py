@@ -1,7 +1,5 @@
 """Why the patient is lost, interval by interval."""
 
-from __future__ import annotations
-
 import pytest
 
 from anchorpose.results.run_record import LostInterval, note_lost

@@ -1,7 +1,5 @@
 """posture, episodes and measures: what is written is read back, missing stays missing, other files are refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -38,20 +36,30 @@ def test_posture_comes_back_with_its_unknown_frames_unknown(tmp_path):
         np.testing.assert_array_equal(getattr(back, name), getattr(_posture(), name))
 
 
-def test_episodes_come_back_in_the_order_of_time(tmp_path):
+def test_episodes_come_back_in_the_order_of_time_and_an_unknown_kind_is_refused(tmp_path):
     late = Episode(kind="upright", first_frame=9, last_frame=12, start_s=0.6, end_s=0.8, state=JointState.OBSERVED)
     early = Episode(kind="sit_to_stand", first_frame=1, last_frame=9, start_s=0.1, end_s=0.6, state=JointState.HIDDEN)
     write_episodes(tmp_path / "episodes.parquet", [late, early])
     assert read_episodes(tmp_path / "episodes.parquet") == (early, late)
     assert late.seconds == pytest.approx(0.2)
+    odd = Episode(kind="upright", first_frame=0, last_frame=1, start_s=0.0, end_s=0.1, state=JointState.OBSERVED)
+    write_episodes(tmp_path / "episodes.parquet", [odd])
+    table = pq.read_table(tmp_path / "episodes.parquet")
+    column = table.column_names.index("kind")
+    pq.write_table(table.set_column(column, table.schema.field("kind"), [["flying"]]), tmp_path / "odd.parquet")
+    with pytest.raises(InputError, match="flying"):
+        read_episodes(tmp_path / "odd.parquet")
 
 
-def test_measures_come_back_with_or_without_a_value(tmp_path):
+def test_measures_come_back_with_a_value_or_a_reason_for_none(tmp_path):
     known = Measure(measure="upright_time", value=3.2, unit="s", sigma=0.1, frames=48, inferred_share=0.25)
     unknown = Measure(measure="sway_path", value=None, unit="mm", frames=0, why="no upright bout of 5 s")
     touch = Measure(measure="assistance_time", part="knee_left", person="b", value=1.0, unit="s", frames=15)
     write_measures(tmp_path / "measures.parquet", [known, unknown, touch], {})
     assert read_measures(tmp_path / "measures.parquet") == (known, unknown, touch)
+    for value, why in ((None, None), (1.0, "because")):
+        with pytest.raises(ValueError, match="upright_time"):
+            Measure(measure="upright_time", value=value, unit="s", frames=1, why=why)
 
 
 def test_measures_tell_by_which_version_and_thresholds_they_were_computed(tmp_path):
@@ -66,12 +74,6 @@ def test_measures_tell_by_which_version_and_thresholds_they_were_computed(tmp_pa
             read_definition(path)
 
 
-def test_a_measure_has_a_value_or_a_reason_for_none():
-    for value, why in ((None, None), (1.0, "because")):
-        with pytest.raises(ValueError, match="upright_time"):
-            Measure(measure="upright_time", value=value, unit="s", frames=1, why=why)
-
-
 @pytest.mark.parametrize("read", [read_posture, read_episodes, read_measures])
 def test_another_table_is_refused_by_name(tmp_path, read):
     path = tmp_path / "other.parquet"
@@ -79,13 +81,3 @@ def test_another_table_is_refused_by_name(tmp_path, read):
     write()
     with pytest.raises(InputError, match=r"other\.parquet"):
         read(path)
-
-
-def test_an_unknown_kind_of_episode_is_refused(tmp_path):
-    odd = Episode(kind="upright", first_frame=0, last_frame=1, start_s=0.0, end_s=0.1, state=JointState.OBSERVED)
-    write_episodes(tmp_path / "episodes.parquet", [odd])
-    table = pq.read_table(tmp_path / "episodes.parquet")
-    column = table.column_names.index("kind")
-    pq.write_table(table.set_column(column, table.schema.field("kind"), [["flying"]]), tmp_path / "odd.parquet")
-    with pytest.raises(InputError, match="flying"):
-        read_episodes(tmp_path / "odd.parquet")

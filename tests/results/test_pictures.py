@@ -1,7 +1,5 @@
 """run.json; pictures that show what they should."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from enum import Enum
@@ -60,7 +58,7 @@ def _pixel(picture: np.ndarray, point_m: np.ndarray) -> np.ndarray:
     return picture[round(row), round(column)]
 
 
-def test_a_seen_joint_is_filled_and_an_inferred_one_hollow_where_it_is():
+def test_a_seen_joint_is_filled_an_inferred_one_hollow_and_an_anchor_a_vermillion_dot_where_it_is():
     depth = np.full((212, 256), 2.0, np.float32)
     states = [JointState.OBSERVED] * JOINT_COUNT
     states[JOINT_INDEX["HandLeft"]] = JointState.HIDDEN_BY_PERSON
@@ -69,9 +67,6 @@ def test_a_seen_joint_is_filled_and_an_inferred_one_hollow_where_it_is():
     picture = draw_scene(OverlayScene(camera=CAMERA, depth_m=depth, joints_m=joints, joint_states=tuple(states)))
     assert _pixel(picture, joints[JOINT_INDEX["HandRight"]]).min() > 200
     assert _pixel(picture, joints[JOINT_INDEX["HandLeft"]]).max() < 60
-
-
-def test_an_anchor_is_a_vermillion_dot_and_a_missed_one_is_not_drawn():
     depth = np.full((212, 256), 2.0, np.float32)
     head = standing_joints()[JOINT_INDEX["Head"]]
     anchors = np.array([head, [np.nan] * 3])

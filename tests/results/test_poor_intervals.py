@@ -1,7 +1,5 @@
 """Frames in which depth is too poor for joints, interval by interval."""
 
-from __future__ import annotations
-
 from anchorpose.body.visibility import PoorDepth, PoorKind
 from anchorpose.results.run_record import PoorInterval, note_poor
 

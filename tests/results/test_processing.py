@@ -1,7 +1,5 @@
 """Smoothing and filling: no delay, gaps stay gaps unless asked for, and sigma says what was made up."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -127,17 +125,7 @@ def test_what_is_filled_lies_within_its_sigma():
     assert np.mean(np.abs(errors) <= 1.96) == pytest.approx(0.95, abs=0.03)
 
 
-def test_a_cutoff_that_is_too_high_for_a_slower_stretch_is_refused_with_its_rate():
-    """All at 30 frames a second but the end, and there one joint by itself."""
-    slow_s = np.arange(1, 61) / 25.0
-    table = moving(240, gap=slice(170, 180))
-    time_s = np.concatenate([np.arange(180) / RATE, 179 / RATE + slow_s])
-    assert process_joints(replace(table, time_s=time_s), ProcessingConfig(smooth="butterworth", cutoff_hz=11.0))
-    with pytest.raises(AnchorposeError, match="too high for 25 frames a second"):
-        process_joints(replace(table, time_s=time_s), ProcessingConfig(smooth="butterworth", cutoff_hz=12.0))
-
-
-def test_a_spline_follows_a_curve_that_a_line_cuts():
+def test_a_spline_follows_a_curve_that_a_line_cuts_and_nothing_is_filled_where_too_little_is_known():
     time_s = np.arange(240) / RATE
     gapped = wave(time_s)
     gapped[100:106] = np.nan
@@ -147,6 +135,10 @@ def test_a_spline_follows_a_curve_that_a_line_cuts():
         for fill in ("linear", "spline")
     ]
     assert far[1] < 0.2 * far[0]
+    gapped = wave(np.arange(24) / RATE)
+    gapped[11:14] = np.nan
+    sigma = np.where(np.isnan(gapped[:, 0]), np.nan, 0.001)
+    assert not fill_gaps(np.arange(24) / RATE, gapped, sigma, "linear", 0.5).filled.any()
 
 
 def test_the_kalman_smoother_is_the_least_squares_solution():
@@ -211,6 +203,12 @@ def test_uneven_time_stamps_and_too_high_a_cutoff_are_refused_by_the_filter_and_
         process_joints(table, ProcessingConfig(smooth="butterworth", cutoff_hz=14.0))
     with pytest.raises(AnchorposeError, match="single frame"):
         process_joints(moving(1), ProcessingConfig(smooth="butterworth"))
+    slow_s = np.arange(1, 61) / 25.0
+    table = moving(240, gap=slice(170, 180))
+    time_s = np.concatenate([np.arange(180) / RATE, 179 / RATE + slow_s])
+    assert process_joints(replace(table, time_s=time_s), ProcessingConfig(smooth="butterworth", cutoff_hz=11.0))
+    with pytest.raises(AnchorposeError, match="too high for 25 frames a second"):
+        process_joints(replace(table, time_s=time_s), ProcessingConfig(smooth="butterworth", cutoff_hz=12.0))
 
 
 def test_missing_frames_end_a_stretch():
@@ -257,10 +255,3 @@ def test_a_table_that_does_not_say_what_was_done_is_refused(tmp_path):
     write_angles(tmp_path / "angles.parquet", joint_angles(moving(2)))
     with pytest.raises(InputError, match="columns"):
         read_processed_angles(tmp_path / "angles.parquet")
-
-
-def test_nothing_is_filled_where_the_joint_is_too_rarely_known_to_tell_how_far_off_that_would_be():
-    gapped = wave(np.arange(24) / RATE)
-    gapped[11:14] = np.nan
-    sigma = np.where(np.isnan(gapped[:, 0]), np.nan, 0.001)
-    assert not fill_gaps(np.arange(24) / RATE, gapped, sigma, "linear", 0.5).filled.any()

@@ -1,7 +1,5 @@
 """A results folder in the making: kept when its run is stopped, taken up again, and never made by two runs at once."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -74,8 +72,7 @@ def test_a_stopped_run_goes_on_with_what_it_has_stored(tmp_path, recording, erro
     assert "--resume" in stopped.value.__notes__[0]
     assert _names(tmp_path) == {"recording", ".out.unfinished"}
     assert _run(tmp_path / "out", recording, 2, resume=True) == 3
-    assert (tmp_path / "out" / "run.json").read_text() == "5"
-    assert _names(tmp_path) == {"recording", "out"}
+    assert ((tmp_path / "out" / "run.json").read_text(), _names(tmp_path)) == ("5", {"recording", "out"})
     assert _names(tmp_path / "out") == set(RESULTS.marks)
 
 
@@ -94,8 +91,7 @@ def test_what_a_run_left_that_was_killed_before_it_stored_anything_is_in_nobodys
 
 
 def test_an_unfinished_run_is_neither_continued_nor_deleted_unasked(tmp_path, recording):
-    with pytest.raises(_Stopped):
-        _run(tmp_path / "out", recording, 3, _Stopped)
+    _unfinished(tmp_path / "out", recording)
     with pytest.raises(InputError, match="--resume"):
         _run(tmp_path / "out", recording, 1)
     assert len(list((tmp_path / ".out.unfinished").rglob("*.frames"))) == 3
@@ -131,8 +127,7 @@ def test_what_was_not_made_by_this_program_is_not_touched(tmp_path, recording, m
 
 
 def test_an_unfinished_run_with_a_link_in_it_is_not_touched(tmp_path, recording):
-    with pytest.raises(_Stopped):
-        _run(tmp_path / "out", recording, 1, _Stopped)
+    _unfinished(tmp_path / "out", recording)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("years of work")
     (tmp_path / ".out.unfinished" / JOURNAL / "forward").symlink_to(tmp_path / "mine")
@@ -246,10 +241,7 @@ def _as_pipe(path: Path) -> None:
 
 @pytest.mark.parametrize("spoilt", SPOILT)
 def test_a_run_whose_journal_cannot_be_read_is_kept_until_it_is_overwritten(tmp_path, recording, spoilt):
-    with pytest.raises(_Stopped):
-        _run(tmp_path / "out", recording, 2, _Stopped)
-    work = tmp_path / ".out.unfinished"
-    (work / RESULTS.marks[0]).write_text("half")
+    work = _unfinished(tmp_path / "out", recording)
     SPOILT[spoilt](work / JOURNAL)
     before = _content(tmp_path)
     damaged = spoilt != "all that is stored are pipes"
@@ -264,23 +256,18 @@ def test_a_run_whose_journal_cannot_be_read_is_kept_until_it_is_overwritten(tmp_
 
 
 def test_a_run_that_is_not_continued_keeps_the_tables_beside_its_journal(tmp_path, recording):
-    with pytest.raises(_Stopped):
-        _run(tmp_path / "out", recording, 2, _Stopped)
-    work = tmp_path / ".out.unfinished"
-    (work / "joints.parquet").write_text("half")
+    work = _unfinished(tmp_path / "out", recording)
     with (
         pytest.raises(InputError, match="other settings"),
         unfinished_results(tmp_path / "out", recording, resume=True) as folder,
     ):
         begin_journal(folder, "another identity", INPUTS)
     assert (work / "joints.parquet").read_text() == "half"
-    assert _run(tmp_path / "out", recording, 0, resume=True) == 2
+    assert _run(tmp_path / "out", recording, 0, resume=True) == 3
 
 
 def test_a_damaged_value_is_refused_with_a_remedy_that_works(tmp_path, recording):
-    with pytest.raises(_Stopped):
-        _run(tmp_path / "out", recording, 2, _Stopped)
-    journal = tmp_path / ".out.unfinished" / JOURNAL
+    journal = _unfinished(tmp_path / "out", recording) / JOURNAL
     with pytest.raises(InputError, match=re.escape(f"is damaged; remove {journal} and give the same command again.")):
         Journal(journal).read("0.frames", int)
     shutil.rmtree(journal)

@@ -1,7 +1,5 @@
 """What verify says of results and recordings that were changed."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -58,23 +56,10 @@ def test_missing_and_added_files_are_named(made):
 
 def test_who_corrected_what_and_what_no_longer_fits_is_said(made):
     results, _ = made
-    joint = {
-        "joint": "KneeLeft",
-        "frame": 2,
-        "time_s": 0.1,
-        "position_m": [0.0, 0.5, 0.0],
-        "sigma_m": 0.02,
-        "reason": "seen",
-        "who": "AB",
-    }
-    when = "2026-03-04T10:00:00+00:00"
-    given = {
-        "file": "c.json",
-        "sha256": "0" * 64,
-        "patient": None,
-        "unusable": [],
-        "joints": [joint | {"when": when, "frame": frame} for frame in (2, 3)],
-    }
+    joint = {"joint": "KneeLeft", "time_s": 0.1, "position_m": [0.0, 0.5, 0.0], "sigma_m": 0.02, "reason": "seen"}
+    joint |= {"who": "AB", "when": "2026-03-04T10:00:00+00:00"}
+    given = {"file": "c.json", "sha256": "0" * 64, "patient": None, "unusable": []}
+    given["joints"] = [joint | {"frame": frame} for frame in (2, 3)]
 
     def change(run):
         run["corrections"] = given

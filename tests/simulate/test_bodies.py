@@ -1,7 +1,5 @@
 """Simulated people: their shapes, their postures, and how patients and therapists meet."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -250,8 +248,7 @@ def test_known_scales_give_limbs_of_exactly_these_lengths_and_girths():
 def test_other_people_are_as_tall_as_asked_without_shoes_and_stand_on_the_floor(build, seed):
     height_m = 1.25 if build == "child" else 1.65
     person = other(seed, build, height_m)
-    assert person.height_m == height_m
-    assert person.body.vertices[:, 1].min() == pytest.approx(0.0, abs=1e-12)
+    assert (person.height_m, person.body.vertices[:, 1].min()) == (height_m, pytest.approx(0.0, abs=1e-12))
     shoes_m = np.ptp(person.body.vertices[:, 1]) - height_m
     if abs(shoes_m) > 1e-9:
         assert SOLE_M[0] < shoes_m < SOLE_M[1] + SHOE_M[1]

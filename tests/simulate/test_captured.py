@@ -1,7 +1,5 @@
 """Captured movements on the simulated patient: the subject's directions, the patient's lengths, feet on the floor."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -63,13 +61,9 @@ def movement_file(tmp_path_factory) -> Path:
     names = list(skeleton(0.0, 0.0))
     assert set(NEEDED) == set(names)
     path = tmp_path_factory.mktemp("movements") / "skeletons.npz"
-    np.savez(
-        path,
-        joints_mm=np.round(1000.0 * np.concatenate(clips)).astype(np.int16),
-        offsets=np.array([0, 60, 135]),
-        names=np.array(["c_m05_s03_e01", "c_m05_s03_e02"]),
-        joint_names=np.array(names),
-    )
+    joints_mm = np.round(1000.0 * np.concatenate(clips)).astype(np.int16)
+    repetitions = {"offsets": np.array([0, 60, 135]), "names": np.array(["c_m05_s03_e01", "c_m05_s03_e02"])}
+    np.savez(path, joints_mm=joints_mm, **repetitions, joint_names=np.array(names))
     return path
 
 
@@ -108,16 +102,12 @@ def test_limbs_point_where_the_subjects_did(actor):
             assert degrees_between(joints, start + name, end + name, wanted).max() < 12.0
 
 
-def test_left_is_left(actor):
+def test_left_is_left_and_standing_feet_stay_on_the_floor_and_do_not_slide(actor):
     joints = joints_of(actor)
     left, right = (joints[:, JOINT_INDEX[f"Wrist{side}"]] for side in ("Left", "Right"))
     assert left[:, 1].max() > right[:, 1].max() + 0.2, "the subject raises the left arm"
     assert left[:, 2].min() < -0.4, "to the left of a patient who faces +X"
     assert (joints[:, JOINT_INDEX["KneeLeft"], 0] > joints[:, JOINT_INDEX["AnkleLeft"], 0] - 0.02).all()
-
-
-def test_standing_feet_stay_on_the_floor_and_do_not_slide(actor):
-    joints = joints_of(actor)
     for name in ("AnkleLeft", "AnkleRight"):
         assert np.ptp(joints[:, JOINT_INDEX[name]], axis=0).max() < 0.01
     lowest = [actor.person.skin(bones, 0.0)[:, 1].min() for bones in actor.bones(TIMES_S[::5])]
@@ -138,18 +128,8 @@ def test_the_same_seed_gives_the_same_recording(movement_file):
 
 
 def captured(path: Path, **more: object) -> SimulationConfig:
-    base = SimulationConfig(
-        seed=2,
-        seconds=3.0,
-        fps=5.0,
-        cameras=1,
-        therapists=0,
-        equipment="none",
-        stool=False,
-        movement_file=path,
-        movement="sit-to-stand",
-    )
-    return replace(base, **more)
+    base = SimulationConfig(seed=2, seconds=3.0, fps=5.0, cameras=1, therapists=0, equipment="none", stool=False)
+    return replace(base, **{"movement_file": path, "movement": "sit-to-stand", **more})
 
 
 EQUIPMENT = ("standing-frame", "parallel-bars", "walker", "wheelchair", "sling")
@@ -170,21 +150,17 @@ def test_equipment_of_every_kind_leaves_room_for_the_trunk_of_the_standing_patie
     standing = bones[int(np.argmax(bones[:, 0, 1, 3]))]
     names = [person.body.asset.bone_names[bone] for bone in person.body.asset.main_bone()]
     trunk = np.array([not any(part in name for part in ("Arm", "Hand", "Thumb", "Finger")) for name in names])
-    assert clinic.equipment is not None
     assert depth_within_m(clinic, person.skin(standing, 0.0)[trunk]) < 0.01
     highest = max(np.asarray(part.triangles()[0])[:, 1].max() for part in clinic.equipment.parts)
     assert 0.4 < highest < 2.7
 
 
-def test_a_chest_pad_is_a_few_centimetres_before_the_sternum(movement_file):
+def test_a_chest_pad_is_a_few_centimetres_before_the_sternum_and_a_seat_under_who_sits_on_it(movement_file):
     clinic = draw_clinic(captured(movement_file, equipment="parallel-bars", chest_pad=True))
     pad = next(part for part in clinic.equipment.parts if part.name == "chest-pad")
     bones = clinic.patient.bones(np.arange(0.0, 3.0, 0.1))
     gaps = [pad.distance_m(clinic.patient.person.skin(moment, 0.0).astype(float)).min() for moment in bones]
     assert 0.0 < min(gaps) < 0.07
-
-
-def test_a_seat_is_under_the_patient_who_sits_on_it(movement_file):
     clinic = draw_clinic(captured(movement_file, equipment="wheelchair"))
     seat = next(part for part in clinic.equipment.parts if part.name == "seat")
     lowest = clinic.patient.person.skin(clinic.patient.bones(clinic.patient.lowest_s())[0], 0.0)
@@ -210,7 +186,7 @@ def test_what_cannot_be_simulated_is_refused(movement_file, wrong, why):
         captured(movement_file, **wrong)
 
 
-def test_a_file_without_movements_is_refused(tmp_path, movement_file):
+def test_a_file_without_movements_is_refused_and_a_clip_in_which_a_limb_was_lost_left_out(tmp_path, movement_file):
     rng = np.random.default_rng(0)
     with pytest.raises(InputError, match="there is no such file"):
         read_clips(tmp_path / "nothing.npz", "sit-to-stand", rng)
@@ -221,9 +197,6 @@ def test_a_file_without_movements_is_refused(tmp_path, movement_file):
         read_clips(movement_file, "deep-squat", rng)
     with pytest.raises(InputError, match="sit-to-stand"):
         read_clips(movement_file, "sit-to-stand", rng, subjects=(1, 2))
-
-
-def test_a_clip_in_which_a_limb_was_lost_is_left_out(tmp_path, movement_file):
     with np.load(movement_file) as file:
         arrays = dict(file)
     hand = list(arrays["joint_names"]).index("RHand")

@@ -1,6 +1,6 @@
 """Simulated depth: the geometry of the pictures and the error of the sensors."""
 
-from __future__ import annotations
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_points_of_a_rendered_box_lie_on_its_faces_and_carry_its_label(camera):
     assert np.abs(box.distance_m(points)).max() < 2e-4
 
 
-def test_the_depth_buffer_sees_what_rays_see(camera):
+def test_the_depth_buffer_sees_what_rays_see_and_of_two_people_the_nearer(camera):
     clinic = draw_clinic(presets.single(3, seconds=1, fps=1))
     figure = clinic.act(np.zeros(1)).figures(0)[0]
     drawn = draw_figures(camera, render_still(camera, NOWHERE, NOWHERE), (figure,))
@@ -59,11 +59,6 @@ def test_the_depth_buffer_sees_what_rays_see(camera):
     assert ((drawn.depth_m > 0) != (cast.depth_m > 0)).sum() < 0.005 * both.sum(), "silhouettes agree"
     assert np.quantile(np.abs(drawn.depth_m - cast.depth_m)[both], 0.999) < 1e-3
     assert np.quantile(np.abs(drawn.cosine - cast.cosine)[both], 0.99) < 1e-2
-
-
-def test_the_nearer_of_two_people_is_seen(camera):
-    clinic = draw_clinic(presets.single(3, seconds=1, fps=1))
-    figure = clinic.act(np.zeros(1)).figures(0)[0]
     nearer = Figure(figure.skin_m + np.float32([0.5, 0, 0]), figure.faces, figure.face_part, 3)
     still = render_still(camera, NOWHERE, NOWHERE)
     first = draw_figures(camera, still, (figure, nearer))
@@ -90,14 +85,8 @@ def test_joints_project_onto_the_patient_and_lie_under_the_skin():
 
 
 def test_a_hole_removes_exactly_the_ball_around_the_middle_of_what_is_seen():
-    whole = set_up(draw_clinic(SimulationConfig(seed=5, seconds=1, fps=2, cameras=2, equipment="none", therapists=0)))
-    holed = set_up(
-        draw_clinic(
-            SimulationConfig(
-                seed=5, seconds=1, fps=2, cameras=2, equipment="none", therapists=0, hole_radius_m=0.12, hole_share=1.0
-            )
-        )
-    )
+    config = SimulationConfig(seed=5, seconds=1, fps=2, cameras=2, equipment="none", therapists=0)
+    whole, holed = (set_up(draw_clinic(c)) for c in (config, replace(config, hole_radius_m=0.12, hole_share=1.0)))
     before, after = whole.shoot(1), holed.shoot(1)
     centre = body_centre_m(whole.clinic.cameras, list(before.images))
     removed = 0
@@ -111,10 +100,10 @@ def test_a_hole_removes_exactly_the_ball_around_the_middle_of_what_is_seen():
 
 
 def test_a_late_camera_sees_the_future_of_its_stamps():
-    timely = draw_clinic(SimulationConfig(seed=9, seconds=1, fps=4, cameras=2, therapists=1))
-    late = draw_clinic(SimulationConfig(seed=9, seconds=1, fps=4, cameras=2, therapists=1, clock_late_s=(0.0, 0.25)))
-    expected = set_up(timely).shoot(2).images[1]
-    assert np.array_equal(set_up(late).shoot(1).images[1].depth_m, expected.depth_m)
+    timely = SimulationConfig(seed=9, seconds=1, fps=4, cameras=2, therapists=1)
+    expected = set_up(draw_clinic(timely)).shoot(2).images[1]
+    late = set_up(draw_clinic(replace(timely, clock_late_s=(0.0, 0.25))))
+    assert np.array_equal(late.shoot(1).images[1].depth_m, expected.depth_m)
 
 
 @pytest.mark.parametrize(("sensor", "near_mm", "far_mm"), [("kinect-v2", 4.0, 10.0), ("azure-kinect", 2.5, 5.0)])
@@ -224,14 +213,8 @@ def test_nothing_is_read_beyond_the_range(sensor):
 def test_rays_and_depth_buffer_go_through_the_same_lens(lens):
     spec = SENSORS["kinect-v2"]
     pose = look_at(np.array([1.6, 1.3, 0.2]), np.array([0.0, 0.9, 0.0]))
-    camera = Camera(
-        name="front",
-        width=spec.width,
-        height=spec.height,
-        depth_scale=0.001,
-        intrinsics=intrinsics_of(spec, lens),
-        T_world_camera=pose,
-    )
+    size = {"width": spec.width, "height": spec.height, "depth_scale": 0.001}
+    camera = Camera(name="front", **size, intrinsics=intrinsics_of(spec, lens), T_world_camera=pose)
     figure = draw_clinic(presets.single(3, seconds=1, fps=1)).act(np.zeros(1)).figures(0)[0]
     drawn = draw_figures(camera, render_still(camera, FLOOR, NOWHERE), (figure,))
     cast = render_still(camera, np.concatenate([FLOOR, figure.skin_m[figure.faces]]), NOWHERE)

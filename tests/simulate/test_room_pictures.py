@@ -1,7 +1,5 @@
 """Mirrors obey the law of reflection; filtered, coarse and spoilt depth is as real cameras have it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

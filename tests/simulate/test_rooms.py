@@ -1,7 +1,5 @@
 """Rooms as one camera sees them: what is drawn from a seed, who is labelled, and what is written."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -92,17 +90,10 @@ def test_other_people_have_labels_after_the_patient_and_a_late_patient_walks_in(
     assert labels <= {PATIENT + 1 + n for n in range(len(config.room.others))}
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"cameras": 2}, {"equipment": "walker"}, {"therapists": 1}, {"curtain_s": (0.1, 0.2)}, {"away_s": ((1.0, 2.0),)}],
-)
-def test_what_does_not_belong_into_a_room_is_refused(wrong):
-    config = room(51_012, seconds=3.0)
-    with pytest.raises(ValueError, match="room"):
-        replace(config, **wrong)
-
-
-@pytest.mark.parametrize("wrong", [{"distance_m": 0.5}, {"camera_height_m": 3.0}, {"tilt_rad": 0.7}, {"roll_rad": 0.2}])
-def test_a_camera_outside_of_the_ranges_is_refused(wrong):
-    with pytest.raises(ValueError, match="should be"):
-        replace(BARE, **wrong)
+def test_what_does_not_belong_into_a_room_and_a_camera_outside_of_the_ranges_are_refused():
+    foreign = {"cameras": 2, "equipment": "walker", "therapists": 1, "curtain_s": (0.1, 0.2), "away_s": ((1.0, 2.0),)}
+    beyond = {"distance_m": 0.5, "camera_height_m": 3.0, "tilt_rad": 0.7, "roll_rad": 0.2}
+    bases = ((room(51_012, seconds=3.0), foreign, "room"), (BARE, beyond, "should be"))
+    for base, name, value, problem in ((b, n, v, p) for b, wrong, p in bases for n, v in wrong.items()):
+        with pytest.raises(ValueError, match=problem):
+            replace(base, **{name: value})

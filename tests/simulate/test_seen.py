@@ -1,7 +1,5 @@
 """People who pass by, and what the truth says of what each camera sees."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

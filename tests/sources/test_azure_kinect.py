@@ -1,10 +1,7 @@
 """Azure Kinect's .mkv: every pixel and time stamp as recorded, and a sentence for what cannot be read."""
 
-from __future__ import annotations
-
 import struct
 import sys
-import tracemalloc
 from fractions import Fraction
 from pathlib import Path
 
@@ -12,6 +9,7 @@ import av
 import numpy as np
 import pytest
 from azure_builder import SIZES, TAGS, TIMES_US, calibration, elements, images, mkv, recording, write
+from sources_builder import expected, peak_bytes
 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError, MissingPackage
@@ -20,10 +18,6 @@ from anchorpose.sources.azure_kinect import MODES, AzureKinectFile, depth_mode, 
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "recorder_files" / "azure_kinect_nfov.mkv"
 needs_the_real_file = pytest.mark.skipif(not REAL.is_file(), reason="../shared/data/recorder_files is not there")
-
-
-def expected(image: np.ndarray) -> np.ndarray:
-    return np.where(image == 65535, 0, image)
 
 
 def opened(tmp_path: Path, content: bytes) -> AzureKinectFile:
@@ -136,7 +130,7 @@ def test_without_tags_the_size_states_the_mode_and_a_note_that_the_clock_is_not_
 
 
 @needs_the_real_file
-def test_the_real_file_pixel_by_pixel_against_another_decoder_and_by_hand() -> None:
+def test_the_real_file_pixel_by_pixel_against_another_decoder_and_by_hand_and_a_flat_wall() -> None:
     source = open_source(REAL)
     (frame,) = source.frames([0])
     with av.open(str(REAL)) as container:
@@ -154,6 +148,11 @@ def test_the_real_file_pixel_by_pixel_against_another_decoder_and_by_hand() -> N
     assert round(frame.time_s * 1e9) == 1000 * ticks + int(tags["K4A_START_OFFSET_NS"])
     assert (source.cameras[0].serial, source.cameras[0].model) == (tags["K4A_DEVICE_SERIAL_NUMBER"], "Azure Kinect")
     assert source.notes == ("depth mode NFOV_UNBINNED, in millimetres",)
+    lens = source.cameras[0].intrinsics
+    without = Intrinsics(fx=lens.fx, fy=lens.fy, cx=lens.cx, cy=lens.cy, distortion=lens.distortion[:5])
+    own, dropped = (_wall_residual_m(frame.depth, given) for given in (lens, without))
+    assert own < 0.003
+    assert dropped > 3 * own
 
 
 def _block(found: list[tuple[str, bytes]], index: int) -> tuple[int, bytes]:
@@ -165,18 +164,6 @@ def _block(found: list[tuple[str, bytes]], index: int) -> tuple[int, bytes]:
         if name in ("a1", "a3") and content[0] == 0x80 | index:
             return cluster_us, content
     raise AssertionError("the file has no block of this track")
-
-
-@needs_the_real_file
-def test_a_wall_of_the_real_file_is_flat_with_its_own_lens_only() -> None:
-    source = open_source(REAL)
-    (frame,) = source.frames([0])
-    lens = source.cameras[0].intrinsics
-    assert lens is not None
-    without = Intrinsics(fx=lens.fx, fy=lens.fy, cx=lens.cx, cy=lens.cy, distortion=lens.distortion[:5])
-    own, dropped = (_wall_residual_m(frame.depth, given) for given in (lens, without))
-    assert own < 0.003
-    assert dropped > 3 * own
 
 
 def _wall_residual_m(depth: np.ndarray, lens: Intrinsics) -> float:
@@ -195,9 +182,4 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     content = mkv(depth, [33_333 * i for i in range(40)], "WFOV_2X2BINNED", attached=calibration())
     frames = opened(tmp_path, content).frames([0])
     next(frames)
-    tracemalloc.start()
-    for _ in frames:
-        pass
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 6 * depth[0].nbytes
+    assert peak_bytes(lambda: sum(1 for _ in frames)) < 6 * depth[0].nbytes

@@ -1,7 +1,5 @@
 """MATLAB files: what another library wrote is read as it does, and no damage ends the process."""
 
-from __future__ import annotations
-
 import io
 import random
 import struct

@@ -1,7 +1,5 @@
 """Bags of ROS drivers: depth bit for bit, device times, lens and pose, in each container and encoding."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 from typing import Any
@@ -54,12 +52,10 @@ def test_depth_times_lens_and_count_are_the_file_s_in_each_container(tmp_path: P
     source, frames = frames_of(path)
     camera = source.cameras[0]
     assert (camera.name, camera.width, camera.height, camera.count) == ("camera", SIZE[1], SIZE[0], 4)
-    assert camera.depth_scale == 0.001
-    assert (camera.intrinsics.fx, camera.intrinsics.cy) == (30.0, 11.5)
+    assert (camera.depth_scale, camera.intrinsics.fx, camera.intrinsics.cy) == (0.001, 30.0, 11.5)
     for k, frame in enumerate(frames):
         assert np.array_equal(frame.depth, expected(depth_values(k)))
-        assert frame.depth.dtype == np.dtype("=u2")
-        assert round(frame.time_s * 1e6) == stamp_ns(k) // 1000
+        assert (frame.depth.dtype, round(frame.time_s * 1e6)) == (np.dtype("=u2"), stamp_ns(k) // 1000)
     assert source.notes == ()
     assert len(frames_of(path, skip=3)[1]) == 1
 
@@ -160,61 +156,50 @@ def test_several_cameras_are_several_and_copies_of_one_are_left_out(tmp_path: Pa
         "/kinect2/sd/image_depth_rect": "16UC1",
         "/kinect2/hd/image_depth_rect": "16UC1",
     }
-    sent = []
-    for k, (topic, encoding) in enumerate(topics.items()):
-        values = depth_values(k).astype(np.float32 if encoding == "32FC1" else np.uint16)
-        sent.append(Sent(topic, IMAGE, k, image_of(values, encoding, 5)))
+    sent = [
+        Sent(topic, IMAGE, k, image_of(depth_values(k).astype({"32FC1": "f4"}.get(encoding, "u2")), encoding, 5))
+        for k, (topic, encoding) in enumerate(topics.items())
+    ]
     source, frames = frames_of(write_bag(tmp_path, "mcap", sent))
-    assert [camera.name for camera in source.cameras] == ["kinect2", "left", "right"]
-    assert len(frames) == 3
+    assert ([camera.name for camera in source.cameras], len(frames)) == (["kinect2", "left", "right"], 3)
     chosen = {source.cameras[frame.camera].name: frame.depth for frame in frames}
     assert np.array_equal(chosen["left"], expected(depth_values(0)))
     assert np.array_equal(chosen["kinect2"], expected(depth_values(5)))
     assert sum("is left out" in note for note in source.notes) == 4
 
 
-def info_and_image(folder: Path, info: Info, topic: str = RAW, info_topic: str = "/camera/depth/camera_info") -> Any:
-    sent = [Sent(info_topic, INFO, 3, info), Sent(topic, IMAGE, 4, image_of(depth_values(0), "16UC1", 5))]
-    return open_source(write_bag(folder, "db3", sent))
-
-
-def test_an_info_elsewhere_belongs_by_its_frame_and_size(tmp_path: Path) -> None:
-    assert info_and_image(tmp_path, Info(), info_topic="/rgb/camera_info").cameras[0].intrinsics.fx == 30.0
-
-
-@pytest.mark.parametrize("wrong", [Info(frame="other"), Info(width=64, height=48)])
-def test_an_info_of_another_frame_or_size_is_not_taken(tmp_path: Path, wrong: Info) -> None:
-    source = info_and_image(tmp_path, wrong, info_topic="/rgb/camera_info")
-    assert source.cameras[0].intrinsics is None
-    assert "--intrinsics" in source.notes[0]
+@pytest.mark.parametrize("info", [Info(), Info(frame="other"), Info(width=64, height=48)])
+def test_an_info_elsewhere_belongs_by_its_frame_and_size(tmp_path: Path, info: Info) -> None:
+    sent = [Sent("/rgb/camera_info", INFO, 3, info), Sent(RAW, IMAGE, 4, image_of(depth_values(0), "16UC1", 5))]
+    source = open_source(write_bag(tmp_path, "db3", sent))
+    if info == Info():
+        assert source.cameras[0].intrinsics.fx == 30.0
+    else:
+        assert source.cameras[0].intrinsics is None
+        assert "--intrinsics" in source.notes[0]
 
 
 def test_static_transforms_from_the_world_place_the_camera(tmp_path: Path) -> None:
     """Two metres in front of the map's origin and 1.5 m above, looking back along -x: x right is then +y of ROS."""
     to_camera = (2.0, 0.0, 1.5, -0.5, -0.5, 0.5, 0.5)  # optical z is -x of the map, y is down
     rows = [("map", "tripod", (0, 0, 0, 0, 0, 0, 1.0)), ("tripod", "optical", to_camera)]
-    sent = [
-        Sent("/tf_static", "tf2_msgs/msg/TFMessage", 1, transforms_of(rows)),
-        Sent(RAW, IMAGE, 4, image_of(depth_values(0), "16UC1", 5)),
-    ]
-    source = open_source(write_bag(tmp_path, "db3", sent))
-    T = source.cameras[0].T_world_camera
-    assert T is not None
+    T = placed_source(tmp_path, "/tf_static", rows).cameras[0].T_world_camera
     np.testing.assert_allclose(T[:3, 3], [2.0, 1.5, 0.0], atol=1e-12)  # y is up
     np.testing.assert_allclose(T[:3, :3] @ [0, 1, 0], [0, -1, 0], atol=1e-12)  # down
     np.testing.assert_allclose(T[:3, :3] @ [0, 0, 1], [-1, 0, 0], atol=1e-12)  # towards the origin
     assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("topic", ["/tf", "/tf_static"])
-def test_a_robot_or_moving_transforms_are_no_world(tmp_path: Path, topic: str) -> None:
-    top = "map" if topic == "/tf" else "base_link"
-    rows = [(top, "optical", (1.0, 0, 0, 0, 0, 0, 1.0))]
-    sent = [
-        Sent(topic, "tf2_msgs/msg/TFMessage", 1, transforms_of(rows)),
-        Sent(RAW, IMAGE, 4, image_of(depth_values(0), "16UC1", 5)),
-    ]
-    source = open_source(write_bag(tmp_path, "ros1", sent))
+def placed_source(folder: Path, topic: str, rows: list) -> Any:
+    transforms = Sent(topic, "tf2_msgs/msg/TFMessage", 1, transforms_of(rows))
+    return open_source(
+        write_bag(folder, "db3", [transforms, Sent(RAW, IMAGE, 4, image_of(depth_values(0), "16UC1", 5))])
+    )
+
+
+@pytest.mark.parametrize(("topic", "top"), [("/tf", "map"), ("/tf_static", "base_link")])
+def test_a_robot_or_moving_transforms_are_no_world(tmp_path: Path, topic: str, top: str) -> None:
+    source = placed_source(tmp_path, topic, [(top, "optical", (1.0, 0, 0, 0, 0, 0, 1.0))])
     assert source.cameras[0].T_world_camera is None
     assert any("pose is not known" in note for note in source.notes)
 

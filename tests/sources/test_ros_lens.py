@@ -1,7 +1,5 @@
 """The lens of a CameraInfo: each model, rectified images, regions and joined pixels, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -39,14 +37,12 @@ EIGHT = (0.5, -0.2, 0.001, 0.002, 0.01, 0.3, -0.1, 0.02)
 )
 def test_each_model_by_its_ros_name(model: str, D: tuple[float, ...], wanted: LensModel, kept: object) -> None:
     lens = lens_of(replace(INFO, model=model, D=D), rectified=False).intrinsics
-    assert lens is not None
     assert (lens.model, lens.distortion) == (wanted, kept)
     assert (lens.fx, lens.fy, lens.cx, lens.cy) == (500.0, 510.0, 319.5, 239.5)
 
 
 def test_rectified_images_have_the_projection_and_no_distortion() -> None:
     lens = lens_of(INFO, rectified=True).intrinsics
-    assert lens is not None
     assert (lens.fx, lens.fy, lens.cx, lens.cy) == (480.0, 490.0, 310.0, 230.0)
     assert not any(lens.distortion)
 
@@ -56,8 +52,6 @@ def test_a_region_of_joined_pixels_sees_along_the_same_rays() -> None:
     part = replace(INFO, D=(), binning=(2, 2), roi=(100, 60, 240, 320))
     assert image_size(part) == (160, 120)
     full, joined = lens_of(replace(INFO, D=()), False).intrinsics, lens_of(part, False).intrinsics
-    assert full is not None
-    assert joined is not None
     rays = rays_of_pixels(full, 640, 480)
     middle = rays[60 + 2 * 7 : 60 + 2 * 7 + 2, 100 + 2 * 9 : 100 + 2 * 9 + 2].mean(axis=(0, 1))
     assert rays_of_pixels(joined, 160, 120)[7, 9] == pytest.approx(middle, abs=1e-9)

@@ -1,7 +1,5 @@
 """RealSense's and Orbbec's own recordings."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 from typing import Any
@@ -67,12 +65,9 @@ def test_an_image_never_takes_the_time_stamp_of_another(tmp_path: Path) -> None:
     check_realsense(realsense_database(tmp_path, without=1, broken=2), (0,))
 
 
-def test_realsense_without_a_depth_unit_is_refused(tmp_path: Path) -> None:
+def test_realsense_without_a_depth_unit_is_refused_and_a_lens_that_undistorts_not_taken(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="depth unit"):
         open_source(realsense_database(tmp_path, units=False))
-
-
-def test_a_realsense_lens_that_undistorts_is_named_and_not_taken(tmp_path: Path) -> None:
     source = open_source(realsense_bag(tmp_path, model="Inverse Brown Conrady", D=INVERSE))
     assert source.cameras[0].intrinsics is None
     assert "Inverse Brown Conrady" in source.notes[0]
@@ -112,15 +107,13 @@ def test_orbbec_s_disparity_is_refused_and_depth_of_the_same_camera_is_not(tmp_p
     assert open_source(orbbec_bag(tmp_path / "depth", disparity, orbbec_property(85, b"\1"))).cameras
 
 
-def test_orbbec_without_unit_or_lens_says_so(tmp_path: Path) -> None:
+def test_orbbec_without_unit_or_with_a_lens_of_another_model_says_so(tmp_path: Path) -> None:
     source = open_source(orbbec_bag(tmp_path, ended=False))
     assert source.cameras[0].intrinsics is None
     assert "no depth unit" in source.notes[0]
     assert "--intrinsics" in source.notes[1]
-
-
-def test_an_orbbec_lens_of_another_model_is_named_and_not_taken(tmp_path: Path) -> None:
-    source = open_source(orbbec_bag(tmp_path, model=2))
+    (tmp_path / "other").mkdir()
+    source = open_source(orbbec_bag(tmp_path / "other", model=2))
     assert source.cameras[0].intrinsics is None
     assert "Orbbec's number 2" in source.notes[-1]
 

@@ -1,7 +1,5 @@
 """Smoothing follows the noise of the frame, and keeps edges."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from surface_builder import kinect, plane_depth
@@ -29,25 +27,22 @@ def test_smoothing_removes_most_of_noise_and_steps(sigma_m, step_m, left):
     assert error < left * np.std((raw - SLANTED)[inner])
 
 
-def test_a_depth_edge_is_not_blended():
+def test_a_depth_edge_is_not_blended_and_is_no_depth_step():
     rng = np.random.default_rng(5)
     depth = np.full((40, 40), 2.4, np.float32)
     depth[:, 20:] = 2.25
     smooth = denoise(depth + rng.normal(0, 0.003, depth.shape), np.ones(depth.shape, bool))
     assert np.abs(smooth - depth).max() < 0.01
+    assert estimate_noise(depth, np.ones(depth.shape, bool)) == 0.0
 
 
-def test_a_frame_without_noise_is_left_alone_and_nothing_outside_the_mask_survives():
+def test_a_frame_without_noise_is_left_alone_nothing_outside_the_mask_survives_and_the_mask_must_fit():
     depth = np.full((20, 20), 2.0, np.float32)
     mask = np.zeros(depth.shape, bool)
     mask[5:10, 5:10] = True
     np.testing.assert_array_equal(denoise(depth, mask), np.where(mask, depth, 0))
-
-
-def test_the_edge_of_an_arm_is_no_depth_step():
-    depth = np.full((40, 40), 2.4, np.float32)
-    depth[:, 20:] = 2.25
-    assert estimate_noise(depth, np.ones(depth.shape, bool)) == 0.0
+    with pytest.raises(ValueError, match="mask"):
+        denoise(np.ones((4, 4), np.float32), np.ones((4, 5), bool))
 
 
 def test_holes_stay_holes_and_do_not_pull_their_rim():
@@ -57,11 +52,6 @@ def test_holes_stay_holes_and_do_not_pull_their_rim():
     smooth = denoise(depth, np.ones(depth.shape, bool))
     assert (smooth[10:20, 10:20] == 0).all()
     assert np.abs(smooth[depth > 0] - 2.0).max() < 0.02
-
-
-def test_a_mask_of_another_size_is_refused():
-    with pytest.raises(ValueError, match="mask"):
-        denoise(np.ones((4, 4), np.float32), np.ones((4, 5), bool))
 
 
 def test_flying_pixels_go_and_a_fingertip_stays():

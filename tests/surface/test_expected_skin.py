@@ -1,8 +1,7 @@
 """What the predicted body tells the surface: what touches is cut, and what is hidden is closed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -78,14 +77,11 @@ def test_a_leg_predicted_elsewhere_is_not_cut_on_its_smooth_skin(monkeypatch):
     assert (surface.ring >= 0).sum() - (anything.ring >= 0).sum() > 200
 
 
-def test_behind_a_bar_the_hidden_skin_carries_the_way_at_its_right_length():
+def test_hidden_skin_behind_a_bar_carries_the_way_comes_last_and_is_no_part_of_what_was_seen():
     surface = patient_surface([view_of(legs_depth(), 1.5)], [CAMERA], expected_legs())
     low, high = at(surface, -1, -0.2), at(surface, -1, 0.2)
     assert way(surface, low, high) == pytest.approx(0.4, abs=0.02)
     assert np.isfinite(geodesic_distance(surface, [low])).all()
-
-
-def test_hidden_skin_comes_last_and_is_no_part_of_what_was_seen():
     view = view_of(legs_depth(), 1.5)
     surface = patient_surface([view], [CAMERA], expected_legs())
     count = surface.seen_count
@@ -124,8 +120,7 @@ def test_nodes_show_the_skin_that_lies_under_them_and_far_ones_show_none():
 
 
 def test_the_body_s_map_knows_near_from_far():
-    person = adult_body()
-    body = map_body(person)
+    person, body = adult_body(), _adult_map()
     place = person.mesh.vertices[person.points.vertex]
     straight = np.linalg.norm(place[body.pairs[:, 0]] - place[body.pairs[:, 1]], axis=1)
     assert straight.max() < 0.15
@@ -162,13 +157,9 @@ def test_the_way_over_the_body_is_that_along_the_mesh_or_little_less():
         assert np.median(ways / np.maximum(along, 1e-9)) > 0.85
 
 
-_MAPS = []
-
-
+@cache
 def _adult_map():
-    if not _MAPS:
-        _MAPS.append(map_body(adult_body()))
-    return _MAPS[0]
+    return map_body(adult_body())
 
 
 def test_only_skin_beside_skin_far_on_the_body_is_contested():

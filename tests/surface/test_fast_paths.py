@@ -1,7 +1,5 @@
 """The compiled shortcuts of links, borders and skin beside their plain forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

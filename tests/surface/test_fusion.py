@@ -1,7 +1,5 @@
 """Several cameras' meshes become one surface, linked on the same skin only."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -55,7 +53,7 @@ def test_links_join_cameras_both_ways_and_only_close_nodes():
     assert all((b, a) in both for a, b in both)
 
 
-def test_where_both_see_the_same_skin_one_sheet_stays_but_for_the_seam():
+def test_where_both_see_the_same_skin_one_sheet_stays_whose_nodes_keep_places_and_edges():
     cameras = [FRONT, turned(30)]
     parts = [see_ball(camera) for camera in cameras]
     surface = fuse(parts, cameras)
@@ -67,12 +65,6 @@ def test_where_both_see_the_same_skin_one_sheet_stays_but_for_the_seam():
     for k in (0, 1):
         other = (cameras[1 - k].position_m - [0, 1, 0]) / 2.4
         assert (bearing[camera == k] @ other).max() < 0.995  # nothing of the other's own middle is kept
-
-
-def test_nodes_that_stay_keep_their_places_and_the_edges_among_them():
-    cameras = [FRONT, turned(30)]
-    parts = [see_ball(camera) for camera in cameras]
-    surface = fuse(parts, cameras)
     for k, part in enumerate(parts):
         whole = {tuple(pixel): row for row, pixel in enumerate(part.pixel.tolist())}
         own = np.flatnonzero(surface.camera == k)
@@ -113,17 +105,13 @@ def test_front_and_back_of_a_thin_sheet_are_not_linked():
     assert len(fuse([build_surface(sheet, everywhere, camera) for camera in cameras], cameras).link_node) == 0
 
 
-def test_one_camera_stays_as_it_is_and_an_empty_one_adds_nothing():
+def test_one_camera_stays_as_it_is_an_empty_one_adds_nothing_and_a_surface_without_its_camera_is_refused():
     ball = see_ball(FRONT)
     assert fuse([ball], [FRONT]) is ball
     nothing = np.zeros((FRONT.height, FRONT.width), np.float32)
     empty = build_surface(nothing, nothing > 0, turned(30))
     surface = fuse([ball, empty], [FRONT, turned(30)])
-    assert len(surface) == len(ball)
-    assert len(surface.link_node) == 0
-
-
-def test_a_surface_without_its_camera_is_refused():
+    assert (len(surface), len(surface.link_node)) == (len(ball), 0)
     with pytest.raises(ValueError, match="cameras"):
         fuse([see_ball(FRONT)], [])
     shown = replace(see_ball(FRONT), skin=np.zeros(len(see_ball(FRONT)), np.int32))

@@ -1,7 +1,5 @@
 """The compiled kernels of the surface against the plain way to write the same thing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.sparse import coo_array
@@ -121,9 +119,8 @@ def test_pieces_are_those_of_the_graph_of_all_edges(seed):
     linked = with_links(surface, rng.integers(0, len(surface), (20, 2)))
     start, node = linked.link_start, linked.link_node
     piece = pieces(linked)
-    pair = np.concatenate(
-        [edges(surface), np.stack([np.repeat(np.arange(len(surface)), np.diff(start)), node], axis=1)]
-    )
+    linked_to = np.stack([np.repeat(np.arange(len(surface)), np.diff(start)), node], axis=1)
+    pair = np.concatenate([edges(surface), linked_to])
     graph = coo_array((np.ones(len(pair)), pair.T), shape=(len(surface), len(surface)))
     count, label = connected_components(graph, directed=False)
     assert piece.max() + 1 == count

@@ -1,7 +1,5 @@
 """One camera's picture becomes a mesh with the right shape, cut where the body is cut and nowhere else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -39,7 +37,7 @@ def test_normals_of_a_plane_are_exact_however_it_slants(normal):
     np.testing.assert_allclose(directions_in_camera(surface), np.broadcast_to(-normal, (len(surface), 3)), atol=2e-3)
 
 
-def test_normals_of_a_sphere_are_radial_and_look_at_the_camera():
+def test_normals_of_a_sphere_are_radial_and_look_at_the_camera_and_every_neighbour_names_the_node_back():
     centre = np.array([0.05, -0.03, 2.4])
     surface = mesh(sphere_depth(CAMERA, centre, 0.3))
     radial = surface.points_m - transform_points(CAMERA.T_world_camera, centre)
@@ -49,9 +47,6 @@ def test_normals_of_a_sphere_are_radial_and_look_at_the_camera():
     assert np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1))) < 1.0
     assert np.percentile(cosine, 2) > np.cos(np.radians(10))  # flat to the ray only the near side of the fit is seen
     assert ((surface.normals * to_camera).sum(axis=1) > 0).all()
-
-
-def test_every_neighbour_names_the_node_back():
     surface = mesh(sphere_depth(CAMERA, np.array([0, 0, 2.4]), 0.3))
     node, place = np.nonzero(surface.ring >= 0)
     other = surface.ring[node, place]
@@ -84,16 +79,14 @@ def test_an_arm_before_the_trunk_is_apart_from_it():
     depth = np.full((CAMERA.height, CAMERA.width), 2.4, np.float32)
     depth[30:70, 50:66] = 2.25
     surface = joined(depth)
-    assert pieces(surface).max() == 1
-    assert len(surface.link_node) == 0
+    assert (pieces(surface).max(), len(surface.link_node)) == (1, 0)
 
 
 def test_an_arm_that_hangs_from_the_shoulder_is_joined_nowhere_else():
     depth = np.full((CAMERA.height, CAMERA.width), 2.4, np.float32)
     depth[20:80, 50:66] = (2.4 - np.minimum(np.arange(60) * 0.004, 0.08))[:, None]  # leaves the trunk gradually
     surface = joined(depth)
-    assert pieces(surface).max() == 0
-    assert len(surface.link_node) == 0
+    assert (pieces(surface).max(), len(surface.link_node)) == (0, 0)
     low = surface.pixel[:, 0] == 78
     across = edges(surface)[low[edges(surface)].all(axis=1)]
     assert np.abs(np.diff(surface.points_m[across][:, :, 0], axis=1)).max() < 0.04
@@ -159,12 +152,9 @@ def test_a_post_between_the_legs_joins_no_legs():
     assert pieces(mesh(np.where(hidden, 0, depth), bridge=hidden)).max() == 1
 
 
-def test_a_gap_that_nothing_hides_is_not_bridged():
+def test_a_gap_that_nothing_hides_or_a_bar_wider_than_the_limit_is_not_bridged():
     depth, hidden = shins(np.s_[45:60])
     assert pieces(mesh(depth, bridge=np.zeros_like(hidden))).max() == 3
-
-
-def test_a_bar_wider_than_the_limit_is_not_bridged():
     depth, hidden = shins(np.s_[42:66])  # 16 cm
     config = SurfaceConfig(bridge_max_width_m=0.12)
     assert len(mesh(depth, config, hidden).link_node) == 0
@@ -195,13 +185,10 @@ def test_a_part_of_a_surface_keeps_exactly_the_edges_within_it():
     np.testing.assert_array_equal(part.points_m, surface.points_m[keep])
 
 
-def test_an_empty_mask_gives_an_empty_surface():
+def test_an_empty_mask_gives_an_empty_surface_and_no_pose_or_another_size_is_refused():
     surface = build_surface(np.ones((CAMERA.height, CAMERA.width), np.float32), ~EVERYWHERE, CAMERA, bridge=EVERYWHERE)
     assert len(surface) == 0
     assert len(edges(surface)) == len(faces(surface)) == len(pieces(surface)) == 0
-
-
-def test_a_camera_without_pose_and_a_picture_of_another_size_are_refused():
     depth = np.ones((CAMERA.height, CAMERA.width), np.float32)
     with pytest.raises(ValueError, match="pose"):
         build_surface(depth, EVERYWHERE, kinect(T_world_camera=None))

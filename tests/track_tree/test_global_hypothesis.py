@@ -1,7 +1,5 @@
 """From two frames to hypotheses with few anchors or none, and what a run says of its matches."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Subset hypotheses: psi and its average, against the definition written out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import comb
 

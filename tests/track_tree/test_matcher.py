@@ -1,7 +1,5 @@
 """Matches on demand: the same as all at once, and none worked out twice."""
 
-from __future__ import annotations
-
 import numpy as np
 from surface_builder import flat_grid
 

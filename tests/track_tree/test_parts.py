@@ -1,7 +1,5 @@
 """Parts on their own, as the paper registers them: Arun's fit, ICP, and what happens where too little is seen."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult_body, asset, random_pose

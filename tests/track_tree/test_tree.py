@@ -1,7 +1,5 @@
 """The track tree against brute force over all branches."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np
@@ -66,9 +64,7 @@ def test_what_a_match_costs_beside_its_distance_counts(seed):
 
 def test_a_node_none_of_whose_matches_is_near_the_prediction_is_missed():
     result = best_branches([np.array([[0, 0]], np.int32)], [np.array([[1.0, 0, 0]])], np.zeros((1, 1, 3)), TreeConfig())
-    assert result.match[0] == -1
-    assert result.subset[0] == -1
-    assert result.support[0] == Support.TOO_FAR
+    assert (result.match[0], result.subset[0], result.support[0]) == (-1, -1, Support.TOO_FAR)
     assert result.score[0] == pytest.approx(TreeConfig().missed_cost_m)
 
 
@@ -105,8 +101,7 @@ def test_looking_ahead_overrules_the_nearest_match():
     matches = [np.array([[0, 1]], np.int32), np.array([[0], [1]], np.int32).repeat(2, axis=1)]
     positions = [np.array([[0.01, 0, 0], [0.02, 0, 0]]), np.array([[0.09, 0, 0], [0.0, 0, 0]])]
     result = best_branches(matches, positions, np.zeros((1, 2, 3)), TreeConfig())
-    assert result.match[0] == 1
-    assert result.score[0] == pytest.approx(0.02)
+    assert (result.match[0], result.score[0]) == (1, pytest.approx(0.02))
 
 
 def test_an_unknown_prediction_gives_no_match_and_no_score():

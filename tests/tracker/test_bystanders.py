@@ -1,7 +1,5 @@
 """Everybody but the patient: found in any heading and posture, followed as he moves, given up when it is not him."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A limb of the patient among another person's pixels is claimed, another person's limb is not."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -42,7 +40,6 @@ def claimed(pose: Pose, observation):
 def test_a_shank_with_another_persons_label_is_found_and_gets_the_patients():
     observation = seen(TRUTH, SHANK)
     claim = claimed(WRONG, observation)
-    assert claim is not None
     ankle = JOINT_INDEX["AnkleLeft"]
     assert joint_errors_m(BODY, WRONG, TRUTH)[ankle] > 0.3
     assert joint_errors_m(BODY, claim.pose, TRUTH)[ankle] < 0.1

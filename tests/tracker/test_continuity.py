@@ -1,7 +1,5 @@
 """Whom a limb's pixels continue tells whether they are the patient's, whatever was predicted."""
 
-from __future__ import annotations
-
 import numpy as np
 from body_builder import adult_body, standing
 from mislabelled_builder import OTHER, seen

@@ -1,7 +1,5 @@
 """track --corrections: what a reviewer says is honoured, recorded, and refused where it is about something else."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -52,21 +50,13 @@ class Review:
 
 
 def unusable(first: int, last: int) -> UnusableInterval:
-    return UnusableInterval(
-        first_frame=first, last_frame=last, start_s=first / FPS, end_s=last / FPS, reason="curtain", **SIGNED
-    )
+    times = {"start_s": first / FPS, "end_s": last / FPS}
+    return UnusableInterval(first_frame=first, last_frame=last, **times, reason="curtain", **SIGNED)
 
 
 def moved(frame: int, joint: str, place_m: np.ndarray, sigma_m: float = 0.01) -> JointCorrection:
-    return JointCorrection(
-        frame=frame,
-        time_s=frame / FPS,
-        joint=joint,
-        position_m=tuple(map(float, place_m)),
-        sigma_m=sigma_m,
-        reason="behind the rail",
-        **SIGNED,
-    )
+    place = {"position_m": tuple(map(float, place_m)), "sigma_m": sigma_m, "reason": "behind the rail"}
+    return JointCorrection(frame=frame, time_s=frame / FPS, joint=joint, **place, **SIGNED)
 
 
 @pytest.fixture(scope="module")
@@ -82,11 +72,8 @@ def review(tmp_path_factory) -> Review:
     about = recording_of_run(read_run(first / "run.json"))
     file = folder / "corrections.json"
     away_m = before.position_m[TOO_FAR, JOINT_INDEX["HandLeft"]] + [3.0, 0.0, 0.0]
-    not_honoured = (
-        moved(TOO_FAR, "HandLeft", away_m),
-        moved(GONE[0], "Head", np.zeros(3)),
-        moved(STOP, "Head", np.zeros(3)),
-    )
+    nowhere = [moved(frame, "Head", np.zeros(3)) for frame in (GONE[0], STOP)]
+    not_honoured = (moved(TOO_FAR, "HandLeft", away_m), *nowhere)
     joints = (moved(MOVED, "WristLeft", place_m), *not_honoured)
     write_corrections(file, Corrections(about, (unusable(*GONE),), joints))
     track_recording(recording, second, TrackConfig(stop=STOP), lambda *_: None, corrections=file)
@@ -104,14 +91,10 @@ def test_a_moved_joint_is_where_the_reviewer_says(review):
 
 
 @pytest.mark.thorough
-def test_bones_keep_their_length_when_a_joint_is_moved(review):
+def test_bones_keep_their_length_when_a_joint_is_moved_and_other_limbs_stay_where_they_were(review):
     elbow = JOINT_INDEX["ElbowLeft"]
     length = np.linalg.norm(review.after.position_m[:, WRIST] - review.after.position_m[:, elbow], axis=1)
     assert np.nanmax(length) - np.nanmin(length) < 1e-6
-
-
-@pytest.mark.thorough
-def test_other_limbs_stay_where_they_were(review):
     knee = JOINT_INDEX["KneeRight"]
     apart = np.linalg.norm(review.after.position_m[:, knee] - review.before.position_m[:STOP, knee], axis=1)
     assert np.nanmax(apart) < 0.01
@@ -183,33 +166,26 @@ def test_what_could_not_be_honoured_is_said(review):
     assert np.nanmax(hand) < 0.02  # the frame is as if nothing had been said
 
 
-def refused(review: Review, tmp_path: Path, corrections: Corrections, match: str) -> None:
-    file, results = tmp_path / "other.json", tmp_path / "results"
-    write_corrections(file, corrections)
-    results.mkdir()
-    with pytest.raises(InputError, match=match):
-        track_recording(review.recording, results, TrackConfig(), lambda *_: None, corrections=file)
-
-
-@pytest.mark.thorough
-def test_corrections_of_another_recording_are_refused(review, tmp_path):
-    given = read_corrections(review.file)
-    other = replace(given, recording=replace(given.recording, sha256="0" * 64))
-    refused(review, tmp_path, other, "another recording")
-
-
-@pytest.mark.thorough
-def test_corrections_in_another_world_are_refused(review, tmp_path):
-    given = read_corrections(review.file)
+def in_another_world(given: Corrections) -> Corrections:
     cameras = tuple(replace(camera, camera_to_world=np.eye(4)) for camera in given.recording.cameras)
-    refused(review, tmp_path, replace(given, recording=replace(given.recording, cameras=cameras)), "another world")
+    return replace(given, recording=replace(given.recording, cameras=cameras))
 
 
 @pytest.mark.thorough
-def test_a_frame_that_there_is_not_is_refused(review, tmp_path):
-    given = read_corrections(review.file)
-    strange = replace(given, joints=(moved(999, "Head", np.zeros(3)),))
-    refused(review, tmp_path, strange, "frame 999")
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda given: replace(given, recording=replace(given.recording, sha256="0" * 64)), "another recording"),
+        (in_another_world, "another world"),
+        (lambda given: replace(given, joints=(moved(999, "Head", np.zeros(3)),)), "frame 999"),
+    ],
+)
+def test_corrections_of_another_recording_world_or_frame_are_refused(review, tmp_path, change, match):
+    write_corrections(tmp_path / "other.json", change(read_corrections(review.file)))
+    (tmp_path / "results").mkdir()
+    given = {"corrections": tmp_path / "other.json"}
+    with pytest.raises(InputError, match=match):
+        track_recording(review.recording, tmp_path / "results", TrackConfig(), lambda *_: None, **given)
 
 
 @pytest.mark.thorough

@@ -1,7 +1,5 @@
 """One patient followed through a recording in which he comes late, vanishes and comes back."""
 
-from __future__ import annotations
-
 import weakref
 from dataclasses import dataclass, fields, replace
 from pathlib import Path

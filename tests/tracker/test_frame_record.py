@@ -1,7 +1,5 @@
 """poses, anchors and people: what goes in comes out, a lost frame stays one, and the pose is that of the joints."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Given poses that floor, equipment or other cameras contradict: refused, noted, or beyond what can be asked."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Values on disk: whole or absent, checked when read, and of harmless kinds only."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -45,7 +43,7 @@ def test_what_was_written_is_read_back(tmp_path):
     assert same is eye
 
 
-def test_a_value_is_made_once(tmp_path):
+def test_a_value_is_made_once_and_an_absent_one_is_none(tmp_path):
     made = []
 
     def make() -> int:
@@ -54,9 +52,6 @@ def test_a_value_is_made_once(tmp_path):
 
     assert [Journal(tmp_path).once("seven", int, make) for _ in range(3)] == [7, 7, 7]
     assert len(made) == 1
-
-
-def test_an_absent_value_is_no_value(tmp_path):
     with pytest.raises(KeyError):
         Journal(tmp_path).read("value", int)
 

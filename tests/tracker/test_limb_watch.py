@@ -1,7 +1,5 @@
 """The watch over limbs: what puts a frame in doubt, and how long a search that found nothing is not repeated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Empty rooms, posters, pushed furniture and legs alone are nobody; a patient who keeps still is found."""
 
-from __future__ import annotations
-
 from functools import cache
 from types import SimpleNamespace
 

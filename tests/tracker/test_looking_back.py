@@ -1,7 +1,5 @@
 """Frames before a limb was found again: of two ways through them, the one that sees more."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Whole recordings in which the patient comes late, leaves, is hidden, or sits: lost where he must be, found again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Objects that are moved are room while they rest; people who come and keep still are not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

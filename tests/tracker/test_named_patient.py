@@ -1,7 +1,5 @@
 """A patient who was named in the viewer is tracked, in the world of the results that were looked at."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,18 +37,8 @@ SIGNED = {"reason": "the therapist", "who": "AB", "when": "2026-03-01T09:30:00Z"
 PELVIS = JOINT_INDEX["SpineBase"]
 FRAME = 6
 NEAR_M = 0.3  # from a point of the surface to the pelvis over the ground, of a person who walks
-PASSED = SimulationConfig(
-    seed=12,
-    seconds=2.0,
-    fps=5.0,
-    cameras=1,
-    therapists=0,
-    passers_by=1,
-    motions=("standing",),
-    equipment="none",
-    stool=False,
-    pose_known=False,
-)
+PASSED = SimulationConfig(seed=12, seconds=2.0, fps=5.0, cameras=1, therapists=0, passers_by=1, equipment="none")
+PASSED = replace(PASSED, motions=("standing",), stool=False, pose_known=False)
 
 
 def named(frame: int, place_m: np.ndarray, fps: float = 15.0) -> NamedPatient:
@@ -116,7 +104,7 @@ def test_a_time_that_is_not_of_its_frame_is_refused(reviewed: Reviewed) -> None:
     held = read_corrections(reviewed.file)
     write_corrections(reviewed.file, held.added(replace(named(7, np.zeros(3)), time_s=1.4)))
     with pytest.raises(
-        InputError, match=r"names the patient in frame 7 at 1\.4 s, and the recording has that frame at 0\.46"
+        InputError, match=r"the patient in frame 7 at 1\.4 s, and the recording has that frame at 0\.46"
     ):
         reviewed.read()
     gap = UnusableInterval(first_frame=5, last_frame=6, start_s=5 / 15, end_s=99.0, **SIGNED)
@@ -188,7 +176,6 @@ def test_who_is_named_is_tracked_and_the_world_stays(tmp_path: Path) -> None:
     frames = open_depth_frames(recording, first, run, before.frame)
     row, column = middle_of(frames.labels(FRAME, 0) == PixelLabel.OTHER_PERSON)  # who walks by
     place_m, _ = frames.place_of_person(FRAME, "front", column, row)
-    assert place_m is not None
     assert ground_m(before.position_m[FRAME, PELVIS], place_m) > NEAR_M
     file = tmp_path / "c.json"
     write_corrections(file, Corrections(recording_of_run(run)).added(named(FRAME, place_m, PASSED.fps)))

@@ -1,7 +1,5 @@
 """Which parts of a recording the body is learnt from."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Who of the people is the patient: each sign by itself, what outweighs what, and when it is not clear."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import FRONT, LEFT

@@ -1,7 +1,5 @@
 """The likelihood of the patient's predicted skin: as wide as its uncertainty; limbs that may be anywhere have none."""
 
-from __future__ import annotations
-
 import numpy as np
 from body_builder import adult_body, points, standing
 

@@ -1,7 +1,5 @@
 """Two cameras that show one wall and one person: right poses agree, and a camera that slid along the wall does not."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

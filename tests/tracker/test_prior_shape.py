@@ -1,7 +1,5 @@
 """What is known of a patient beforehand: adults, children, and statements that the images contradict."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from body_builder import adult, asset

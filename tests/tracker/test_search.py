@@ -1,7 +1,5 @@
 """Looking for a lost patient: nobody who was beside him is taken for him, and he is found where he may have come."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

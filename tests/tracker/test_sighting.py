@@ -1,7 +1,5 @@
 """Everybody in a frame with a rough body: where the pelvis is, which way they face, and whose pixels are whose."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -78,7 +76,6 @@ def test_a_child_has_the_body_of_a_child_and_an_adult_beside_it_that_of_an_adult
             for d, who in zip(depths, truth, strict=True)
         ]
         person = rough_person(views, CAMERAS, PixelLabel.PATIENT)
-        assert person is not None
         assert person.found.explained > 0.9
         heights.append(standing_height(asset(), person.body.shape)[0])
     assert heights[0] == pytest.approx(height_m, abs=0.1)

@@ -1,7 +1,5 @@
 """Two passes put together and smoothed over time: what is kept, what is recovered, what stays lost."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

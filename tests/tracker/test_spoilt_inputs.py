@@ -1,7 +1,5 @@
 """What the images contradict or do not show: an impossible height, and a camera that is blind for a while."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a first pose must be to be believed."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

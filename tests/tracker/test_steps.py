@@ -1,7 +1,5 @@
 """Where people went between two frames: found from the pixels, and only where they did not stay."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from room_builder import FRONT, ROOM, body, built_scene, picture

@@ -1,7 +1,5 @@
 """The body that is fitted beforehand is fitted as in tracking, so that what it compiles is what tracking needs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from anchorpose.tracker.warm_up import warm_up

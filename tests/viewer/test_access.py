@@ -1,10 +1,9 @@
 """The viewer by keyboard alone, and on other screens."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
+from viewer_page import nameless
 
 pytestmark = pytest.mark.thorough
 
@@ -25,11 +24,7 @@ def test_everything_is_reached_by_tab_and_has_a_name(viewer: Any) -> None:
     for name in ("scene", "help-button", "tab-curves", "scrub", "play", "speed", "span", "worst-next", "forward"):
         assert name in seen
     assert any("learnt body" in name for name in seen)
-    nameless = viewer.evaluate(
-        "[...document.querySelectorAll('button, input, select, canvas')].filter((e) => !(e.textContent.trim()"
-        " || e.getAttribute('aria-label') || e.labels?.length)).map((e) => e.outerHTML)"
-    )
-    assert nameless == []
+    assert nameless(viewer) == []
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (1024, 768), (820, 1180)])

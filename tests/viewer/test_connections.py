@@ -1,7 +1,5 @@
 """Connections that send nothing, and too many of them: the page goes on, and depth images are written."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys

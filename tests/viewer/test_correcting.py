@@ -1,7 +1,5 @@
 """What a reviewer marks and moves in the viewer is in the file."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any
@@ -40,8 +38,7 @@ def test_a_joint_is_moved_by_keys_saved_and_undone(viewer: Any, server: ViewerSe
     (found,) = file_of(server).joints
     moved = (np.array(found.position_m) - before) * 1000
     assert (found.frame, found.joint, found.sigma_m) == (0, "KneeLeft", 0.02)
-    assert moved[0] == pytest.approx(11.0, abs=0.2)
-    assert moved[1] == pytest.approx(5.0, abs=0.2)
+    assert moved[:2] == pytest.approx([11.0, 5.0], abs=0.2)
     assert "corrected" in viewer.locator("#joint-card").inner_text()
     viewer.keyboard.press("Control+z")
     until(viewer, lambda: not file_of(server).joints)
@@ -68,13 +65,8 @@ def test_undoing_a_second_correction_brings_the_first_one_back(viewer: Any, serv
 def test_a_joint_is_put_on_the_point_that_is_clicked(viewer: Any, server: ViewerServer) -> None:
     for key in ("]", "e", "s"):
         viewer.keyboard.press(key)
-    place = viewer.evaluate(
-        "() => { const c = anchorpose.frames.points.cameras[0], p = c.points.geometry.getAttribute('pixel').array;"
-        " for (let i = 0; i < c.count; i++) if ((p[4 * i + 3] & 255) === 4 && p[4 * i + 1] > 52) {"
-        " const w = anchorpose.frames.points.place(c, p, i), s = anchorpose.view.project(w);"
-        " return { screen: s, world: w }; } }"
-    )
-    viewer.locator("#scene").click(position={"x": place["screen"][0], "y": place["screen"][1]})
+    place = viewer.evaluate(POINT_OF, [4, 53])
+    click_at(viewer, place)
     viewer.click("#joint-save")
     sign(viewer, "here")
     (found,) = file_of(server).joints
@@ -108,16 +100,11 @@ def test_the_patient_is_named_by_a_click_and_the_page_says_what_to_run(viewer: A
     assert "in frame 2" in viewer.locator("#sign-title").inner_text()
     sign(viewer, "the therapist was tracked")
     found = file_of(server).patient
-    assert found is not None
     assert (found.frame, found.reason) == (2, "the therapist was tracked")
     assert np.linalg.norm(np.array(found.position_m) - other["world"]) < 0.15
     assert "in frame 2. Track again" in viewer.locator("#name-state").inner_text()
-    assert (
-        viewer.locator("#corrections-command")
-        .inner_text()
-        .strip()
-        .endswith('-o NEW-RESULTS --corrections "results.corrections.json"')
-    )
+    command = viewer.locator("#corrections-command").inner_text().strip()
+    assert command.endswith('-o NEW-RESULTS --corrections "results.corrections.json"')
     assert "the patient is here: the therapist was tracked (AB)" in viewer.locator("#corrections").inner_text()
     viewer.keyboard.press("Control+z")
     until(viewer, lambda: file_of(server).patient is None)

@@ -1,25 +1,14 @@
 """What the viewer sends: points where the camera saw them, the body as it is skinned, which frames to check first."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from recording_builder import edit_json, write_picture
 from scipy.spatial.transform import Rotation
-from viewer_builder import (
-    FRAMES,
-    LOST_FRAME,
-    UNSURE_FRAME,
-    depth_mm,
-    labels_of,
-    unpack,
-    write_small_recording,
-    write_small_results,
-)
+from viewer_builder import FRAMES, LOST_FRAME, UNSURE_FRAME, depth_mm, labels_of, unpack, write_small_session
 
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
@@ -46,9 +35,7 @@ from anchorpose.viewer.review import APART_S, Review, open_review, worst_frames
 
 @pytest.fixture(scope="module")
 def review(tmp_path_factory: pytest.TempPathFactory) -> Review:
-    folder = tmp_path_factory.mktemp("viewer")
-    recording = write_small_recording(folder / "recording")
-    return open_review(write_small_results(folder / "results", recording), recording)
+    return open_review(*write_small_session(tmp_path_factory.mktemp("viewer")))
 
 
 @pytest.fixture(scope="module")
@@ -121,18 +108,17 @@ def test_the_surface_is_that_of_the_stage_of_this_name(depth_frames: DepthFrames
     assert sides.max() < 0.15
 
 
-def test_frames_that_there_are_not_are_refused(depth_frames: DepthFrames) -> None:
-    for first, count in ((-1, 2), (FRAMES, 1), (0, 0), (0, 1000)):
-        with pytest.raises(ValueError, match="there are no frames"):
-            points_payload(depth_frames, first, count, room=False)
-    assert len(unpack(points_payload(depth_frames, FRAMES - 1, 8, room=False))[0]["counts"]) == 1
-
-
-@pytest.mark.parametrize("payload", [motion_payload, curves_payload])
-def test_rows_that_there_are_not_are_refused(review: Review, payload: Callable[[Review, int, int], bytes]) -> None:
-    for first, count in ((-1, 2), (FRAMES, 1), (0, 0), (0, 100_000)):
-        with pytest.raises(ValueError, match="there are no frames"):
-            payload(review, first, count)
+def test_frames_that_there_are_not_are_refused(review: Review, depth_frames: DepthFrames) -> None:
+    of_points = partial(points_payload, depth_frames, room=False)
+    for payload, most in (
+        (of_points, 1000),
+        (partial(motion_payload, review), 100_000),
+        (partial(curves_payload, review), 100_000),
+    ):
+        for first, count in ((-1, 2), (FRAMES, 1), (0, 0), (0, most)):
+            with pytest.raises(ValueError, match="there are no frames"):
+                payload(first, count)
+    assert len(unpack(of_points(FRAMES - 1, 8))[0]["counts"]) == 1
 
 
 def test_the_tables_arrive_whole_with_gaps_as_gaps(review: Review) -> None:
@@ -162,7 +148,6 @@ def test_the_page_skins_the_body_as_the_body_skins_itself(
     rng = np.random.default_rng(11)
     asset, coefficients = load_body_asset(), rng.normal(size=16)
     arrays = payloads.body_skin({"body": {"coefficients": coefficients.tolist()}})
-    assert arrays is not None
     body, rows = shape_body(asset, coefficients), [asset.bone(name) for name in MOVING_BONES]
     relative = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
     relative[rows] = Rotation.from_rotvec(rng.normal(scale=0.2, size=(len(rows), 3))).as_matrix()
@@ -182,31 +167,25 @@ def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> Non
     share[22] = 0.4
     found = worst_frames(review.joints, share, review.run["dropped"])
     told = {frame.position: frame.reason for frame in reversed(found)}
-    assert found[0].position == LOST_FRAME
-    assert told[LOST_FRAME] == "all joints lost"
+    assert (found[0].position, told[LOST_FRAME]) == (LOST_FRAME, "all joints lost")
     assert told[3] == "front/depth/000003.png is truncated"
     assert told[22] == "40 % of the points found again in the next frame"
     unsure = [frame for frame in found if "sigma" in frame.reason]
-    assert unsure[0].position == UNSURE_FRAME
-    assert unsure[0].joint == JOINT_INDEX["HandRight"]
+    assert (unsure[0].position, unsure[0].joint) == (UNSURE_FRAME, JOINT_INDEX["HandRight"])
     assert unsure[0].reason == "HandRight: sigma 200 mm"
     assert np.diff(sorted(review.joints.time_s[frame.position] for frame in unsure)).min() >= APART_S
 
 
-def test_clocks_are_those_that_the_run_used() -> None:
+def test_clocks_are_those_that_the_run_used_and_a_run_that_states_none_is_refused() -> None:
     found = Clock(ahead_s=0.25, drift=1e-4, at_s=-1.5)
     run = {"cameras": [{"name": "left", "clock": asdict(found)}, {"name": "front", "clock": asdict(Clock())}]}
     assert clocks_of_run(Path("run.json"), run, ("front", "left")) == (Clock(), found)
-
-
-def test_a_run_that_states_no_clocks_is_refused() -> None:
     with pytest.raises(InputError, match="track the recording again"):
         clocks_of_run(Path("run.json"), {"cameras": [{"name": "front"}]}, ("front",))
 
 
 def test_another_recording_is_refused(tmp_path: Path) -> None:
-    recording = write_small_recording(tmp_path / "recording")
-    results = write_small_results(tmp_path / "results", recording)
+    results, recording = write_small_session(tmp_path)
     edit_json(recording / "recording.json", lambda document: document.update(subject={"height_m": 1.7}))
     open_review(results, recording)  # a height added makes no other recording of it
     write_picture(recording / "front" / "depth" / f"{FRAMES - 1:06d}.png", depth_mm(3))
@@ -218,8 +197,7 @@ def test_another_recording_is_refused(tmp_path: Path) -> None:
 
 
 def test_results_without_some_tables_are_looked_at_without_them(tmp_path: Path) -> None:
-    recording = write_small_recording(tmp_path / "recording")
-    results = write_small_results(tmp_path / "results", recording)
+    results, _ = write_small_session(tmp_path)
     for name in ("poses", "anchors", "people", "contacts"):
         (results / f"{name}.parquet").unlink()
     found = open_review(results, None)

@@ -1,7 +1,5 @@
 """The hypotheses of a frame in the viewer: worked out in another process, drawn, and given up when asked to."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from viewer_builder import unpack, viewer_of, write_small_recording, write_small_results
+from viewer_builder import unpack, viewer_of, write_small_session
 from viewer_page import opened, until
 
 from anchorpose.pipeline import track_recording
@@ -58,11 +56,8 @@ def test_what_is_drawn_is_what_inspection_finds(server: ViewerServer, tracked: t
     place = server.api.review.joints.position_m[position, 0]
     config = replace(TrackConfig(), patient_xz_m=(float(place[0]), float(place[2])))
     found = inspect_frame(open_recording(tracked[1]), 6, config, False, lambda: None)
-    assert found.next is not None
-    assert found.observation is not None
     links = found.next.links
-    assert meta["frames"] == [6, 7]
-    assert len(meta["subsets"]) == links.match.shape[1]
+    assert (meta["frames"], len(meta["subsets"])) == ([6, 7], links.match.shape[1])
     assert np.allclose(arrays["nodes"], found.observation.surface.points_m, atol=1e-6)
     node, subset = np.argwhere(links.match >= 0)[100]
     there = found.next.observation.surface.points_m[links.match[node, subset]]
@@ -91,8 +86,7 @@ def test_the_page_asks_waits_and_draws_them(page: Any, server: ViewerServer) -> 
 
 @pytest.mark.thorough
 def test_the_work_can_be_given_up_and_begun_again(tmp_path: Path) -> None:
-    recording = write_small_recording(tmp_path / "recording")
-    with viewer_of(write_small_results(tmp_path / "results", recording), recording) as server:
+    with viewer_of(*write_small_session(tmp_path)) as server:
         worker = server.api.worker
         for position in (3, 9):  # the second ends the first
             server.api.post("hypotheses/start", {"position": position})
@@ -107,8 +101,7 @@ def test_the_work_can_be_given_up_and_begun_again(tmp_path: Path) -> None:
 @pytest.mark.thorough
 def test_a_frame_without_the_patient_says_why_there_are_none(tmp_path: Path) -> None:
     """The small recording's paper figure is nobody whom a body fits."""
-    recording = write_small_recording(tmp_path / "recording")
-    with viewer_of(write_small_results(tmp_path / "results", recording), recording) as server:
+    with viewer_of(*write_small_session(tmp_path)) as server:
         server.api.post("hypotheses/start", {"position": 4})
         assert finished(server.api.worker) is Progress.FAILED
         assert server.api.worker.status.messages

@@ -1,7 +1,5 @@
 """Results of many frames in the viewer: thinned where they are drawn, exact where a value is read."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -58,16 +56,13 @@ def test_no_peak_no_gap_and_no_inferred_frame_is_lost_by_thinning() -> None:
         assert ((777, 31_234, 40_001)[angle]) in row
 
 
-def test_few_frames_are_drawn_as_they_are(long: Path) -> None:
+def test_few_frames_are_drawn_as_they_are_and_an_answer_does_not_grow_with_the_recording(long: Path) -> None:
     review, whole = open_review(long, None), read_angles(long / "angles.parquet")
     _, arrays = unpack(curves_payload(review, 50, 1000))
     count = len(whole.names)
     assert np.array_equal(arrays["row"].reshape(count, 1000), np.tile(np.arange(50, 1050), (count, 1)))
     expected = whole.degrees[50:1050].T.astype(np.float32)
     assert np.array_equal(arrays["degrees"].reshape(count, 1000), expected, equal_nan=True)
-
-
-def test_an_answer_does_not_grow_with_the_recording(long: Path) -> None:
     review = open_review(long, None)
     assert len(curves_payload(review, 0, LONG)) < 14 * len(review.angles.names) * KEPT * (INTERVALS + 9)
     with pytest.raises(ValueError, match="there are no frames"):

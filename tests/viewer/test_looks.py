@@ -1,14 +1,12 @@
 """What the viewer draws: points, body, surface, with and without a recording, in light and in dark."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from viewer_builder import BODY_SHIFT_M, BODY_TURN, viewer_of, write_small_recording, write_small_results
+from viewer_builder import BODY_SHIFT_M, BODY_TURN, viewer_of, write_small_session
 from viewer_page import bluish, is_bluish, opened, scene_picture, until
 
 from anchorpose.body.segments import load_body_asset
@@ -47,12 +45,10 @@ def test_the_body_the_surface_and_the_room_can_be_shown(viewer: Any) -> None:
 def patients_skin(server: ViewerServer) -> np.ndarray:
     """(n, 3) the patient's pixels of the first frame in the world, by ``Camera.back_project``."""
     depth_frames = server.api.review.depth_frames
-    assert depth_frames is not None
     found = []
     for number, camera in enumerate(depth_frames.cameras):
         depth_m, labels = depth_frames.depth(0, number)[0], depth_frames.labels(0, number)
-        assert depth_m is not None
-        assert labels is not None
+
         found.append(
             transform_points(camera.require_pose(), camera.back_project(depth_m)[(labels == 4) & (depth_m > 0)])
         )
@@ -109,8 +105,7 @@ def test_the_body_is_drawn_where_its_pose_puts_it(viewer: Any) -> None:
 
 
 def test_points_without_person_labels_are_shown_in_one_colour_and_reported(page: Any, tmp_path: Path) -> None:
-    recording = write_small_recording(tmp_path / "recording")
-    with viewer_of(write_small_results(tmp_path / "results", recording, people=False), recording) as server:
+    with viewer_of(*write_small_session(tmp_path, people=False)) as server:
         opened(page, server)
         assert "have no person labels" in page.locator("#notice").inner_text()
         assert bluish(scene_picture(page)) < 100
@@ -118,8 +113,7 @@ def test_points_without_person_labels_are_shown_in_one_colour_and_reported(page:
 
 
 def test_a_picture_that_cannot_be_read_is_reported(page: Any, tmp_path: Path) -> None:
-    recording = write_small_recording(tmp_path / "recording")
-    results = write_small_results(tmp_path / "results", recording)
+    results, recording = write_small_session(tmp_path)
     damaged = recording / "right" / "depth" / "000002.png"
     damaged.write_bytes(damaged.read_bytes()[:80])
     with viewer_of(results, recording) as server:

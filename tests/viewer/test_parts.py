@@ -1,7 +1,5 @@
 """What the viewer ships: the library as its authors published it, with its licence; nothing that asks the network."""
 
-from __future__ import annotations
-
 import hashlib
 import posixpath
 import re

@@ -1,7 +1,5 @@
 """The viewer plays, scrubs and jumps, and its curves keep in step."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The worst frames of explained.parquet in the viewer: listed, in the timeline, and gone without the table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from results_builder import explained_frames
-from viewer_builder import FRAMES, LOST_FRAME, PERIOD_S, unpack, viewer_of, write_small_recording, write_small_results
+from viewer_builder import FRAMES, LOST_FRAME, PERIOD_S, unpack, viewer_of, write_small_results, write_small_session
 from viewer_page import opened, position
 
 from anchorpose.errors import InputError
@@ -34,9 +32,7 @@ def frames() -> list:
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    folder = tmp_path_factory.mktemp("unexplained")
-    recording = write_small_recording(folder / "recording")
-    return write_small_results(folder / "results", recording, explained=frames()), recording
+    return write_small_session(tmp_path_factory.mktemp("unexplained"), explained=frames())
 
 
 @pytest.fixture

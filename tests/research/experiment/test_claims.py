@@ -1,7 +1,5 @@
 """Verdicts on the paper's claims: outcomes for which each of them is right."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -81,9 +79,6 @@ def test_only_a_whole_interval_decides() -> None:
     alone = Estimate(0.5, np.nan, np.nan, 1)
     assert {at_most(alone, 1.0), at_least(alone, 0.1), between(alone, 0.1, 1.0)} == {OPEN}
     assert [measured(value, 1.0) for value in (0.5, 1.5, np.nan)] == [YES, NO, OPEN]
-
-
-def test_less_is_less_only_where_the_whole_interval_is() -> None:
     values = [Estimate(-1.0, low, high, 5) for low, high in ((-2.0, -0.1), (-2.0, 0.1), (0.0, 1.0))]
     assert [below_zero(value) for value in values] == [YES, OPEN, NO]
     assert below_zero(Estimate(-1.0, np.nan, np.nan, 1)) is OPEN
@@ -96,13 +91,10 @@ def test_everything_holds_where_the_data_are_as_the_paper_says() -> None:
     assert all(one.checks and one.rule and one.place for one in claims)
 
 
-def test_one_recording_decides_nothing_but_the_time() -> None:
+def test_one_recording_decides_nothing_but_the_time_and_none_nothing() -> None:
     verdicts = {one.key: one.verdict for one in judge_claims(make_results(recordings=1))}
     assert verdicts.pop("times") is Verdict.HOLDS
     assert set(verdicts.values()) == {Verdict.UNKNOWN}
-
-
-def test_no_recordings_decide_nothing() -> None:
     empty = replace(make_results(recordings=1), tracked=(), matched=(), times=None)
     assert {one.verdict for one in judge_claims(empty)} == {Verdict.UNKNOWN}
 

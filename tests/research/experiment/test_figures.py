@@ -1,7 +1,5 @@
 """Figures of an experiment: which there are, that they are the same each time, and told apart without colour."""
 
-from __future__ import annotations
-
 import sys
 import xml.etree.ElementTree as ElementTree
 

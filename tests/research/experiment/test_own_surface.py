@@ -1,7 +1,5 @@
 """Nodes matched to the body's own surface by geodesic distances, without any prediction."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

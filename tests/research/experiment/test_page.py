@@ -1,7 +1,5 @@
 """The page and the folder: everything is there, nothing is loaded from elsewhere, nothing is taken for HTML."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Sequence

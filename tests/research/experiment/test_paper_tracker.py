@@ -1,7 +1,5 @@
 """What methods of the comparison may change in the framework: lost limbs, the filter, and rejection."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The experiment as people meet it: stopped in the middle, gone on with, and the page at the end."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

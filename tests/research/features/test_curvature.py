@@ -1,7 +1,5 @@
 """Neighbourhoods along the surface, curvature and gradients, where the answers are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -109,7 +107,7 @@ def test_noise_of_a_depth_camera_leaves_the_curvature_of_a_head() -> None:
     assert np.std(found) < 1.0
 
 
-def test_nodes_whose_neighbours_do_not_tell_have_no_curvature() -> None:
+def test_nodes_whose_neighbours_or_normal_do_not_tell_have_no_curvature() -> None:
     line, alone = flat_grid(1, 9, 0.02), flat_grid(1, 1, 0.02)
     for surface in (line, alone):
         assert np.isnan(principal_curvatures(surface, 0.05)).all()
@@ -117,9 +115,6 @@ def test_nodes_whose_neighbours_do_not_tell_have_no_curvature() -> None:
     nothing = flat_grid(3, 3, 0.02, np.zeros((3, 3), bool))
     assert principal_curvatures(nothing, 0.05).shape == (0, 2)
     assert mesh_gradient(nothing, np.empty(0)).shape == (0, 3)
-
-
-def test_a_node_without_a_normal_is_left_out_and_has_no_curvature_itself() -> None:
     surface = height_field(lambda left, up: np.sqrt(0.16 - left**2 - up**2), side=21)
     normals = surface.normals.copy()
     normals[200] = np.nan
@@ -145,16 +140,13 @@ def rough_positions_in_plane(surface: Surface) -> Surface:
     return replace(surface, points_m=points)
 
 
-def test_a_value_that_is_not_known_costs_its_own_gradient_only() -> None:
+def test_a_value_that_is_not_known_costs_its_own_gradient_only_and_there_is_one_a_node() -> None:
     surface = flat_grid(6, 6, 0.02)
     values = surface.points_m[:, 1].astype(np.float64)
     values[14] = np.nan
     gradient = mesh_gradient(surface, values)
     assert np.isnan(gradient[14]).all()
     np.testing.assert_allclose(np.delete(gradient, 14, axis=0), np.tile([0.0, 1.0, 0.0], (35, 1)), atol=1e-5)
-
-
-def test_values_that_are_not_one_a_node_are_refused() -> None:
     with pytest.raises(ValueError, match="one value each"):
         mesh_gradient(flat_grid(3, 3, 0.02), np.zeros(8))
 

@@ -1,7 +1,5 @@
 """FPFH against PCL's numbers, Open3D, its definition in plain numpy, and what a plane and a mirror must give."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from feature_laws import assert_same_but_for_an_edge
@@ -86,11 +84,3 @@ def test_a_node_without_normal_is_undefined_and_counts_for_no_other():
     found = describe(points, without, triangles)
     assert np.isnan(found[33]).all()
     np.testing.assert_allclose(found[stay], describe(points[stay], normals[stay], triangles), rtol=1e-4, atol=1e-4)
-
-
-def test_refusals():
-    points, normals, _ = bumpy_torus()
-    with pytest.raises(ValueError, match="719 normals"):
-        fpfh(points, normals[1:])
-    with pytest.raises(ValueError, match="radius"):
-        FpfhConfig(radius_m=-0.1)

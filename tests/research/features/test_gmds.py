@@ -1,7 +1,5 @@
 """GMDS: its search against all maps tried out, isometries, mirror images, the paper's two criteria, refusals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 
@@ -151,19 +149,3 @@ def test_the_two_criteria_of_the_paper_and_the_stress_may_choose_different_maps(
         assert stress_m(a, b[np.ix_(by_stress, by_stress)], 100.0) <= distortion(a, b, by_worst) + 1e-6
         differ |= {name for name, other in (("sum", by_all), ("stress", by_stress)) if (other != by_worst).any()}
     assert differ == {"sum", "stress"}
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"samples": 0},
-        {"first_samples": 1},
-        {"first_candidates": 300},
-        {"cap_m": 0.0},
-        {"min_piece": 2.0},
-        {"max_branches": 3},
-    ],
-)
-def test_settings_without_a_meaning_are_refused(wrong):
-    with pytest.raises(ValueError, match="validation error"):
-        GmdsConfig(**wrong)

@@ -1,16 +1,28 @@
 """What every local descriptor obeys, whoever described it first."""
 
-from __future__ import annotations
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from feature_laws import assert_same_but_for_an_edge
 from feature_shapes import bumpy_torus, rigid_motion
+from features_builder import height_field, lump, renumbered, rough, somewhere
+from features_builder import moved as placed
+from surface_builder import flat_grid
 
 from anchorpose.research.features.fpfh import FpfhConfig, fpfh
+from anchorpose.research.features.gmds import GmdsConfig
+from anchorpose.research.features.ld_sift import LdSiftConfig, ld_sift
+from anchorpose.research.features.mesh_hog import MeshHogConfig, mesh_hog
 from anchorpose.research.features.rops import RopsConfig, rops
 from anchorpose.research.features.shape_context import ShapeContextConfig, shape_context
 from anchorpose.research.features.shot import ShotConfig, shot
+from anchorpose.research.features.spectral_signatures import HksConfig, SiHksConfig, WksConfig
+
+
+def thorough(*values):
+    return pytest.param(*values, marks=pytest.mark.thorough)
 
 
 def of_fpfh(points, normals, triangles):
@@ -30,8 +42,7 @@ def of_rops(points, normals, triangles):
 
 
 @pytest.fixture(
-    params=[of_fpfh, *(pytest.param(one, marks=pytest.mark.thorough) for one in (of_shot, of_shape_context, of_rops))],
-    ids=["FPFH", "SHOT", "3DSC", "RoPS"],
+    params=[of_fpfh, *map(thorough, (of_shot, of_shape_context, of_rops))], ids=["FPFH", "SHOT", "3DSC", "RoPS"]
 )
 def describe(request):
     """``describe(points_m, normals, triangles)``, all else fixed."""
@@ -97,3 +108,81 @@ def test_nonsense_is_refused(describe):
     points, normals, triangles = bumpy_torus()
     with pytest.raises(ValueError, match=r"shape \(n, 3\)"):
         describe(points[:, :2], normals, triangles)
+    if describe is not of_rops:  # it takes no normals
+        with pytest.raises(ValueError, match="719 normals"):
+            describe(points, normals[1:], triangles)
+
+
+LD_SIFT = partial(ld_sift, config=LdSiftConfig(radius_m=0.10, samples=4))
+MESH_HOG = partial(mesh_hog, config=MeshHogConfig(radius_m=0.10, curvature_radius_m=0.05))
+
+
+@pytest.mark.parametrize(
+    ("of_mesh", "share", "most"), [(LD_SIFT, 0.97, (0.001, 0.1)), thorough(MESH_HOG, 0.98, (0.002, 0.05))]
+)
+def test_a_mesh_that_is_moved_and_renumbered_has_the_same_rows(of_mesh, share, most):
+    """But for a pixel at the rim, the other end of an axis, or one of two peaks that are equally high."""
+    surface = rough(height_field(lump, side=31), 5)
+    order = np.random.default_rng(7).permutation(len(surface))
+    found = of_mesh(renumbered(placed(surface, *somewhere(6)), order))
+    distance = np.linalg.norm(found - of_mesh(surface)[order], axis=1)
+    assert np.median(distance) < most[0]
+    assert np.quantile(distance, share) < most[1]
+
+
+@pytest.mark.parametrize(("of_mesh", "width"), [(LD_SIFT, 128), thorough(MESH_HOG, 96)])
+def test_a_flat_mesh_and_a_node_without_position_or_normal_have_no_descriptor(of_mesh, width):
+    for sides in ((1, 1), (1, 9), (9, 9)):
+        assert np.isnan(of_mesh(flat_grid(*sides, 0.02))).all()
+    assert of_mesh(flat_grid(2, 2, 0.02, np.zeros((2, 2), bool))).shape == (0, width)
+    surface = rough(height_field(lump, side=21), 10)
+    points, normals = surface.points_m.copy(), surface.normals.copy()
+    points[100], normals[200] = np.nan, np.nan
+    found = np.isnan(of_mesh(replace(surface, points_m=points, normals=normals)))
+    np.testing.assert_array_equal(np.flatnonzero(found.any(axis=1)), [100, 200])
+    assert found[[100, 200]].all()
+
+
+@pytest.mark.parametrize(
+    ("config", "problem", "wrong"),
+    [
+        (FpfhConfig, "radius", {"radius_m": -0.1}),
+        (ShotConfig, "radius", {"radius_m": float("nan")}),
+        (RopsConfig, "turns", {"turns": 0}),
+        (RopsConfig, "bins", {"bins": 0}),
+        (RopsConfig, "radius", {"radius_m": 0.0}),
+        (ShapeContextConfig, "innermost", {"innermost": 1.0}),
+        (ShapeContextConfig, "innermost", {"innermost": 0.0}),
+        (ShapeContextConfig, "density", {"density": 0.0}),
+        (ShapeContextConfig, "shells", {"shells": 0}),
+        (ShapeContextConfig, "azimuths", {"azimuths": 0}),
+        (LdSiftConfig, "radius_m", {"radius_m": 0.0}),
+        (LdSiftConfig, "floor_m", {"floor_m": np.nan}),
+        (LdSiftConfig, "samples", {"samples": 0}),
+        (LdSiftConfig, "beyond", {"beyond": "up"}),
+        (MeshHogConfig, "radius_m", {"radius_m": 0.0}),
+        (MeshHogConfig, "curvature_radius_m", {"curvature_radius_m": np.nan}),
+        (MeshHogConfig, "spread", {"spread": -1.0}),
+        (MeshHogConfig, "slices", {"slices": 1}),
+        (MeshHogConfig, "function", {"function": "colour"}),
+        (GmdsConfig, "samples", {"samples": 0}),
+        (GmdsConfig, "first_samples", {"first_samples": 1}),
+        (GmdsConfig, "first_candidates", {"first_candidates": 300}),
+        (GmdsConfig, "cap_m", {"cap_m": 0.0}),
+        (GmdsConfig, "min_piece", {"min_piece": 2.0}),
+        (GmdsConfig, "max_branches", {"max_branches": 3}),
+        (HksConfig, "times", {"times": 0}),
+        (HksConfig, "range_m2", {"range_m2": (1.0, 0.1)}),
+        (HksConfig, "range_m2", {"range_m2": (0.0, 0.1)}),
+        (WksConfig, "range_per_m2", {"range_per_m2": (5.0, np.inf)}),
+        (WksConfig, "width_steps", {"width_steps": 0.0}),
+        (WksConfig, "nothing between", {"energies": 20}),
+        (SiHksConfig, "octaves", {"octaves": 0.0}),
+        (SiHksConfig, "steps_per_octave", {"steps_per_octave": 0}),
+        (SiHksConfig, "frequencies", {"frequencies": 500}),
+        (SiHksConfig, "first_octave", {"first_octave": np.nan}),
+    ],
+)
+def test_settings_without_a_meaning_are_refused(config, problem, wrong):
+    with pytest.raises(ValueError, match=problem):
+        config(**wrong)

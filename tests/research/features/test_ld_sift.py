@@ -1,15 +1,12 @@
 """LD-SIFT: its depth maps and SIFT against plain versions and OpenCV's, and under what must not change it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
-from features_builder import height_field, lump, moved, renumbered, rolled_sheet, rough, somewhere
+from features_builder import height_field, lump, moved, rolled_sheet, rough, somewhere
 from features_plain import plain_ld_sift, plain_sift
-from surface_builder import flat_grid
 
 from anchorpose.research.features.depth_map import cell_shares, describe_image, image_side
 from anchorpose.research.features.ld_sift import Beyond, LdSiftConfig, ld_sift
@@ -75,17 +72,6 @@ def test_what_is_turned_away_counts_for_no_angle_and_is_hidden_by_what_is_above(
     np.testing.assert_allclose(ld_sift(surface, config)[chosen], expected, atol=2e-5)
 
 
-def test_moving_the_surface_and_renumbering_its_nodes_changes_no_row() -> None:
-    surface, config = rough(height_field(lump, side=31), 5), SMALL
-    rotation, shift = somewhere(6)
-    order = np.random.default_rng(7).permutation(len(surface))
-    found = ld_sift(renumbered(moved(surface, rotation, shift), order), config)
-    distance = np.linalg.norm(found - ld_sift(surface, config)[order], axis=1)
-    # a position that is rounded differently can take a pixel at the rim, or the other end of an axis
-    assert np.median(distance) < 0.001
-    assert np.quantile(distance, 0.97) < 0.1
-
-
 def test_the_surface_in_front_hides_what_is_behind_and_only_what_is_joined_is_seen() -> None:
     sheet = rough(height_field(lump, side=21), 8)
     shifted = replace(sheet, points_m=sheet.points_m + np.array([0.05, 0, 0], np.float32))
@@ -100,24 +86,3 @@ def test_the_surface_in_front_hides_what_is_behind_and_only_what_is_joined_is_se
         skin=np.full(2 * len(sheet), -1, np.int32),
     )
     np.testing.assert_array_equal(ld_sift(both, SMALL)[: len(sheet)], ld_sift(sheet, SMALL))
-
-
-def test_what_has_no_depth_map_has_no_descriptor() -> None:
-    assert np.isnan(ld_sift(flat_grid(1, 1, 0.02), SMALL)).all()
-    assert np.isnan(ld_sift(flat_grid(1, 9, 0.02), SMALL)).all()
-    assert np.isnan(ld_sift(flat_grid(9, 9, 0.02), SMALL)).all()
-    assert ld_sift(flat_grid(2, 2, 0.02, np.zeros((2, 2), bool)), SMALL).shape == (0, 128)
-
-
-def test_a_node_without_position_or_normal_has_no_descriptor_and_spoils_no_other() -> None:
-    surface = rough(height_field(lump, side=21), 10)
-    points, normals = surface.points_m.copy(), surface.normals.copy()
-    points[100], normals[200] = np.nan, np.nan
-    found = ld_sift(replace(surface, points_m=points, normals=normals), SMALL)
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found).any(axis=1)), [100, 200])
-
-
-@pytest.mark.parametrize("wrong", [{"radius_m": 0.0}, {"floor_m": np.nan}, {"samples": 0}, {"beyond": "up"}])
-def test_settings_without_a_meaning_are_refused(wrong: dict) -> None:
-    with pytest.raises(ValueError, match="validation error"):
-        LdSiftConfig(**wrong)

@@ -1,7 +1,5 @@
 """The nearest descriptor, against every distance written out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Radius neighbours against all distances; the angle and the axes that kernels compute, against numpy's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from feature_shapes import bumpy_torus, pcl_reference

@@ -1,7 +1,5 @@
 """The most similar node by distances to anchors, signature and place together, against brute force."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -36,5 +34,4 @@ def test_a_distance_that_a_hole_changed_costs_no_more_than_three_deviations() ->
     match, total = most_similar(
         local, (source, place), (target, np.zeros((2, 3), np.float32)), SUBSETS[:1], (625.0, 1.0)
     )
-    assert match[0, 0] == 0
-    assert total[0, 0] == pytest.approx(MOST)
+    assert (match[0, 0], total[0, 0]) == (0, pytest.approx(MOST))

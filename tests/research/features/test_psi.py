@@ -1,7 +1,5 @@
 """The match by psi: brute force, limbs whose outline clips psi, and pieces behind a cut."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
