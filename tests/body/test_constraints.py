@@ -28,7 +28,7 @@ from anchorpose.body.constraints import (
     place_constraints,
     surface_constraints,
 )
-from anchorpose.body.evidence import evidence_cost, evidence_rows, find_outline, nearest_possible, outline_constraints
+from anchorpose.body.evidence import evidence_rows, find_outline, nearest_possible, outline_constraints
 from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.skin_points import PosedPoints, pose_points
 from anchorpose.camera import Camera, invert_rigid, transform_points
@@ -280,12 +280,6 @@ def test_a_limb_may_be_hidden_in_a_wide_hole_and_not_in_the_rim_of_lost_readings
     wide = find_outline(View(view.depth_m, labels))
     assert nearest_possible(thin, row, left - 60, 99)[1] >= left
     assert nearest_possible(wide, row, left - 60, 99)[1] == left - 50
-
-
-def test_following_the_rows_brings_a_strayed_body_back():
-    evidence = seen_body(POSE, BODY)
-    costs = [evidence_cost(BODY, stepped(POSE, 0.0, 0.0, z), evidence, 0.1, CONFIG) for z in (0.0, 0.02, 0.05, 0.10)]
-    assert (np.diff(costs) > 0).all(), costs
 
 
 def test_evidence_without_pictures_is_the_surface_alone():

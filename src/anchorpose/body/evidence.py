@@ -12,7 +12,6 @@ from numba import njit
 
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints, join, surface_constraints
-from anchorpose.body.fit import pose_equations
 from anchorpose.body.kinematics import missing_points
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
@@ -71,24 +70,6 @@ def evidence_rows(
         if view is not None and outline is not None:
             rows.append(outline_constraints(posed, view, outline, camera, reach_m))
     return join(rows)
-
-
-def evidence_cost(body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig) -> float:
-    """How badly a pose explains a frame, comparable between poses: rows, joint range, and nodes that nothing explains.
-
-    A node beyond the reach of all skin costs as much as a row to which the robust kernel gives no weight.
-    """
-    rows = evidence_rows(body, pose, evidence, reach_m, config)
-    posed = pose_points(body, pose)
-    cost = pose_equations(body, pose, posed, rows, None, config.rows_per_observation).cost
-    explained = len(surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config))
-    missing = min(len(evidence.surface), config.node_count) - explained
-    return cost + missing * unexplained_node_cost(reach_m, config)
-
-
-def unexplained_node_cost(reach_m: float, config: RegistrationConfig) -> float:
-    """What a node costs that nothing explains: a row at the plateau of the robust kernel."""
-    return (reach_m / 3.0 / config.surface_sigma_m) ** 2 / config.rows_per_observation
 
 
 def find_outline(view: View) -> np.ndarray | None:

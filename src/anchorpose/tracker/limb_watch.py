@@ -17,12 +17,12 @@ from scipy.spatial import cKDTree
 
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
-from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_cost
+from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, explain, limb_of_points
 from anchorpose.body.inverse_kinematics import exchange_crossed_legs, pose_from_joints
 from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_proposals import CHAINS, REACH_SLACK_M, Chain, contradicted_by, end_points, reaching
-from anchorpose.body.limb_search import MOST_UNUSUAL, TRIAL_NODES, Rival, needs_search, rarity, search_limbs
+from anchorpose.body.limb_search import LEAST_GAIN, MOST_UNUSUAL, TRIAL_NODES, Rival, needs_search, rarity, search_limbs
 from anchorpose.body.pose import TRUNK, UNSEEN_S, Pose, PoseBelief
 from anchorpose.body.registration import Registration, descend, register
 from anchorpose.body.skin_points import Body, pose_points
@@ -47,9 +47,7 @@ REACHES_M: Final = (0.20, 0.15, 0.10, 0.07, 0.06)  # of each step from a tried p
 ALONG_M: Final = 0.10  # free nodes so near the limb's skin are looked at
 CLAIMED_M: Final = 0.06  # pixels so near it are the limb's
 LEAST_COVERING: Final = 0.2  # share of the limb's end that must lie on free nodes: half of what one camera sees
-COMPARED_REACH_M: Final = 0.15  # at which poses are compared, as in a search for limbs
 LEAST_NODES: Final = 25  # of free skin on a limb: half a shank that one camera sees
-LEAST_GAIN_NODES: Final = 5  # that the limb must explain besides, after what a registered pose explains better
 REFINED: Final = 3  # of the places tried: registered once more with the free nodes near the limb as it lies then
 
 
@@ -92,8 +90,7 @@ def claim_limb(
         return None
     uncertain = predicted.later(predicted.pose, UNSEEN_S)
     trial = replace(config, reaches_m=REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
-    best: Claim | None = None
-    most = LEAST_GAIN_NODES * unexplained_node_cost(COMPARED_REACH_M, trial)
+    best, most = None, LEAST_GAIN
     trying = _Trying(body, pose, uncertain, _open_to(seen.evidence, free), free, trial)
     for chain in limbs:
         for tried, gain in trying.best_of(chain, _starts(body, pose, chain, explanation, free)):
@@ -137,17 +134,16 @@ class _Trying:
     def gain_of(self, tried: Pose, chain: Chain) -> float:
         """How much more of the frame a pose explains than the present one.
 
-        Both are compared on the patient's nodes and the free ones along the new limb. -inf where too little of the limb
-        lies on free nodes, or the limb would be bent as people hardly bend.
+        Both are compared where the free pixels may be the patient's, nats. -inf where too little of the limb lies on
+        free nodes, or the limb would be bent as people hardly bend.
         """
         along = self._near(tried, chain, ALONG_M)
         if len(along) < LEAST_NODES or self._covering(tried, chain, along) < LEAST_COVERING:
             return -np.inf
         if rarity(self.body, tried) > rarity(self.body, self.pose) + MOST_UNUSUAL:
             return -np.inf
-        evidence, reach_m = _with_nodes(self.evidence, self.free, along), COMPARED_REACH_M
-        before, after = (evidence_cost(self.body, pose, evidence, reach_m, self.config) for pose in (self.pose, tried))
-        return before - after
+        before, after = (log_probability(self.body, pose, self.evidence) for pose in (self.pose, tried))
+        return after - before
 
     def _near(self, pose: Pose, chain: Chain, within_m: float) -> np.ndarray:
         """Free nodes near the limb's end."""
@@ -223,17 +219,21 @@ def _free_nodes(seen: Observation, run: Run) -> Nodes:
 
 
 def _open_to(evidence: Evidence, free: Nodes) -> Evidence:
-    """The evidence with outlines in which the patient may also be where skin is free."""
-    outlines = list(evidence.outlines)
-    for number, outline in enumerate(outlines):
-        if outline is not None:
-            opened = outline.copy()
-            row, column = free.pixel[free.camera == number].T.astype(np.int64)
-            for d_r in range(COARSE.step):
-                for d_c in range(COARSE.step):
-                    opened[np.minimum(row + d_r, len(opened) - 1), np.minimum(column + d_c, opened.shape[1] - 1)] = True
-            outlines[number] = opened
-    return replace(evidence, outlines=tuple(outlines))
+    """The evidence with pixels and outlines in which the patient may also be where skin is free."""
+    outlines, views = list(evidence.outlines), list(evidence.views)
+    for number, (outline, view) in enumerate(zip(evidence.outlines, evidence.views, strict=True)):
+        if view is None:
+            continue
+        row, column = free.pixel[free.camera == number].T.astype(np.int64)
+        height, width = view.labels.shape
+        opened = np.zeros((height, width), dtype=bool)
+        for d_r in range(COARSE.step):
+            for d_c in range(COARSE.step):
+                opened[np.minimum(row + d_r, height - 1), np.minimum(column + d_c, width - 1)] = True
+        outlines[number] = None if outline is None else outline | opened
+        others = opened & (view.labels >= PixelLabel.OTHER_PERSON)
+        views[number] = View(view.depth_m, np.where(others, np.uint8(PixelLabel.PATIENT), view.labels))
+    return replace(evidence, outlines=tuple(outlines), views=tuple(views))
 
 
 def _with_nodes(evidence: Evidence, free: Nodes, nodes: np.ndarray) -> Evidence:

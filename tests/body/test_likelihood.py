@@ -1,0 +1,89 @@
+"""The likelihood of images where a body has a pose."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from body_builder import adult_body, hide_bones, seen_body, standing, stepped
+
+from anchorpose.body.evidence import Evidence
+from anchorpose.body.likelihood import likelihood, log_probability, skin_faces
+from anchorpose.body.pose import LIMB_OF_BONES, MOVING_BONES, Pose
+from anchorpose.body.skin_points import body_points, pose_points
+from anchorpose.isolation.view import PixelLabel, View
+
+BODY = adult_body()
+TRUTH = standing(LeftArm=(60.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0))
+SEEN = seen_body(TRUTH, BODY)
+LEFT_ARM = int(LIMB_OF_BONES[MOVING_BONES.index("LeftForeArm")])
+ARM_BONES = tuple(f"Left{bone}" for bone in ("Shoulder", "Arm", "ForeArm", "Hand", "FingerBase", "HandFinger1"))
+
+
+def labelled(evidence: Evidence, old: PixelLabel, new: PixelLabel) -> Evidence:
+    views = [
+        View(view.depth_m, np.where(view.labels == old, np.uint8(new), view.labels))
+        for view in evidence.views
+        if view is not None
+    ]
+    return replace(evidence, views=tuple(views))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_farther_a_body_has_strayed_the_less_likely_are_the_images(axis):
+    logs = [likelihood(BODY, stepped(TRUTH, *(off * np.eye(3)[axis])), SEEN).total for off in (0.0, 0.03, 0.06, 0.12)]
+    assert (np.diff(logs) < 0.0).all(), logs
+
+
+def test_a_wrong_limb_costs_by_itself():
+    wrong = standing(LeftArm=(-20.0, 0.0, 70.0), RightArm=(-20.0, 0.0, 0.0))
+    right, other = likelihood(BODY, TRUTH, SEEN), likelihood(BODY, wrong, SEEN)
+    assert other.log[LEFT_ARM] < right.log[LEFT_ARM] / 3.0
+    assert other.past[LEFT_ARM] > right.past[LEFT_ARM]
+    assert np.argmax(right.log - other.log) == LEFT_ARM
+
+
+@pytest.mark.parametrize("pose", [TRUTH, standing(LeftArm=(-20.0, 0.0, 70.0))])
+def test_what_is_hidden_tells_nothing(pose: Pose):
+    """Wherever an arm is: an image in which every pixel may hide it says nothing about it."""
+    dark = labelled(
+        labelled(SEEN, PixelLabel.PATIENT, PixelLabel.NO_READING), PixelLabel.BACKGROUND, PixelLabel.NO_READING
+    )
+    found = likelihood(BODY, pose, dark)
+    assert found.total == 0.0
+    assert found.hidden.sum() > 0.0
+    assert found.explained.sum() == found.past.sum() == 0.0
+
+
+def test_another_person_s_pixels_explain_no_skin_and_hide_what_is_behind_them():
+    theirs = labelled(SEEN, PixelLabel.PATIENT, PixelLabel.OTHER_PERSON)
+    assert likelihood(BODY, TRUTH, theirs).total <= 0.0
+    behind, in_front = (likelihood(BODY, stepped(TRUTH, off_m, 0.0, 0.0), theirs) for off_m in (-0.2, 0.2))
+    assert behind.past.sum() < 0.1 * behind.hidden.sum()  # the outline of who stands behind is a little smaller
+    assert in_front.past.sum() > 10.0 * in_front.hidden.sum()
+
+
+def test_a_person_with_another_label_is_judged_by_that_label():
+    theirs = replace(labelled(SEEN, PixelLabel.PATIENT, PixelLabel.OTHER_PERSON), label=PixelLabel.OTHER_PERSON)
+    assert likelihood(BODY, TRUTH, theirs).total == pytest.approx(likelihood(BODY, TRUTH, SEEN).total)
+
+
+def test_a_body_behind_the_camera_is_not_seen():
+    assert likelihood(BODY, stepped(TRUTH, 50.0, 0.0, 0.0), SEEN).total == 0.0
+
+
+def test_the_range_of_the_joints_counts_besides():
+    bent = standing(LeftArm=(60.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0), LeftHand=(80.0, 80.0, 0.0))
+    hidden = seen_body(TRUTH, BODY, change=hide_bones(*ARM_BONES))
+    usual, rare = (log_probability(BODY, pose, hidden) for pose in (TRUTH, bent))
+    assert usual > rare + 5.0
+
+
+def test_the_triangles_between_skin_points_close_the_skin():
+    """Every edge belongs to two triangles, but for the few where the body's asset itself is open."""
+    faces = skin_faces(body_points())
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    assert np.mean(count == 2) > 0.97
+    posed = pose_points(BODY, TRUTH)
+    corners = posed.points_m[faces]
+    assert np.percentile(np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1), 99) < 0.08
