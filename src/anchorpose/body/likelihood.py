@@ -8,7 +8,7 @@ that something hides tells nothing, skin that a camera sees past costs, skin tha
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
@@ -43,11 +43,20 @@ class Likelihood:
     hidden: np.ndarray
 
     @property
+    def seen(self) -> np.ndarray:
+        """(PARTS,) bool: limbs of which readings show something where the pose has it."""
+        return np.asarray(self.explained >= LEAST_SEEN)
+
+    @property
     def total(self) -> float:
         """Of the whole body, nats."""
         return float(self.log.sum())
 
 
+LEAST_SEEN: Final = 1.0  # explained observations of a limb that is seen: a palm
+
+
+@lru_cache(maxsize=4)  # the frame's estimate asks for what registration was judged by
 def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
     """Return the likelihood of all cameras' readings of the evidence's person, for a body in a pose."""
     skin_m = pose_points(body, pose).points_m

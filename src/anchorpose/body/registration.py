@@ -11,6 +11,7 @@ from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints, join, no_constraints, surface_constraints
 from anchorpose.body.evidence import Evidence, evidence_rows
 from anchorpose.body.fit import damped_step, pose_equations, range_information
+from anchorpose.body.likelihood import likelihood
 from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import Pose, PoseBelief
 from anchorpose.body.skin_points import Body, pose_points
@@ -69,7 +70,7 @@ def posterior(
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
     share = len(rows) / max(1, min(len(evidence.surface), config.node_count))
-    if share < LEAST_EXPLAINED:
+    if share < LEAST_EXPLAINED or likelihood(body, pose, evidence).total <= 0.0:  # likelier without this body
         return Registration(predicted, share, False)
     expected = (predicted.pose, predicted.information)
     hessian = pose_equations(body, pose, posed, rows, expected, config.rows_per_observation).hessian

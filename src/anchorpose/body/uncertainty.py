@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Final
@@ -211,26 +211,32 @@ def smeared_sigma(
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance + turned))
 
 
-def foreshortened_sigma(
-    body: Body, pose: Pose, evidence: Evidence, sigma_m: np.ndarray, config: RegistrationConfig, floor_m: float
+def frame_alone_sigma(
+    body: Body,
+    pose: Pose,
+    evidence: Evidence,
+    sigma_m: np.ndarray,
+    config: RegistrationConfig,
+    floor_m: float,
+    unseen: Collection[int] = (),
 ) -> np.ndarray:
-    """(21,) sigma_m, larger for limbs that every camera which sees them sees end on.
+    """(21,) sigma_m, larger for limbs of which earlier frames know no more than this one.
 
-    Of a limb that points at the camera a hand's front is seen, and little tells where its elbow is. The frames before
-    know no more: they are off by the same, and count as if each were off by itself. So the limb is as certain as this
-    frame and the range of its joints make it.
+    Of a limb that points at every camera a hand's front is seen, and little tells where its elbow is. The frames before
+    are off by the same, and count as if each were off by itself. Of limbs that nobody has seen for long (unseen, their
+    numbers) they know nothing. So such a limb is as certain as this frame and the range of its joints make it.
     """
     posed = pose_points(body, pose)
     joints = body.mesh.joints(posed.transforms)
     limbs = [chain for chain in CHAINS if _is_foreshortened(body, posed, joints, chain, evidence)]
-    if not limbs:
+    if not limbs and not unseen:
         return sigma_m
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
     variance = _variance_by_frame(body, pose, rows, MORE_ALIKE * config.rows_per_observation)
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
-    for chain in limbs:
-        mine = [JOINT_INDEX[name] for name in (*chain.joints, chain.root)]
-        sigma[mine] = np.maximum(sigma[mine], alone[mine])
+    mine = np.isin(LIMB_OF_JOINTS, list(unseen))
+    mine[[JOINT_INDEX[name] for chain in limbs for name in (*chain.joints, chain.root)]] = True
+    sigma[mine] = np.maximum(sigma[mine], alone[mine])
     return sigma
 
 

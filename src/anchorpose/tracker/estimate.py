@@ -19,7 +19,7 @@ from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_poi
 from anchorpose.body.uncertainty import (
     before_lost_ends,
     finest_patch_m,
-    foreshortened_sigma,
+    frame_alone_sigma,
     joint_sigma,
     lost_ends,
     noise_covariance,
@@ -90,12 +90,13 @@ def estimate_of(
     corrected: CorrectedJoints | None = None,
     rivals: Sequence[Rival] = (),
     ends: frozenset[int] = frozenset(),
+    unseen: frozenset[int] = frozenset(),
 ) -> Estimate:
     """Joints by the rule J, their states from the depth images, their sigma from the posterior.
 
     corrected: joints whose place a reviewer gave. Where the images contradict it they are hidden, not lost, and their
     sigma is at least their distance from that place. rivals: other poses that explain the images almost as well.
-    ends: lost hands and feet of the frame before.
+    ends: lost hands and feet of the frame before. unseen: limbs that were not seen for long.
     """
     placed = () if corrected is None else corrected.joint.tolist()
     belief = registration.belief
@@ -107,7 +108,8 @@ def estimate_of(
     noise = noise_covariance(body, belief, evidence, noises, config.registration)
     patch_m = finest_patch_m(evidence, noises)
     sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty, noise, patch_m)
-    sigma = foreshortened_sigma(body, belief.pose, evidence, sigma, config.registration, config.uncertainty.floor_m)
+    floor_m = config.uncertainty.floor_m
+    sigma = frame_alone_sigma(body, belief.pose, evidence, sigma, config.registration, floor_m, unseen)
     sigma = with_rivals(body, joints, sigma, rivals) if rivals else sigma
     sigma = unexplained_sigma(body, posed, evidence, explanation, sigma)
     sigma = contested_sigma(body, belief.pose, observation.pieces, evidence.views, sigma)

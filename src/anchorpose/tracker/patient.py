@@ -19,8 +19,9 @@ from anchorpose.body.inverse_kinematics import (
     pose_from_joints,
     relax_limbs,
 )
+from anchorpose.body.likelihood import likelihood
 from anchorpose.body.limb_search import Rival, follow_rivals
-from anchorpose.body.pose import PATIENT_PACE, Pace, Pose, PoseBelief
+from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, PATIENT_PACE, UNSEEN_S, Pace, Pose, PoseBelief
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
@@ -46,7 +47,8 @@ class PatientTracker:
     """The patient from a start on. The window holds the frame last registered and up to ``look_ahead`` later ones.
 
     ahead: predicted poses; rivals: poses that explain the last frames almost as well; moved: limbs are elsewhere than
-    the frames before the last one said; ends: hands and feet that were lost and not seen since.
+    the frames before the last one said; ends: hands and feet that were lost and not seen since; limb_seen_s
+    (PARTS,): when each limb was last seen, NaN: never.
     """
 
     run: Run
@@ -67,6 +69,7 @@ class PatientTracker:
     moved: bool
     feet: StandingFeet
     ends: frozenset[int]
+    limb_seen_s: np.ndarray
     skin_sigma_m: np.ndarray
     first: Estimate
 
@@ -86,6 +89,7 @@ class PatientTracker:
         self.rivals, self.moved = (), False
         self.feet = StandingFeet(self.points)
         self.ends = frozenset()
+        self.limb_seen_s = np.full(PARTS, np.nan)
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
     def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:
@@ -167,7 +171,10 @@ class PatientTracker:
             honoured = corrected
             if corrected is not None and contradicted(self.body, registration.belief, corrected):
                 honoured = None
-            estimate = estimate_of(self.body, registration, seen, share, self.config, honoured, self.rivals, self.ends)
+            unseen = self._unseen(registration, seen)
+            estimate = estimate_of(
+                self.body, registration, seen, share, self.config, honoured, self.rivals, self.ends, unseen
+            )
             self.ends = estimate.ends
             estimate = displaced(estimate, self.run.room.calibration.displaced_m)
             posed = pose_points(self.body, self.belief.pose)
@@ -176,6 +183,15 @@ class PatientTracker:
             if corrected is not None:
                 self.feet.forget(corrected.joint.tolist())
         return estimate
+
+    def _unseen(self, registration: Registration, seen: Observation) -> frozenset[int]:
+        """The limbs that were not seen for ``UNSEEN_S``, or never; notes which this frame shows."""
+        time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
+        shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
+        if corrected is not None:
+            shown[LIMB_OF_JOINTS[corrected.joint]] = True  # by the reviewer
+        self.limb_seen_s = np.where(shown, time_s, self.limb_seen_s)
+        return frozenset(np.flatnonzero(~(np.abs(time_s - self.limb_seen_s) < UNSEEN_S)).tolist())
 
     def _corrections(self, seen: Observation) -> CorrectedJoints | None:
         """Joints of this frame that a reviewer corrected."""

@@ -1,10 +1,12 @@
 """Little tells how long a limb is that is seen end on: it is less certain than the frames before say."""
 
 import numpy as np
-from body_builder import FRONT, LEFT, adult_body, joints_of, seen_body, standing
+from body_builder import FRONT, LEFT, adult_body, hide_bones, joints_of, seen_body, standing
 
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.uncertainty import foreshortened_sigma
+from anchorpose.body.likelihood import likelihood
+from anchorpose.body.pose import LIMB_OF_JOINTS
+from anchorpose.body.uncertainty import frame_alone_sigma
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 
@@ -17,7 +19,7 @@ OTHERS = np.setdiff1d(np.arange(21), ARM)
 
 
 def sigma_of(evidence, pose=POINTING):
-    return foreshortened_sigma(BODY, pose, evidence, SIGMA, RegistrationConfig(), 0.0035)
+    return frame_alone_sigma(BODY, pose, evidence, SIGMA, RegistrationConfig(), 0.0035)
 
 
 def test_an_arm_that_points_at_the_only_camera_is_as_certain_as_its_frame_makes_it():
@@ -47,3 +49,14 @@ def test_an_arm_behind_another_person_is_as_certain_as_the_frames_before_make_it
 def test_arms_that_hang_down_keep_their_sigma():
     pose = standing(LeftArm=(-25.0, 0.0, 0.0), RightArm=(-25.0, 0.0, 0.0))
     np.testing.assert_array_equal(sigma_of(seen_body(pose, BODY, (FRONT,)), pose), SIGMA)
+
+
+def test_a_limb_that_was_never_seen_is_as_certain_as_the_range_of_its_joints_makes_it():
+    """A hidden leg: the frames before cannot know where it is, whatever sigma they state."""
+    evidence = seen_body(standing(), BODY, (FRONT,), hide_bones("LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase"))
+    leg = int(LIMB_OF_JOINTS[JOINT_INDEX["KneeLeft"]])
+    assert not likelihood(BODY, standing(), evidence).seen[leg]
+    found = frame_alone_sigma(BODY, standing(), evidence, SIGMA, RegistrationConfig(), 0.0035, {leg})
+    mine = leg == LIMB_OF_JOINTS
+    assert (found[mine] > 0.05).all()
+    np.testing.assert_array_equal(found[~mine], SIGMA[~mine])
