@@ -247,3 +247,13 @@ def test_a_step_on_the_shape_is_shortened_to_the_largest():
     (frame,) = frames_for(shape, [truth], [truth])
     found = learn_shape_step(points(), shape, [frame], known, ROWS)[0].shape
     assert np.abs(found.coefficients).max() == pytest.approx(LARGEST_STEP)
+
+
+def test_a_hip_bends_far_and_hardly_goes_back():
+    """A seated thigh is usual, one as far behind the trunk is not: a hidden leg is not laid there."""
+
+    def rarity(flexion_deg: float) -> float:
+        return prior_equations(points(), standing(LeftUpLeg=(0.0, 0.0, flexion_deg)), None).cost
+
+    assert rarity(90.0) < 10.0 < rarity(-40.0)
+    assert rarity(-15.0) < 5.0  # a step

@@ -6,7 +6,7 @@ from body_builder import adult_body, asset, points, standing, turned_about_y
 from scipy.spatial import cKDTree
 
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.evidence import separation_rows, trunk_and_arms
+from anchorpose.body.evidence import separation_rows, shanks, trunk_and_arms
 from anchorpose.body.fit import limited, pose_equations, solve_damped
 from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.skin_points import pose_points
@@ -71,3 +71,21 @@ def test_the_nearest_skin_of_the_trunk_is_that_of_a_search_tree():
     depth = ((posed.points_m[skin] - posed.points_m[arms[distance < 0.15]]) * posed.normals[skin]).sum(axis=1)
     np.testing.assert_array_equal(rows_of(INSIDE).point, arms[distance < 0.15][depth > 0.01])
     np.testing.assert_array_equal(rows_of(INSIDE).target_m, posed.points_m[skin[depth > 0.01]])
+
+
+def test_a_leg_that_explains_the_same_surface_as_the_other_one_is_pushed_out_of_it():
+    """Both legs in one place have the same skin; side by side, or one before the other, they are left alone."""
+    left, right = shanks(points())
+    together = standing(LeftUpLeg=(-13.0, 0.0, 0.0), RightUpLeg=(13.0, 0.0, 0.0))
+    inside = rows_of(together)
+    assert len(inside) > 20
+    assert set(inside.point) <= set(left)
+    apart = (
+        ASIDE,
+        standing(LeftUpLeg=(0.0, 0.0, 40.0)),
+        standing(LeftUpLeg=(0.0, 0.0, 60.0), LeftLeg=(0.0, 0.0, -60.0)),
+    )
+    for pose in apart:
+        assert not set(rows_of(pose).point) & set(left)
+    assert not set(left) & set(right)
+    assert {"LeftLeg", "LeftFoot"} <= bones_of(left)

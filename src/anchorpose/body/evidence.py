@@ -26,6 +26,8 @@ THICK_PX: Final = 5  # what hides a limb is wider; a silhouette's rim of lost re
 
 _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint")
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
+_SHANK: Final = ("Leg", "Foot", "ToeBase")
+_FLESH_M: Final = 0.03  # below the skin: half of a shank's thickness
 _DEEPEST_M: Final = 0.15  # half a trunk: farther in, the nearest skin is no longer the way out
 _ALLOWED_M: Final = 0.01  # soft tissue gives
 _ALLOWED_FLOOR_M: Final = 0.03  # the floor's own error at the patient's place, and the soles of rough bodies
@@ -182,17 +184,35 @@ def trunk_and_arms(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
     return trunk, arms
 
 
+@cache
+def shanks(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the skin points on the left shank and foot, and on the right ones."""
+    names = np.array(points.asset.bone_names)[points.part]
+    left, right = (np.flatnonzero(np.isin(names, [f"{side}{part}" for part in _SHANK])) for side in ("Left", "Right"))
+    return left, right
+
+
 def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
-    """One row for each point of a forearm or hand that lies inside the trunk, towards the nearest skin of the trunk."""
-    trunk, arms = trunk_and_arms(body.points)
+    """Rows for what of a person lies in another part, towards the nearest skin of that part.
+
+    One for each point of a forearm or hand inside the trunk, and for each of the left shank and foot of which the flesh
+    below lies inside the right one: two that explain the same surface have the same skin.
+    """
+    (trunk, arms), (left, right) = trunk_and_arms(body.points), shanks(body.points)
+    return join([_pushed_out(body, posed, arms, trunk, 0.0), _pushed_out(body, posed, left, right, _FLESH_M)])
+
+
+def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarray, below_m: float) -> Constraints:
+    """Rows of a limb's points that lie inside a part; below_m: how far below the limb's skin that is asked."""
     if body.shape.missing:
-        arms = arms[~missing_points(body.points.asset, body.points.part[arms], body.shape.missing)]
-    near, nearest = _nearest(posed.points_m, arms, trunk)
-    limb, skin = arms[near], trunk[nearest]
-    depth = ((posed.points_m[skin] - posed.points_m[limb]) * posed.normals[skin]).sum(axis=1)
-    inside = depth > _ALLOWED_M
+        limb = limb[~missing_points(body.points.asset, body.points.part[limb], body.shape.missing)]
+    shift_m = below_m * posed.normals
+    near, nearest = _nearest(posed.points_m - shift_m, posed.points_m, limb, part)
+    limb, skin = limb[near], part[nearest]
+    target_m = posed.points_m[skin] + shift_m[limb]
+    inside = ((target_m - posed.points_m[limb]) * posed.normals[skin]).sum(axis=1) > _ALLOWED_M
     limb, skin = limb[inside], skin[inside]
-    return Constraints.alike(limb, posed.points_m[skin], posed.normals[skin], _SIGMA_M, 2.0 * _DEEPEST_M)
+    return Constraints.alike(limb, target_m[inside], posed.normals[skin], _SIGMA_M, 2.0 * _DEEPEST_M)
 
 
 def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
@@ -205,8 +225,11 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
 
 
 @njit(cache=True, nogil=True)
-def _nearest(points: np.ndarray, arms: np.ndarray, trunk: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which arm points have trunk skin nearer than the deepest a limb may be, and the nearest of it; rows of both."""
+def _nearest(
+    asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which arm points (places ``asked``) have trunk skin nearer than the deepest a limb may be, and the nearest of it;
+    rows of both."""
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for t in range(len(trunk)):
@@ -214,7 +237,7 @@ def _nearest(points: np.ndarray, arms: np.ndarray, trunk: np.ndarray) -> tuple[n
             low[i] = min(low[i], points[trunk[t], i] - _DEEPEST_M)
             high[i] = max(high[i], points[trunk[t], i] + _DEEPEST_M)
     for a in range(len(arms)):
-        x, y, z = points[arms[a], 0], points[arms[a], 1], points[arms[a], 2]
+        x, y, z = asked[arms[a], 0], asked[arms[a], 1], asked[arms[a], 2]
         if not (low[0] < x < high[0] and low[1] < y < high[1] and low[2] < z < high[2]):
             continue
         best, found = _DEEPEST_M * _DEEPEST_M, -1

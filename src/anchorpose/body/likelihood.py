@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from anchorpose.body.evidence import Evidence
+from anchorpose.body.evidence import Evidence, separation_rows
 from anchorpose.body.explanation import limb_of_points
 from anchorpose.body.fit import prior_equations
 from anchorpose.body.pose import PARTS, Pose
@@ -27,6 +27,7 @@ from anchorpose.lens import pixel_of_ray
 FOOTPRINT_M: Final = 0.02  # of a pixel at reduced resolution: half of a wrist's width
 SKIN_SIGMA_M: Final = 0.02  # between rendered skin and reading: clothes, and what a body of few points leaves out
 ALIKE_M: Final = 0.05  # side of the patch whose readings are off by one error: clothes and folds, not the sensor
+SPACING_M: Final = 0.028  # of skin points
 RANGE_M: Final = 4.0  # of a depth camera: something of which nothing is known is anywhere within it
 CLUTTER: Final = 0.1  # share of the pixels that show something of which nothing is known
 PAST: Final = 0.05  # share of the rendered skin that cameras see past where the pose is right: outlines are rough
@@ -68,8 +69,18 @@ def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
 
 
 def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
-    """Return the likelihood together with the range of the joints, nats."""
-    return likelihood(body, pose, evidence).total - 0.5 * prior_equations(body.points, pose, None).cost
+    """Return the likelihood together with what is known of bodies: joints have ranges, and limbs are solid; nats."""
+    known = prior_equations(body.points, pose, None).cost + _overlap(body, pose)
+    return likelihood(body, pose, evidence).total - 0.5 * known
+
+
+def _overlap(body: Body, pose: Pose) -> float:
+    """How far parts of the body lie in one another: squared standard deviations of independent patches of skin."""
+    posed = pose_points(body, pose)
+    rows = separation_rows(body, posed)
+    scaled = (rows.residuals(posed) / rows.scale_m) ** 2
+    robust = (rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)
+    return float(robust.sum()) * (SPACING_M / ALIKE_M) ** 2
 
 
 def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:

@@ -114,6 +114,8 @@ _SPREAD_DEG: Final = {
 }
 _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}  # about the hinge, across, along the bone
 
+HIP_EXTENSION: Final = 25.0 * DEGREE  # 9.4 degrees and three deviations (Roaas and Andersson 1982)
+
 
 def _limb(name: str) -> str:
     return name.removeprefix("Left").removeprefix("Right")
@@ -151,6 +153,8 @@ def joint_range(asset: BodyAsset) -> JointRange:
             *spread, flexion = _SPREAD_DEG[limb]
             whiten[row] = np.diag(1.0 / (np.array(spread) * DEGREE))
             mean[row, 2] = flexion * DEGREE
+            if limb == "UpLeg":
+                hinge[row, 2], limit[row] = 1.0, -HIP_EXTENSION
     return JointRange(mean, whiten, hinge, limit)
 
 

@@ -69,7 +69,7 @@ class Sighting:
     frame: int
     people: tuple[SeenPerson, ...]
     depths_m: tuple[np.ndarray | None, ...]
-    crowd: Crowd
+    crowd: Crowd | None = None
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
