@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -65,6 +65,18 @@ class Estimate:
     ends: frozenset[int] = frozenset()
 
 
+class Earlier(NamedTuple):
+    """What earlier frames leave open: rivals, poses that explain the images almost as well; ends, hands and feet that
+    were lost; unseen, limbs that were not seen for long."""
+
+    rivals: Sequence[Rival] = ()
+    ends: frozenset[int] = frozenset()
+    unseen: frozenset[int] = frozenset()
+
+
+_NOTHING_OPEN: Final = Earlier()
+
+
 def nobody_found(frame_set: FrameSet, why: str, poor: tuple[PoorDepth, ...] = ()) -> Estimate:
     """Return the estimate of a frame in which every joint is lost; why: a sentence without its full stop."""
     return Estimate(
@@ -88,15 +100,12 @@ def estimate_of(
     matched_share: float | None,
     config: TrackConfig,
     corrected: CorrectedJoints | None = None,
-    rivals: Sequence[Rival] = (),
-    ends: frozenset[int] = frozenset(),
-    unseen: frozenset[int] = frozenset(),
+    earlier: Earlier = _NOTHING_OPEN,
 ) -> Estimate:
     """Joints by the rule J, their states from the depth images, their sigma from the posterior.
 
     corrected: joints whose place a reviewer gave. Where the images contradict it they are hidden, not lost, and their
-    sigma is at least their distance from that place. rivals: other poses that explain the images almost as well.
-    ends: lost hands and feet of the frame before. unseen: limbs that were not seen for long.
+    sigma is at least their distance from that place.
     """
     placed = () if corrected is None else corrected.joint.tolist()
     belief = registration.belief
@@ -109,14 +118,14 @@ def estimate_of(
     patch_m = finest_patch_m(evidence, noises)
     sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty, noise, patch_m)
     floor_m = config.uncertainty.floor_m
-    sigma = frame_alone_sigma(body, belief.pose, evidence, sigma, config.registration, floor_m, unseen)
-    sigma = with_rivals(body, joints, sigma, rivals) if rivals else sigma
+    sigma = frame_alone_sigma(body, belief.pose, evidence, sigma, config.registration, floor_m, earlier.unseen)
+    sigma = with_rivals(body, joints, sigma, earlier.rivals) if earlier.rivals else sigma
     sigma = unexplained_sigma(body, posed, evidence, explanation, sigma)
     sigma = contested_sigma(body, belief.pose, observation.pieces, evidence.views, sigma)
     sigma = _smeared_sigma(body, belief.pose, observation, sigma, config)
     poor = poor_depth(posed, evidence.views, evidence.cameras, _details(observation), config.visibility.reach_m)
     shown = _states(body, posed, explanation, evidence, poor, config)
-    ends = lost_ends(shown, ends)
+    ends = lost_ends(shown, earlier.ends)
     found, sigma = before_lost_ends(joints, shown, sigma, ends)
     states = tuple(
         JointState.HIDDEN if joint in placed and state is JointState.LOST else state

@@ -32,7 +32,7 @@ from anchorpose.surface.surface import BodyMap, ExpectedSkin
 from anchorpose.track_tree.global_hypothesis import GlobalHypothesis, held_by, joints_by_parts
 from anchorpose.tracker.bystanders import WALKING
 from anchorpose.tracker.config import Method, TrackConfig
-from anchorpose.tracker.estimate import Estimate, displaced, estimate_of
+from anchorpose.tracker.estimate import Earlier, Estimate, displaced, estimate_of
 from anchorpose.tracker.limb_watch import LimbWatch, explained_by, is_doubtful, likelier
 from anchorpose.tracker.observation import Expectation, Isolated, Observation, Start
 from anchorpose.tracker.observing import Window, gather, isolate, observe, see_anchors, see_surface
@@ -171,10 +171,8 @@ class PatientTracker:
             honoured = corrected
             if corrected is not None and contradicted(self.body, registration.belief, corrected):
                 honoured = None
-            unseen = self._unseen(registration, seen)
-            estimate = estimate_of(
-                self.body, registration, seen, share, self.config, honoured, self.rivals, self.ends, unseen
-            )
+            earlier = Earlier(self.rivals, self.ends, self._unseen(registration, seen))
+            estimate = estimate_of(self.body, registration, seen, share, self.config, honoured, earlier)
             self.ends = estimate.ends
             estimate = displaced(estimate, self.run.room.calibration.displaced_m)
             posed = pose_points(self.body, self.belief.pose)
