@@ -57,7 +57,7 @@ class Likelihood:
 LEAST_SEEN: Final = 1.0  # explained observations of a limb that is seen: a palm
 
 
-@lru_cache(maxsize=4)  # the frame's estimate asks for what registration was judged by
+@lru_cache(maxsize=2)  # the frame's estimate asks for what registration was judged by
 def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
     """Return the likelihood of all cameras' readings of the evidence's person, for a body in a pose."""
     skin_m = pose_points(body, pose).points_m
@@ -81,6 +81,15 @@ def _overlap(body: Body, pose: Pose) -> float:
     scaled = (rows.residuals(posed) / rows.scale_m) ** 2
     robust = (rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)
     return float(robust.sum()) * (SPACING_M / ALIKE_M) ** 2
+
+
+def skin_depth(points: SkinPoints, skin_m: np.ndarray, camera: Camera) -> np.ndarray:
+    """Return the depth image (height, width) float64 metres of the skin alone, as the camera sees it; infinite without.
+
+    skin_m (p, 3): the skin points in the world.
+    """
+    placed = _placed(skin_m, projection_of(camera))
+    return np.asarray(_rendered(placed, skin_faces(points), limb_of_points(points), 1, camera.height, camera.width)[0])
 
 
 def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:

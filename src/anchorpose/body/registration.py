@@ -70,7 +70,7 @@ def posterior(
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
     share = len(rows) / max(1, min(len(evidence.surface), config.node_count))
-    if share < LEAST_EXPLAINED or likelihood(body, pose, evidence).total <= 0.0:  # likelier without this body
+    if share < LEAST_EXPLAINED or likelihood(body, pose, evidence).total < 0.0:  # likelier without this body
         return Registration(predicted, share, False)
     expected = (predicted.pose, predicted.information)
     hessian = pose_equations(body, pose, posed, rows, expected, config.rows_per_observation).hessian

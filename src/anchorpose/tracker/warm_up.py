@@ -13,10 +13,11 @@ from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.body.explanation import explain
 from anchorpose.body.learning import learn_body
+from anchorpose.body.likelihood import skin_depth
 from anchorpose.body.pose import Pose, vague_belief
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.shape_prior import adult_belief, shape_of_height
-from anchorpose.body.skin_points import PosedPoints, body_points, build_body, pose_points
+from anchorpose.body.skin_points import PosedPoints, SkinPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import joint_sigma, skin_sigma
 from anchorpose.body.visibility import joint_states
 from anchorpose.camera import Camera
@@ -27,6 +28,7 @@ from anchorpose.motion.prediction import MotionConfig, load_motions, predict_joi
 from anchorpose.surface.surface import Nodes
 
 RATE_HZ: Final = 15.0
+WALL_M: Final = 4.0
 CAMERA: Final = Camera(
     name="front",
     width=512,
@@ -52,7 +54,7 @@ def warm_up() -> Registration:
     body = build_body(points, shape_of_height(points.asset, 1.70))
     pose = Pose(np.tile(np.eye(3), (len(points.asset.bone_names), 1, 1)), np.zeros(3))
     posed = pose_points(body, pose)
-    evidence = _own_skin(posed)
+    evidence = _own_skin(points, posed)
     found = register(body, vague_belief(pose), evidence, no_constraints(), RegistrationConfig())
     covariance = found.belief.covariance
     joint_sigma(body, posed, covariance, UncertaintyConfig())
@@ -66,17 +68,15 @@ def warm_up() -> Registration:
     return found
 
 
-def _own_skin(posed: PosedPoints) -> Evidence:
-    """The skin points that face the camera as nodes, and the pixels they fall on."""
+def _own_skin(points: SkinPoints, posed: PosedPoints) -> Evidence:
+    """The skin points that face the camera as nodes, and the picture of the skin before a wall."""
     facing = ((CAMERA.position_m - posed.points_m) * posed.normals).sum(axis=1) > 0.0
     seen = posed.points_m[facing]
     T_camera_world = np.linalg.inv(CAMERA.require_pose())
     in_camera = seen @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
     pixel = np.rint(CAMERA.project(in_camera)).astype(np.int16)
-    depth = np.full((CAMERA.height, CAMERA.width), 4.0, np.float32)
-    labels = np.full(depth.shape, PixelLabel.BACKGROUND, np.uint8)
-    depth[pixel[:, 1], pixel[:, 0]] = in_camera[:, 2]
-    labels[pixel[:, 1], pixel[:, 0]] = PixelLabel.PATIENT
+    depth = np.minimum(skin_depth(points, posed.points_m, CAMERA), WALL_M).astype(np.float32)
+    labels = np.where(depth < WALL_M, PixelLabel.PATIENT, PixelLabel.BACKGROUND).astype(np.uint8)
     nodes = Nodes(
         seen.astype(np.float32), posed.normals[facing].astype(np.float32), np.zeros(len(seen), np.uint8), pixel
     )
