@@ -31,12 +31,16 @@ SPACING_M: Final = 0.028  # of skin points
 RANGE_M: Final = 4.0  # of a depth camera: something of which nothing is known is anywhere within it
 CLUTTER: Final = 0.1  # share of the pixels that show something of which nothing is known
 PAST: Final = 0.05  # share of the rendered skin that cameras see past where the pose is right: outlines are rough
+LEAST_SEEN: Final = 1.0  # explained observations of a limb that is seen: 25 cm2, three fingers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likelihood:
-    """explained, past, hidden (PARTS,): independent observations of each limb by what its pixels show; log: nats, how
-    much more probable the readings are with the body than without it, of each limb (PARTS,)."""
+    """What the readings say of each limb, as in ``LIMB_OF_BONES``; (PARTS,) each.
+
+    log: nats, how much more probable its pixels' readings are with the body than without it. explained, past, hidden:
+    independent observations, patches of ``ALIKE_M``, that show its skin, something behind it, or something before it.
+    """
 
     log: np.ndarray
     explained: np.ndarray
@@ -52,9 +56,6 @@ class Likelihood:
     def total(self) -> float:
         """Of the whole body, nats."""
         return float(self.log.sum())
-
-
-LEAST_SEEN: Final = 1.0  # explained observations of a limb that is seen: a palm
 
 
 @lru_cache(maxsize=2)  # the frame's estimate asks for what registration was judged by
