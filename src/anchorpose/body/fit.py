@@ -16,7 +16,7 @@ from anchorpose.body.shape_rows import FreeShape, accumulate_shape
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.rotations import inverse_left_jacobian
 
-HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # how far past straight a knee or elbow may be estimated
+HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # how far past its limit a knee, elbow or hip may be estimated
 MAX_TURN: Final = 30.0 * DEGREE  # of a bone in one step of the solver
 
 Predicted = tuple[Pose, np.ndarray]

@@ -37,8 +37,8 @@ SAME_M: Final = 0.04  # poses whose joints are nowhere farther apart lead to the
 APART_M: Final = 0.08  # poses whose joints are nowhere farther apart are one: as much as clothes and holds move
 MOST_TIES: Final = 2
 MOST_UNUSUAL: Final = 10.0  # squared deviations of all joint ranges by which a pose may be rarer than before
-MOST_LAG: Final = 3.0  # nats: a pose that is so much less likely, one in twenty, is no rival
-LEAST_GAIN: Final = 3.0  # nats: limbs are where they were expected in more than nineteen of twenty searches
+MOST_LAG: Final = 3.0  # nats: a pose that is twenty times less likely is not a rival
+LEAST_GAIN: Final = 3.0  # nats: another pose must be twenty times as likely
 
 
 @dataclass(frozen=True, slots=True, eq=False)

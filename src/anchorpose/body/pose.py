@@ -71,7 +71,7 @@ class JointRange(NamedTuple):
     """How bones turn in people: a Gaussian on the rotation vector of each moving bone, and hinge limits.
 
     mean (m, 3) radians; whiten (m, 3, 3): rotation vector deviations to standard deviations. hinge (m, 3): unit axis of
-    a hinge or zero; hinge_limit (m,): least rotation about it (radians), where the bones are straight.
+    a hinge, or of a hip's flexion, or zero; hinge_limit (m,): least rotation about it, radians.
     """
 
     mean: np.ndarray
