@@ -22,6 +22,8 @@ from vendor_bags_builder import (
 
 from anchorpose.errors import InputError
 from anchorpose.lens import LensModel
+from anchorpose.options import ConvertOptions
+from anchorpose.sources.plan import make_plan
 from anchorpose.sources.ros_bags import open_source
 
 
@@ -125,3 +127,12 @@ def test_orbbec_s_first_sdk_is_refused_by_its_definitions(tmp_path: Path) -> Non
     sent = Sent("/cam0/depth_raw", "sensor_msgs/msg/Image", 5, image, definition)
     with pytest.raises(InputError, match=r"SDK 1, whose format is not published; .* 16-bit PNG"):
         open_source(write_bag(tmp_path, "ros1", [sent]))
+
+
+def test_a_device_name_ends_at_its_null_character(tmp_path):
+    """Vendors' programs end a text there; recording.json cannot hold the character."""
+    bag = realsense_bag(tmp_path)
+    assert b"Intel RealSense D455" in bag.read_bytes()
+    bag.write_bytes(bag.read_bytes().replace(b"Intel RealSense D455", b"Intel RealSense D4\0\0"))
+    ((camera,),) = make_plan([open_source(bag)], ConvertOptions()).cameras
+    assert camera.document()["model"] == "Intel RealSense D4"

@@ -92,7 +92,12 @@ def _plan_camera(source: Source, index: int, name: str, options: ConvertOptions)
         T_world_camera=None if pose is None else turn_pose(pose, options.rotate),
     )
     fps = None if found.has_times else options.fps
-    return CameraPlan(camera=camera, model=found.model, serial=found.serial, fps=fps, count=found.count)
+    return CameraPlan(camera=camera, model=_text(found.model), serial=_text(found.serial), fps=fps, count=found.count)
+
+
+def _text(value: str) -> str:
+    """Return a device's text up to its first null character, where it ends in the vendors' own programs."""
+    return value.partition("\0")[0]
 
 
 def _lens(camera: SourceCamera, options: ConvertOptions) -> Intrinsics | None:
