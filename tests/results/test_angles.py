@@ -243,6 +243,19 @@ def test_an_angle_is_as_poorly_known_as_its_worst_joint_and_gone_with_a_lost_one
     assert (angles.state_code[0, [NAMES.index(name) for name in gone]] == LOST).all()
 
 
+@pytest.mark.parametrize("degrees", [20.0, 34.0, 90.0])
+def test_a_bent_knee_has_no_angle_where_the_other_hip_is_lost(degrees):
+    """The formula needs that hip for a knee that is hardly bent only; the angle's error is unknown without it."""
+    joints = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -degrees)
+    joints[JOINT_INDEX["HipRight"]] = np.nan
+    state_code = np.zeros((1, JOINT_COUNT), np.int8)
+    state_code[0, JOINT_INDEX["HipRight"]] = LOST
+    angles = joint_angles(_table(joints[None], state_code=state_code))
+    column = angles.column("knee_flexion_left")
+    assert np.isnan(angles.degrees[0, column])
+    assert np.isnan(angles.sigma_deg[0, column])
+
+
 def test_sigma_is_the_spread_that_noise_makes():
     bent = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -50.0)
     bent = _turn(bent, "ElbowRight", ["WristRight", "HandRight"], 70.0)

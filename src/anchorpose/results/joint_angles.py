@@ -275,6 +275,8 @@ def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.nda
     for rows in blocks(angle.shape[1], AT_ONCE):
         points = {name: position_m[JOINT_INDEX[name]][:, rows] for name in group.joints}
         angle[:, rows], sigma[:, rows] = _angles_of_some(group, points, sigma_m[:, rows])
+    lost = np.isnan(position_m[[JOINT_INDEX[name] for name in group.joints]]).any(axis=(0, 1))
+    angle[:, lost] = sigma[:, lost] = np.nan  # a formula that can do without the joint cannot know its error
     return angle, sigma
 
 
