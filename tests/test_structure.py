@@ -129,6 +129,7 @@ OPENS_ITSELF = {
     "live/recorder.py": "copies of files that require_regular asked about",
     "research/benchmark/make.py": "a file of the package, and copies of images that were just written",
     "body/asset.py": "a file of the package",
+    "body/joint_ranges.py": "a file of the package",
     "viewer/guarded_server.py": "files of the package",
     "versions.py": "the code itself",
     "research/experiment/method.py": "a Python file of the user that was just run",

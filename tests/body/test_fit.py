@@ -17,8 +17,9 @@ from anchorpose.body.fit import (
     range_information,
     solve_damped,
 )
+from anchorpose.body.joint_ranges import hinge_axes, joint_range
 from anchorpose.body.learning import LARGEST_STEP, ShapeFrame, learn_shape_step
-from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, hinge_axes, joint_range
+from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.shape_rows import FreeShape
 from anchorpose.body.skin_points import FittedShape, build_body, even_clothes, pose_points
@@ -75,7 +76,8 @@ def test_the_priors_hessian_is_that_of_its_deviations_multiplied_out():
     def deviations(change: np.ndarray) -> np.ndarray:
         vectors = pose.moved(change, points().moving).rotation_vectors(points().moving)
         past = np.maximum(ranges.hinge_limit - (vectors * ranges.hinge).sum(axis=1), 0.0) / HINGE_LIMIT_SIGMA
-        return np.append(np.einsum("mij,mj->mi", ranges.whiten, vectors - ranges.mean), past)
+        free = ranges.information[1:, :, 1:].reshape(POSE_SIZE - 6, POSE_SIZE - 6)
+        return np.append(np.linalg.cholesky(free).T @ (vectors - ranges.mean)[1:].ravel(), past)
 
     slope = np.stack([(deviations(d) - deviations(-d)) / (2.0 * step) for d in step * np.eye(POSE_SIZE)], axis=1)
     prior = prior_equations(points(), pose, None)

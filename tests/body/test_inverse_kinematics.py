@@ -39,7 +39,7 @@ def test_rows_of_nan_say_nothing():
     assert joint_errors_m(BODY, found, truth)[known].mean() < 0.004
     elbow = points().moving.tolist().index(points().asset.bone("LeftForeArm"))
     kept, before = (pose.rotation_vectors(points().moving)[elbow] for pose in (found, start))
-    assert np.degrees(np.linalg.norm(kept - before)) < 6.0  # only the joint range pulls
+    assert np.degrees(np.linalg.norm(kept - before)) < 10.0  # only how joints bend pulls
 
 
 def test_without_any_joint_the_pose_stays_near_the_start():

@@ -22,8 +22,9 @@ from scipy.spatial.transform import Rotation
 from anchorpose.body.asset import ADULT_COMPONENTS
 from anchorpose.body.config import LearningConfig, RegistrationConfig
 from anchorpose.body.evidence import Evidence
+from anchorpose.body.joint_ranges import joint_range, joint_range_at
 from anchorpose.body.learning import LearnedBody, bone_lengths, learn_body, most_different
-from anchorpose.body.pose import MOVING_BONES, Pose, joint_range, joint_range_at
+from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.body.shape_prior import ShapeBelief, adult_belief, shape_of_height
 from anchorpose.body.skin_points import CLOTHES, FittedShape, build_body, even_clothes
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES

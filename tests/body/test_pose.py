@@ -5,18 +5,9 @@ import pytest
 from body_builder import adult_body, asset, points, random_pose, standing
 from scipy.spatial.transform import Rotation
 
+from anchorpose.body.joint_ranges import hinge_axes, joint_range, joint_range_at, limb_turns
 from anchorpose.body.kinematics import shape_body
-from anchorpose.body.pose import (
-    DEGREE,
-    MOVING_BONES,
-    POSE_SIZE,
-    Pose,
-    descendants,
-    hinge_axes,
-    joint_range,
-    joint_range_at,
-    moving_bones,
-)
+from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 from anchorpose.joints import JOINT_INDEX
 
 MEAN = shape_body(asset(), np.zeros(0))
@@ -62,10 +53,40 @@ def test_the_descendants_are_the_bones_that_a_turn_carries():
 
 def test_the_joint_range_is_finite_and_leaves_only_the_root_free():
     ranges = joint_range(asset())
-    for values in (ranges.mean, ranges.whiten, ranges.hinge, ranges.hinge_limit):
+    for values in (ranges.mean, ranges.information, ranges.hinge, ranges.hinge_limit):
         assert np.isfinite(values).all()
-    free = [name for name, whiten in zip(MOVING_BONES, ranges.whiten, strict=True) if np.linalg.matrix_rank(whiten) < 3]
-    assert free == ["Hips"]
+    assert not ranges.information[0].any()
+    assert np.linalg.eigvalsh(without_root(ranges.information)).min() > 0.0
+
+
+def without_root(information: np.ndarray) -> np.ndarray:
+    return information[1:, :, 1:].reshape(3 * len(MOVING_BONES) - 3, -1)
+
+
+def test_limbs_are_as_free_as_the_textbooks_say_and_as_people_who_were_captured():
+    covariance = np.linalg.inv(without_root(joint_range(asset()).information))
+    axes, _ = hinge_axes(asset(), "LeftLeg")
+    knee = 3 * MOVING_BONES.index("LeftLeg") - 3
+    bend = axes[0] @ covariance[knee : knee + 3, knee : knee + 3] @ axes[0]
+    assert 40.0 * DEGREE <= np.sqrt(bend) < 60.0 * DEGREE
+    turns = limb_turns()
+    rows = (3 * (turns.rows - 1)[:, None] + np.arange(3)).ravel()
+    assert np.linalg.eigvalsh(covariance[np.ix_(rows, rows)] - turns.covariance).min() > 0.0
+
+
+def test_a_hidden_leg_is_expected_to_sit_where_the_other_one_sits():
+    """The most probable leg, given the other one bent as on a chair; ranges of each joint for itself know of none."""
+    ranges = joint_range(asset())
+    hidden = [3 * MOVING_BONES.index(bone) - 3 + k for bone in ("LeftUpLeg", "LeftLeg", "LeftFoot") for k in range(3)]
+    mean, information = ranges.mean[1:].ravel(), without_root(ranges.information)
+    seated = mean.copy()
+    seated[3 * MOVING_BONES.index("RightUpLeg") - 1] = 85.0 * DEGREE
+    seated[3 * MOVING_BONES.index("RightLeg") - 1] = -85.0 * DEGREE
+    seen = np.setdiff1d(np.arange(len(mean)), hidden)
+    pull = information[np.ix_(hidden, seen)] @ (seated - mean)[seen]
+    expected = mean[hidden] - np.linalg.solve(information[np.ix_(hidden, hidden)], pull)
+    assert expected[2] > 45.0 * DEGREE
+    assert expected[5] < -45.0 * DEGREE
 
 
 def test_the_joint_range_is_the_same_on_both_sides():
@@ -74,7 +95,7 @@ def test_the_joint_range_is_the_same_on_both_sides():
         if not name.startswith("Left"):
             continue
         other = MOVING_BONES.index(name.replace("Left", "Right"))
-        variance = [np.linalg.inv(ranges.whiten[r].T @ ranges.whiten[r]) for r in (row, other)]
+        variance = [np.linalg.inv(ranges.information[r, :, r]) for r in (row, other)]
         np.testing.assert_allclose(mirror @ variance[0] @ mirror, variance[1], atol=1e-3)
         np.testing.assert_allclose(mirror @ ranges.mean[row], ranges.mean[other], atol=1e-3)
         assert ranges.hinge_limit[row] == pytest.approx(ranges.hinge_limit[other], abs=np.radians(0.1))

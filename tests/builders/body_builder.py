@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
-from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, joint_range
+from anchorpose.body.joint_ranges import joint_range
+from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
 from anchorpose.body.segments import load_body_asset
 from anchorpose.body.shape_prior import child_belief, shape_of_height
 from anchorpose.body.skin_points import (
@@ -84,8 +85,9 @@ def random_pose(seed: int, spread: float = 0.4) -> Pose:
     rotations = np.tile(np.eye(3), (len(asset().bone_names), 1, 1))
     for row, name in enumerate(MOVING_BONES):
         vector = np.zeros(3)
-        if ranges.whiten[row].any():
-            vector = ranges.mean[row] + np.linalg.solve(ranges.whiten[row], spread * rng.normal(size=3))
+        if row:  # each bone for itself: more poses than people take
+            whiten = np.linalg.cholesky(ranges.information[row, :, row]).T
+            vector = ranges.mean[row] + np.linalg.solve(whiten, spread * rng.normal(size=3))
         short = ranges.hinge_limit[row] + 3.0 * DEGREE - vector @ ranges.hinge[row]
         vector = vector + max(short, 0.0) * ranges.hinge[row]
         rotations[asset().bone(name)] = Rotation.from_rotvec(vector).as_matrix()

@@ -12,8 +12,9 @@ import pytest
 from exports_builder import angle_names, angle_of, column, times, true_joints, write_all_poses, write_true_results
 from scipy.spatial.transform import Rotation
 
+from anchorpose.body.joint_ranges import hinge_axes
 from anchorpose.body.kinematics import shape_body
-from anchorpose.body.pose import hinge_axes, moving_bones
+from anchorpose.body.pose import moving_bones
 from anchorpose.body.segments import load_body_asset
 from anchorpose.cli import main
 from anchorpose.exports.exporting import export_results

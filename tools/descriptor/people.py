@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from anchorpose.body.asset import BodyAsset, stored_asset
-from anchorpose.body.pose import hinge_axes
+from anchorpose.body.joint_ranges import hinge_axes
 
 SIDES: Final = (("Left", -1.0), ("Right", 1.0))
 POSTURES: Final = ("stands", "sits", "squats", "lunges", "bends", "lies", "anyhow")

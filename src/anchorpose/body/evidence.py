@@ -26,12 +26,15 @@ THICK_PX: Final = 5  # what hides a limb is wider; a silhouette's rim of lost re
 
 _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint")
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
-_SHANK: Final = ("Leg", "Foot", "ToeBase")
+_FOOT: Final = ("Foot", "ToeBase")
+_SHANK: Final = ("Leg", *_FOOT)
 _FLESH_M: Final = 0.03  # below the skin: half of a shank's thickness
 _DEEPEST_M: Final = 0.15  # half a trunk: farther in, the nearest skin is no longer the way out
 _ALLOWED_M: Final = 0.01  # soft tissue gives
 _ALLOWED_FLOOR_M: Final = 0.03  # the floor's own error at the patient's place, and the soles of rough bodies
 _SIGMA_M: Final = 0.01
+_STANDING_M: Final = 0.14  # with the next: 95 of 100 feet in rehabilitation stand, so that one in the air costs 6 nats
+_IN_THE_AIR_M: Final = 0.5  # above the floor: what a raised foot costs grows little from here on
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,12 +65,13 @@ def gather_evidence(
 def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Every node to the skin, skin that should be seen to the outline, limbs out of the trunk and above the floor."""
+    """Every node to the skin, skin that should be seen to the outline, limbs out of the trunk, feet on the floor."""
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
     rows.append(separation_rows(body, posed))
     if evidence.floor_m is not None:
         rows.append(floor_rows(posed, evidence.floor_m))
+        rows.append(standing_rows(body, posed, evidence.floor_m, config.rows_per_observation))
     for view, outline, camera in zip(evidence.views, evidence.outlines, evidence.cameras, strict=True):
         if view is not None and outline is not None:
             rows.append(outline_constraints(posed, view, outline, camera, reach_m))
@@ -222,6 +226,33 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
     target[:, 1] = floor_m - _ALLOWED_FLOOR_M
     up = np.tile((0.0, 1.0, 0.0), (len(below), 1))
     return Constraints.alike(below, target, up, _SIGMA_M, 2.0 * _DEEPEST_M)
+
+
+def standing_rows(body: Body, posed: PosedPoints, floor_m: float, rows_per_observation: float) -> Constraints:
+    """One row for each foot, from its lowest skin to the floor: it counts as one observation, and little where a foot
+    is in the air. Where nothing shows a leg, it stands or sits as others do."""
+    feet = [_lowest(posed, foot) for foot in _feet(body.points, body.shape.missing) if len(foot)]
+    target = posed.points_m[feet].copy()
+    target[:, 1] = floor_m
+    up = np.tile((0.0, 1.0, 0.0), (len(feet), 1))
+    return Constraints.alike(
+        np.array(feet, np.int64), target, up, _STANDING_M / rows_per_observation**0.5, _IN_THE_AIR_M
+    )
+
+
+def _lowest(posed: PosedPoints, of: np.ndarray) -> int:
+    return int(of[np.argmin(posed.points_m[of, 1])])
+
+
+@cache
+def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the skin points on the left foot and on the right one; none of one that is missing."""
+    names = np.array(points.asset.bone_names)[points.part]
+    there = ~missing_points(points.asset, points.part, missing)
+    left, right = (
+        np.flatnonzero(np.isin(names, [f"{side}{part}" for part in _FOOT]) & there) for side in ("Left", "Right")
+    )
+    return left, right
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,8 @@ from numba import njit
 from scipy.linalg.lapack import dposv
 
 from anchorpose.body.constraints import Constraints
-from anchorpose.body.pose import DEGREE, POSE_SIZE, JointRange, Pose, joint_range_at
+from anchorpose.body.joint_ranges import JointRange, joint_range_at
+from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
 from anchorpose.body.shape_rows import FreeShape, accumulate_shape
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
@@ -83,38 +84,47 @@ def range_information(points: SkinPoints, pose: Pose) -> np.ndarray:
 def _range_equations(
     vectors: np.ndarray, ranges: JointRange, hinge_limit_sigma: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Hessian, gradient and cost: ``|whiten (vector - mean)|^2`` of each moving bone, and the square past its limit.
+    """Hessian, gradient and cost: squared deviations of the moving bones from their mean, and the square past limits.
 
     vectors (m, 3): the bones' rotation vectors, radians.
     """
-    size = 3 * len(vectors) + 3
-    hessian, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
-    change, slope, bend = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    for m in range(len(vectors)):
-        inverse_left_jacobian(vectors[m], change)
+    count = len(vectors)
+    hessian, gradient, cost = np.zeros((3 * count + 3, 3 * count + 3)), np.zeros(3 * count + 3), 0.0
+    change, away, slope = np.empty((count, 3, 3)), vectors - ranges.mean, np.empty((3, 3))
+    bend = np.empty(3)
+    for m in range(count):
+        inverse_left_jacobian(vectors[m], change[m])
+    for m in range(count):
+        for n in range(count):
+            if ranges.information[m, 0, n, 0] == 0.0:  # of the root, and of bones that turn each for itself
+                continue
+            for i in range(3):
+                for j in range(3):
+                    slope[i, j] = 0.0
+                    for k in range(3):
+                        slope[i, j] += ranges.information[m, i, n, k] * change[n, k, j]
+            for i in range(3):
+                for j in range(3):
+                    pull = ranges.information[m, j, n, i] * away[n, i]
+                    cost += away[m, j] * pull
+                    for k in range(3):
+                        gradient[3 * m + k] += change[m, j, k] * pull
+                        hessian[3 * m + k, 3 * n + i] += change[m, j, k] * slope[j, i]
+    for m in range(count):
         past = ranges.hinge_limit[m]
         for j in range(3):
             past -= vectors[m, j] * ranges.hinge[m, j]
-        past = max(past, 0.0) / hinge_limit_sigma
-        cost += past * past
-        for i in range(3):
-            deviation, bend[i] = 0.0, 0.0
-            for j in range(3):
-                deviation += ranges.whiten[m, i, j] * (vectors[m, j] - ranges.mean[m, j])
-                bend[i] -= ranges.hinge[m, j] * change[j, i] / hinge_limit_sigma
-                slope[i, j] = 0.0
-                for k in range(3):
-                    slope[i, j] += ranges.whiten[m, i, k] * change[k, j]
-            cost += deviation * deviation
-            for j in range(3):
-                gradient[3 * m + j] += slope[i, j] * deviation
-        for i in range(3):
-            for j in range(3):
-                for k in range(3):
-                    hessian[3 * m + i, 3 * m + j] += slope[k, i] * slope[k, j]
-                if past > 0.0:
+        past /= hinge_limit_sigma
+        if past > 0.0:
+            cost += past * past
+            for i in range(3):
+                bend[i] = 0.0
+                for j in range(3):
+                    bend[i] -= ranges.hinge[m, j] * change[m, j, i] / hinge_limit_sigma
+            for i in range(3):
+                gradient[3 * m + i] += bend[i] * past
+                for j in range(3):
                     hessian[3 * m + i, 3 * m + j] += bend[i] * bend[j]
-            gradient[3 * m + i] += bend[i] * past
     return hessian, gradient, cost
 
 

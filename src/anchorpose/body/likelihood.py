@@ -14,11 +14,12 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from anchorpose.body.evidence import Evidence, separation_rows
+from anchorpose.body.constraints import Constraints
+from anchorpose.body.evidence import Evidence, separation_rows, standing_rows
 from anchorpose.body.explanation import limb_of_points
 from anchorpose.body.fit import prior_equations
 from anchorpose.body.pose import PARTS, Pose
-from anchorpose.body.skin_points import Body, SkinPoints, pose_points
+from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.body.visibility import Projection, projection_of
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
@@ -70,18 +71,22 @@ def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
 
 
 def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
-    """Return the likelihood together with what is known of bodies: joints have ranges, and limbs are solid; nats."""
-    known = prior_equations(body.points, pose, None).cost + _overlap(body, pose)
+    """Return the likelihood together with what is known of bodies, nats.
+
+    Joints bend as in people, limbs are solid, of which patches of skin are independent, and feet stand.
+    """
+    posed = pose_points(body, pose)
+    known = prior_equations(body.points, pose, None).cost
+    known += _cost(separation_rows(body, posed), posed) * (SPACING_M / ALIKE_M) ** 2
+    if evidence.floor_m is not None:
+        known += _cost(standing_rows(body, posed, evidence.floor_m, 1.0), posed)
     return likelihood(body, pose, evidence).total - 0.5 * known
 
 
-def _overlap(body: Body, pose: Pose) -> float:
-    """How far parts of the body lie in one another: squared standard deviations of independent patches of skin."""
-    posed = pose_points(body, pose)
-    rows = separation_rows(body, posed)
+def _cost(rows: Constraints, posed: PosedPoints) -> float:
+    """Sum of squared deviations, each with its robust kernel."""
     scaled = (rows.residuals(posed) / rows.scale_m) ** 2
-    robust = (rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)
-    return float(robust.sum()) * (SPACING_M / ALIKE_M) ** 2
+    return float(((rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)).sum())
 
 
 def skin_depth(points: SkinPoints, skin_m: np.ndarray, camera: Camera) -> np.ndarray:

@@ -1,11 +1,9 @@
-"""Represent a pose of the body: bone turns and root, joint ranges, and the pose's uncertainty over time."""
+"""Represent a pose of the body: bone turns and root, and the pose's uncertainty over time."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from functools import cache
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -67,19 +65,6 @@ class Pose:
         return rotation_vectors(self.rotations[moving])
 
 
-class JointRange(NamedTuple):
-    """How bones turn in people: a Gaussian on the rotation vector of each moving bone, and hinge limits.
-
-    mean (m, 3) radians; whiten (m, 3, 3): rotation vector deviations to standard deviations. hinge (m, 3): unit axis of
-    a hinge, or of a hip's flexion, or zero; hinge_limit (m,): least rotation about it, radians.
-    """
-
-    mean: np.ndarray
-    whiten: np.ndarray
-    hinge: np.ndarray
-    hinge_limit: np.ndarray
-
-
 def moving_bones(asset: BodyAsset) -> np.ndarray:
     """(m,) bone index of each of ``MOVING_BONES``."""
     return np.array([asset.bone(name) for name in MOVING_BONES])
@@ -95,96 +80,6 @@ def descendants(asset: BodyAsset) -> np.ndarray:
                 ancestor = asset.bone_parents[ancestor]
             below[row, other] = float(ancestor == bone)
     return below
-
-
-# Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose, and the mean flexion.
-# Broad on purpose: they only decide what the depth does not; about half of the passive ranges in the textbooks.
-_SPREAD_DEG: Final = {
-    "LowerBack": (8, 8, 14, 0),
-    "Spine": (8, 8, 10, 0),
-    "Spine1": (7, 8, 8, 0),
-    "Neck": (8, 12, 10, 0),
-    "Neck1": (8, 14, 10, 0),
-    "Head": (8, 14, 10, 0),
-    "Shoulder": (8, 8, 8, 0),
-    "Arm": (45, 40, 45, 0),
-    "Hand": (14, 14, 14, 0),
-    "UpLeg": (16, 16, 35, 12),
-    "Foot": (9, 9, 14, 0),
-}
-_HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}  # about the hinge, across, along the bone
-
-HIP_EXTENSION: Final = 25.0 * DEGREE  # 9.4 degrees and three deviations (Roaas and Andersson 1982)
-
-
-def _limb(name: str) -> str:
-    return name.removeprefix("Left").removeprefix("Right")
-
-
-def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
-    """(3, 3) rows: hinge axis (a positive turn bends the limb), across, along; and the bend at rest, radians."""
-    bone = asset.bone(name)
-    parent, child = asset.bone_parents[bone], bone + 1
-    upper = asset.bone_heads[bone] - asset.bone_heads[parent]
-    lower = asset.bone_heads[child] - asset.bone_heads[bone]
-    upper, lower = upper / np.linalg.norm(upper), lower / np.linalg.norm(lower)
-    bend = float(np.arccos(np.clip(upper @ lower, -1.0, 1.0)))
-    axis = np.array([0.0, 0.0, -1.0]) if _limb(name) == "Leg" else np.cross(upper, lower)
-    axis -= (axis @ lower) * lower
-    axis /= np.linalg.norm(axis)
-    return np.stack([axis, np.cross(lower, axis), lower]), bend
-
-
-@cache
-def joint_range(asset: BodyAsset) -> JointRange:
-    """The joint range of the asset's skeleton; the root is free."""
-    count = len(MOVING_BONES)
-    mean, whiten, hinge, limit = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)
-    for row, name in enumerate(MOVING_BONES):
-        limb = _limb(name)
-        if limb in _HINGE_SPREAD_DEG:
-            axes, bend = hinge_axes(asset, name)
-            whiten[row] = axes / (np.array(_HINGE_SPREAD_DEG[limb])[:, None] * DEGREE)
-            hinge[row] = axes[0]
-            # A knee bends from the rest pose as from a straight leg; an elbow is already bent there.
-            limit[row] = -bend if limb == "ForeArm" else -3.0 * DEGREE
-            mean[row] = axes[0] * (15.0 * DEGREE)
-        elif limb in _SPREAD_DEG:
-            *spread, flexion = _SPREAD_DEG[limb]
-            whiten[row] = np.diag(1.0 / (np.array(spread) * DEGREE))
-            mean[row, 2] = flexion * DEGREE
-            if limb == "UpLeg":
-                hinge[row, 2], limit[row] = 1.0, -HIP_EXTENSION
-    return JointRange(mean, whiten, hinge, limit)
-
-
-RAISED: Final = 30.0 * DEGREE  # an arm that is raised further takes the shoulder with it
-RHYTHM: Final = 0.2  # of the arm's turn beyond it: 30 degrees for an arm that points up (Inman et al. 1944)
-
-
-def joint_range_at(asset: BodyAsset, pose: Pose) -> JointRange:
-    """The joint range where the arms are as in a pose: the shoulder girdle goes up with a raised arm.
-
-    Its mean follows the arm and does not pull on it. Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
-    """
-    ranges = joint_range(asset)
-    mean = ranges.mean.copy()
-    for row, girdle, arm, along, way in _girdles(asset):
-        up = float(pose.rotations[girdle, 1] @ (pose.rotations[arm] @ along))
-        raised = max(0.0, math.acos(min(max(-up, -1.0), 1.0)) - RAISED)
-        mean[row, 0] = way * RHYTHM * raised
-    return ranges._replace(mean=mean)
-
-
-@cache
-def _girdles(asset: BodyAsset) -> tuple[tuple[int, int, int, np.ndarray, float], ...]:
-    """Of each side: the girdle's row in ``MOVING_BONES`` and bone, the arm's bone and direction, the sign of "up"."""
-    found = []
-    for side, way in (("Left", 1.0), ("Right", -1.0)):
-        girdle, arm, below = (asset.bone(f"{side}{name}") for name in ("Shoulder", "Arm", "ForeArm"))
-        along = asset.bone_heads[below] - asset.bone_heads[arm]
-        found.append((MOVING_BONES.index(f"{side}Shoulder"), girdle, arm, along / np.linalg.norm(along), way))
-    return tuple(found)
 
 
 _LIMBS: Final = tuple(

@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.pose import MOVING_BONES, hinge_axes
+from anchorpose.body.joint_ranges import hinge_axes
+from anchorpose.body.pose import MOVING_BONES
 from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.formats import Product, Source, rounded_text, write_rows

@@ -1,0 +1,158 @@
+"""State how joints bend in people: how far each one may, and how those of arms and legs bend together.
+
+Ranges alone let a hidden leg of a seated person hang straight. Joints of one limb bend together, and so do both sides:
+the limbs of people who were captured at rehabilitation exercises say how much (``tools/measure_limb_turns.py``).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from importlib import resources
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from anchorpose.body.asset import BodyAsset
+from anchorpose.body.pose import DEGREE, MOVING_BONES, Pose
+
+
+class JointRange(NamedTuple):
+    """How bones turn in people: one Gaussian on the rotation vectors of all moving bones, and hinge limits.
+
+    mean (m, 3) radians; information (m, 3, m, 3): inverse of the covariance, 0 for the root. hinge (m, 3): unit axis
+    of a hinge, or of a hip's flexion, or zero; hinge_limit (m,): least rotation about it, radians.
+    """
+
+    mean: np.ndarray
+    information: np.ndarray
+    hinge: np.ndarray
+    hinge_limit: np.ndarray
+
+
+# Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose.
+# Broad on purpose: they only decide what the depth does not; about half of the passive ranges in the textbooks.
+_SPREAD_DEG: Final = {
+    "LowerBack": (8, 8, 14),
+    "Spine": (8, 8, 10),
+    "Spine1": (7, 8, 8),
+    "Neck": (8, 12, 10),
+    "Neck1": (8, 14, 10),
+    "Head": (8, 14, 10),
+    "Shoulder": (8, 8, 8),
+    "Arm": (45, 40, 45),
+    "Hand": (14, 14, 14),
+    "UpLeg": (16, 16, 35),
+    "Foot": (9, 9, 14),
+}
+_HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}  # about the hinge, across, along the bone
+
+HIP_EXTENSION: Final = 25.0 * DEGREE  # 9.4 degrees and three deviations (Roaas and Andersson 1982)
+OWN_VARIANCE: Final = 0.5  # of a joint, of its range's: with it a single raised leg is no rarer than by ranges alone
+KNEE_EXTENSION: Final = 3.0 * DEGREE  # a knee bends from the rest pose as from a straight leg
+
+
+class LimbTurns(NamedTuple):
+    """How captured people held arms and legs. rows (k,) of ``MOVING_BONES``; mean (k, 3) radians and covariance
+    (3 k, 3 k) of the bones' rotation vectors."""
+
+    rows: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+@cache
+def limb_turns() -> LimbTurns:
+    """The statistics that ship with the package."""
+    with (
+        resources.files("anchorpose.body").joinpath("data/limb_turns.npz").open("rb") as stream,
+        np.load(stream) as stored,
+    ):
+        rows = np.array([MOVING_BONES.index(str(bone)) for bone in stored["bones"]])
+        return LimbTurns(rows, stored["mean"].astype(np.float64), stored["covariance"].astype(np.float64))
+
+
+def _limb(name: str) -> str:
+    return name.removeprefix("Left").removeprefix("Right")
+
+
+def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
+    """(3, 3) rows: hinge axis (a positive turn bends the limb), across, along; and the bend at rest, radians."""
+    bone = asset.bone(name)
+    parent, child = asset.bone_parents[bone], bone + 1
+    upper = asset.bone_heads[bone] - asset.bone_heads[parent]
+    lower = asset.bone_heads[child] - asset.bone_heads[bone]
+    upper, lower = upper / np.linalg.norm(upper), lower / np.linalg.norm(lower)
+    bend = float(np.arccos(np.clip(upper @ lower, -1.0, 1.0)))
+    axis = np.array([0.0, 0.0, -1.0]) if _limb(name) == "Leg" else np.cross(upper, lower)
+    axis -= (axis @ lower) * lower
+    axis /= np.linalg.norm(axis)
+    return np.stack([axis, np.cross(lower, axis), lower]), bend
+
+
+@cache
+def joint_range(asset: BodyAsset) -> JointRange:
+    """The joint range of the asset's skeleton; the root is free."""
+    count, turns = len(MOVING_BONES), limb_turns()
+    mean, hinge, limit = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
+    whiten = np.zeros((count, 3, 3))  # from radians to standard deviations of the textbooks' ranges
+    for row, name in enumerate(MOVING_BONES):
+        limb = _limb(name)
+        if limb in _HINGE_SPREAD_DEG:
+            axes, bend = hinge_axes(asset, name)
+            whiten[row] = axes / (np.array(_HINGE_SPREAD_DEG[limb])[:, None] * DEGREE)
+            hinge[row] = axes[0]
+            limit[row] = -bend if limb == "ForeArm" else -KNEE_EXTENSION  # an elbow is already bent at rest
+        elif limb in _SPREAD_DEG:
+            whiten[row] = np.diag(1.0 / (np.array(_SPREAD_DEG[limb]) * DEGREE))
+            if limb == "UpLeg":
+                hinge[row, 2], limit[row] = 1.0, -HIP_EXTENSION
+    information = np.zeros((count, 3, count, 3))
+    for row in range(count):
+        information[row, :, row] = whiten[row].T @ whiten[row]
+    mean[turns.rows] = turns.mean
+    every = np.arange(3)
+    information[np.ix_(turns.rows, every, turns.rows, every)] = _together(whiten[turns.rows], turns)
+    return JointRange(mean, information, hinge, limit)
+
+
+def _together(whiten: np.ndarray, turns: LimbTurns) -> np.ndarray:
+    """(k, 3, k, 3) information of the limbs' bones: as captured, and at least as wide as the textbooks' ranges.
+
+    What other people and movements add is each joint's own.
+    """
+    k = len(turns.rows)
+    scale = block_diag(*whiten)
+    covariance = scale @ turns.covariance @ scale.T
+    covariance += np.diag(np.maximum(1.0 - np.diag(covariance), OWN_VARIANCE))
+    return np.asarray(scale.T @ np.linalg.solve(covariance, scale)).reshape(k, 3, k, 3)
+
+
+RAISED: Final = 30.0 * DEGREE  # an arm that is raised further takes the shoulder with it
+RHYTHM: Final = 0.2  # of the arm's turn beyond it: 30 degrees for an arm that points up (Inman et al. 1944)
+
+
+def joint_range_at(asset: BodyAsset, pose: Pose) -> JointRange:
+    """The joint range where the arms are as in a pose: the shoulder girdle goes up with a raised arm.
+
+    Its mean follows the arm and does not pull on it. Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
+    """
+    ranges = joint_range(asset)
+    mean = ranges.mean.copy()
+    for row, girdle, arm, along, way in _girdles(asset):
+        up = float(pose.rotations[girdle, 1] @ (pose.rotations[arm] @ along))
+        raised = max(0.0, math.acos(min(max(-up, -1.0), 1.0)) - RAISED)
+        mean[row, 0] = way * RHYTHM * raised
+    return ranges._replace(mean=mean)
+
+
+@cache
+def _girdles(asset: BodyAsset) -> tuple[tuple[int, int, int, np.ndarray, float], ...]:
+    """Of each side: the girdle's row in ``MOVING_BONES`` and bone, the arm's bone and direction, the sign of "up"."""
+    found = []
+    for side, way in (("Left", 1.0), ("Right", -1.0)):
+        girdle, arm, below = (asset.bone(f"{side}{name}") for name in ("Shoulder", "Arm", "ForeArm"))
+        along = asset.bone_heads[below] - asset.bone_heads[arm]
+        found.append((MOVING_BONES.index(f"{side}Shoulder"), girdle, arm, along / np.linalg.norm(along), way))
+    return tuple(found)
