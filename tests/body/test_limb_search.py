@@ -16,11 +16,12 @@ from body_builder import (
     turned_about_y,
 )
 
+from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.explanation import explain, limb_of_points
 from anchorpose.body.limb_proposals import exchanged, limb_lengths, limb_poses, uncovered_paths
 from anchorpose.body.limb_search import LOOK_AGAIN_M2, Search, needs_search, search_limbs
-from anchorpose.body.pose import PARTS, Pose, PoseBelief, vague_belief
+from anchorpose.body.pose import PARTS, Pose
 from anchorpose.body.registration import register
 from anchorpose.body.skin_points import pose_points
 from anchorpose.joints import JOINT_INDEX

@@ -7,9 +7,9 @@ import pytest
 from body_builder import FRONT, LEFT, adult_body, hide_bones, points, seen_body, standing, stepped
 from mislabelled_builder import pieces_of
 
+from anchorpose.body.belief import vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig, VisibilityConfig
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.pose import vague_belief
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import joint_sigma, smeared_sigma

@@ -25,9 +25,10 @@ from body_builder import (
     turned_about_y,
 )
 
+from anchorpose.body.belief import PATIENT_PACE, PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.pose import DEGREE, PATIENT_PACE, POSE_SIZE, Pose, PoseBelief, vague_belief
+from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
 from anchorpose.body.registration import LEAST_EXPLAINED, Registration, node_parts, posterior, register
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import joint_sigma
@@ -251,3 +252,16 @@ def test_what_is_not_seen_becomes_more_uncertain_with_the_square_root_of_time():
 def test_a_registration_without_reach_is_refused(reaches):
     with pytest.raises(ValueError, match="reaches_m"):
         RegistrationConfig(reaches_m=reaches)
+
+
+def test_what_time_adds_couples_the_joints_of_limbs_and_leaves_each_as_uncertain_as_its_pace():
+    """Where a hip is seen to bend, a hidden knee bends as well: who sits down does not stretch the shank ahead."""
+    before = vague_belief(standing())
+    added = before.later(before.pose, 1.0).covariance - before.covariance
+    np.testing.assert_allclose(np.diag(added), PATIENT_PACE.variance(1.0))
+    assert np.linalg.eigvalsh(added).min() > 0.0
+    hip, knee = 3 * MOVING_BONES.index("LeftUpLeg") + 2, 3 * MOVING_BONES.index("LeftLeg") + 2
+    assert added[knee, hip] / added[hip, hip] < -0.3  # a knee bends about the opposite direction
+    arm = 3 * MOVING_BONES.index("LeftShoulder")
+    assert added[knee, arm] == 0.0
+    np.testing.assert_array_equal(added[:3, 3:], 0.0)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from body_builder import adult_body, hide_bones, joint_errors_m, joints_of, seen_body, standing
 
+from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.limb_search import DECIDED, MEMORY, Rival, follow_rivals, with_rivals
-from anchorpose.body.pose import Pose, PoseBelief, vague_belief
+from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from body_builder import FRONT, LEFT, NOTHING, adult_body, before_wall, evidence_of, photograph, random_pose, skin_in
 
+from anchorpose.body.belief import PoseBelief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
-from anchorpose.body.pose import DEGREE, POSE_SIZE, PoseBelief
+from anchorpose.body.pose import DEGREE, POSE_SIZE
 from anchorpose.body.registration import register
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import finest_patch_m, joint_sigma, node_noise, noise_covariance

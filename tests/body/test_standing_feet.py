@@ -17,10 +17,11 @@ from body_builder import (
     shaken,
 )
 
+from anchorpose.body.belief import PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints
 from anchorpose.body.contact_regions import DRIFT_M_S, PLACES, SIGMA_M, STILL_M, StandingFeet
-from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose, PoseBelief
+from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
 from anchorpose.body.registration import register
 from anchorpose.body.skin_points import pose_points
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState

@@ -7,9 +7,10 @@ import pytest
 from body_builder import FRONT, LEFT, adult_body, evidence_of, joint_errors_m, points, standing
 from mislabelled_builder import OTHER, pieces_of, seen
 
+from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.explanation import explain
-from anchorpose.body.pose import Pose, PoseBelief, vague_belief
+from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
 from anchorpose.camera import transform_points

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from anchorpose.body.belief import PoseBelief
 from anchorpose.body.inverse_kinematics import CorrectedJoints, apply_corrections, contradicted
-from anchorpose.body.pose import POSE_SIZE, Pose, PoseBelief
+from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.skin_points import FittedShape, body_points, build_body, even_clothes
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX

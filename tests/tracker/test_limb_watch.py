@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from body_builder import adult_body, standing
 
+from anchorpose.body.belief import vague_belief
 from anchorpose.body.constraints import anchor_points
 from anchorpose.body.limb_proposals import CHAINS
 from anchorpose.body.limb_search import LOOK_AGAIN_M2, Search
-from anchorpose.body.pose import vague_belief
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
 from anchorpose.geodesics.anchors import no_anchors

@@ -7,7 +7,8 @@ import pytest
 from body_builder import FRONT, LEFT, adult, adult_body, hide_bones, seen_body, standing
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.pose import Pose, vague_belief
+from anchorpose.body.belief import vague_belief
+from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import shape_of_height, standing_height
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.isolation.people import PatientChoice, Person

@@ -8,17 +8,9 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.asset import joint_bones
+from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, PoseBelief
 from anchorpose.body.fit import limited, prior_equations
-from anchorpose.body.pose import (
-    LIMB_OF_BONES,
-    LIMB_OF_JOINTS,
-    PATIENT_PACE,
-    POSE_SIZE,
-    TRUNK,
-    UNSEEN_S,
-    Pose,
-    PoseBelief,
-)
+from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.skin_points import Body, joint_jacobian, pose_points
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 

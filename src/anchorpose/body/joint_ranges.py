@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from anchorpose.body.asset import BodyAsset
-from anchorpose.body.pose import DEGREE, MOVING_BONES, Pose
+from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
 
 
 class JointRange(NamedTuple):
@@ -127,6 +127,17 @@ def _together(whiten: np.ndarray, turns: LimbTurns) -> np.ndarray:
     covariance = scale @ turns.covariance @ scale.T
     covariance += np.diag(np.maximum(1.0 - np.diag(covariance), OWN_VARIANCE))
     return np.asarray(scale.T @ np.linalg.solve(covariance, scale)).reshape(k, 3, k, 3)
+
+
+@cache
+def turns_together(asset: BodyAsset) -> np.ndarray:
+    """(POSE_SIZE, POSE_SIZE) correlation of the bones' turns, in the parameters of ``Pose.moved``; root alone."""
+    free = slice(3, POSE_SIZE - 3)
+    covariance = np.linalg.inv(joint_range(asset).information.reshape(POSE_SIZE - 3, POSE_SIZE - 3)[3:, 3:])
+    sigma = np.sqrt(np.diag(covariance))
+    found = np.eye(POSE_SIZE)
+    found[free, free] = covariance / sigma[:, None] / sigma
+    return found
 
 
 RAISED: Final = 30.0 * DEGREE  # an arm that is raised further takes the shoulder with it

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
@@ -20,7 +21,7 @@ from anchorpose.body.fit import prior_equations
 from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_proposals import anchor_poses, exchanged, limb_poses, uncovered_paths
 from anchorpose.body.matched_places import LEAST_MATCHES, fit_matches, matches_of
-from anchorpose.body.pose import UNSEEN_S, Pose, PoseBelief
+from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, descend, posterior, register
 from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors

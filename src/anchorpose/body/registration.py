@@ -7,13 +7,14 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.belief import PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints, join, no_constraints, surface_constraints
 from anchorpose.body.evidence import Evidence, evidence_rows
 from anchorpose.body.fit import damped_step, pose_equations, range_information
 from anchorpose.body.likelihood import likelihood
 from anchorpose.body.nearest_skin import nearest_point
-from anchorpose.body.pose import Pose, PoseBelief
+from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
 
 LEAST_EXPLAINED: Final = 0.3  # share of nodes near the body below which it is not this body that is seen

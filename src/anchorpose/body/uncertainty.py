@@ -11,13 +11,14 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from anchorpose.body.asset import joint_bones
+from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
 from anchorpose.body.constraints import Constraints, rows_of_nodes, surface_constraints
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import COVERED_M, LEAST_FACING, Explanation, limb_of_points, node_area_m2
 from anchorpose.body.fit import pose_equations
 from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
-from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose, PoseBelief, vague_belief
+from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
 from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, pose_jacobian, pose_points
 from anchorpose.body.standing_off import standing_off_sigma_m

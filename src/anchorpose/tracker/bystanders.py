@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
+from anchorpose.body.belief import Pace, PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
@@ -22,7 +23,7 @@ from anchorpose.body.explanation import seen_past
 from anchorpose.body.initial import find_rough_pose
 from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, match_person, matches_of
-from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pace, Pose, PoseBelief, vague_belief
+from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.shape_prior import child_belief, shape_of_height
 from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points

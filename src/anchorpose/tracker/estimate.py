@@ -8,12 +8,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from anchorpose.body.belief import PoseBelief
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.kinematics import missing_joints
 from anchorpose.body.limb_search import Rival, with_rivals
-from anchorpose.body.pose import Pose, PoseBelief
+from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_points
 from anchorpose.body.uncertainty import (

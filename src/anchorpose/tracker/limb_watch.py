@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
@@ -23,7 +24,7 @@ from anchorpose.body.inverse_kinematics import exchange_crossed_legs, pose_from_
 from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_proposals import CHAINS, REACH_SLACK_M, Chain, contradicted_by, end_points, reaching
 from anchorpose.body.limb_search import LEAST_GAIN, MOST_UNUSUAL, TRIAL_NODES, Rival, needs_search, rarity, search_limbs
-from anchorpose.body.pose import TRUNK, UNSEEN_S, Pose, PoseBelief
+from anchorpose.body.pose import TRUNK, Pose
 from anchorpose.body.registration import Registration, descend, register
 from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.isolation.view import PixelLabel, View

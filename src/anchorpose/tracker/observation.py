@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from anchorpose.body.belief import PoseBelief
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.pose import PoseBelief
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.geodesics.anchors import Anchors, SeenAnchors, anchor_descriptor
 from anchorpose.geodesics.trusted_anchors import trusted_anchors

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, Pace, PoseBelief
 from anchorpose.body.constraints import Constraints, anchor_points, no_constraints
 from anchorpose.body.contact_regions import StandingFeet
 from anchorpose.body.explanation import Explanation
@@ -21,7 +22,7 @@ from anchorpose.body.inverse_kinematics import (
 )
 from anchorpose.body.likelihood import likelihood
 from anchorpose.body.limb_search import Rival, follow_rivals
-from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, PATIENT_PACE, UNSEEN_S, Pace, Pose, PoseBelief
+from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, Pose
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points

@@ -8,13 +8,14 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.belief import vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig, VisibilityConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.body.explanation import explain
 from anchorpose.body.learning import learn_body
 from anchorpose.body.likelihood import skin_depth
-from anchorpose.body.pose import Pose, vague_belief
+from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.shape_prior import adult_belief, shape_of_height
 from anchorpose.body.skin_points import PosedPoints, SkinPoints, body_points, build_body, pose_points

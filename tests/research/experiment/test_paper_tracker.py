@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from body_builder import FRONT, LEFT, adult_body, joint_errors_m, seen_body, standing, stepped
 
+from anchorpose.body.belief import vague_belief
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.pose import vague_belief
 from anchorpose.body.registration import node_parts
 from anchorpose.body.skin_points import pose_points
 from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors

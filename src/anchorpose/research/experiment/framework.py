@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.body.pose import PoseBelief, vague_belief
+from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.motion.prediction import MotionConfig, MotionRule, load_motions
 from anchorpose.recording.recording import FrameSet, Recording, align_clocks

@@ -9,12 +9,13 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.belief import PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import anchor_points, join, place_constraints
 from anchorpose.body.fit import damped_step, pose_equations, range_information
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.limb_proposals import CHAINS, CONTRADICTED_M, contradicted_by
-from anchorpose.body.pose import Pose, PoseBelief
+from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, posterior
 from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_points, build_body, pose_points
