@@ -4,8 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from body_builder import standing
 from room_builder import FRONT, ROOM, body, built_scene, picture
 
+from anchorpose.body.belief import vague_belief
 from anchorpose.isolation.bystander_memory import empty_memory, update_memory
 from anchorpose.isolation.people import PatientChoice, see_people
 from anchorpose.isolation.scene import find_pieces
@@ -45,7 +47,7 @@ def lost_beside(*people, left: bool = False) -> Search:
     """left: the patient was last seen on the way out of the picture."""
     before = seen(body(0.0, 0.0), *people)
     met = frozenset(np.unique(before.memory.owner).tolist()) - {PixelLabel.PATIENT}
-    return Search(before, LastSeen(before, np.array([0.0, 0.9, 0.0]), met), left)
+    return Search(before, LastSeen(before, vague_belief(standing((0.0, 0.9, 0.0))), met), left)
 
 
 def looked(search: Search, *moments: tuple, first: int = 1) -> list[PatientChoice | NoStart]:

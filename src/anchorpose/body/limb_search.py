@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.asset import joint_bones
 from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
@@ -21,9 +22,9 @@ from anchorpose.body.fit import prior_equations
 from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_proposals import anchor_poses, exchanged, limb_poses, uncovered_paths
 from anchorpose.body.matched_places import LEAST_MATCHES, fit_matches, matches_of
-from anchorpose.body.pose import Pose
+from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, Pose
 from anchorpose.body.registration import Registration, descend, posterior, register
-from anchorpose.body.skin_points import Body, pose_points
+from anchorpose.body.skin_points import Body, joint_jacobian, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_COUNT
@@ -61,6 +62,34 @@ class _Tried:
     log: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Expected:
+    """Where the joints were expected: joints_m (21, 3), sigma_m (21,)."""
+
+    body: Body
+    joints_m: np.ndarray
+    sigma_m: np.ndarray
+
+    def log_probability(self, pose: Pose, evidence: Evidence) -> float:
+        """By the images, and by how far each limb, or the trunk, has left its expected place; nats.
+
+        Cauchy's tails: a limb that was lost may be anywhere, but one that was known does not turn round between two
+        frames, and a body that does has five limbs to explain.
+        """
+        away = np.linalg.norm(self.body.joints(pose) - self.joints_m, axis=1) / self.sigma_m
+        farthest = np.zeros(PARTS)
+        np.maximum.at(farthest, LIMB_OF_JOINTS, away)
+        return log_probability(self.body, pose, evidence) - float(np.log1p(farthest**2).sum())
+
+
+def _expected(body: Body, belief: PoseBelief) -> _Expected:
+    transforms = body.transforms(belief.pose)
+    joints = body.mesh.joints(transforms)
+    jacobian = joint_jacobian(body, transforms, joint_bones(body.points.asset), joints)
+    variance = ((jacobian @ belief.covariance) * jacobian).sum(axis=(1, 2)) / 3.0
+    return _Expected(body, joints, np.sqrt(SAME_M**2 + variance))
+
+
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
     """Whether the picture shows that a limb is elsewhere; hidden: some limb covers nothing, so that less is enough."""
     return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
@@ -80,12 +109,12 @@ def search_limbs(
     after ``UNSEEN_S`` without sight. seen: anchors of the frame, for proposals of limbs along their paths and of the
     whole body by the learnt descriptor; None: without these.
     """
-    uncertain = predicted.later(predicted.pose, UNSEEN_S)
+    uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), _expected(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
     pose, rounds, tried = found.belief.pose, 0, list[_Tried]()
     for number in range(ROUNDS):
         proposed = _proposals(body, pose, evidence, seen, whole_body=number == 0)
-        tried = _register_all(body, _distinct(body, [pose, *proposed]), uncertain, evidence, trial)
+        tried = _register_all(expected, _distinct(body, [pose, *proposed]), uncertain, evidence, trial)
         better = _clearly_best(tried)
         if better is None:
             break
@@ -95,7 +124,7 @@ def search_limbs(
     if rounds:
         other = posterior(body, pose, replace(uncertain, pose=pose), evidence, config)
         found, rounds = (other, rounds) if other.found else (found, 0)
-    return Search(found, rounds, tuple(_ties(body, found, tried, uncertain, evidence, config)))
+    return Search(found, rounds, tuple(_ties(expected, found, tried, uncertain, evidence, config)))
 
 
 def farthest_joint_m(body: Body, one: Pose, other: Pose) -> float:
@@ -138,16 +167,14 @@ def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
 
 
 def _register_all(
-    body: Body, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
+    expected: _Expected, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[_Tried]:
-    """The first pose as it is, the others after a short registration, and how probable each is."""
+    """The first pose as it is, then all after a short registration, and how probable each is.
 
-    def settled(pose: Pose) -> _Tried:
-        if pose is not poses[0]:
-            pose = _settled(body, pose, uncertain, evidence, config)
-        return _Tried(pose, log_probability(body, pose, evidence))
-
-    return each(settled, poses)
+    The first one too: limbs that only lag behind must not make a body that is turned round the better one.
+    """
+    settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
+    return each(lambda pose: _Tried(pose, expected.log_probability(pose, evidence)), [poses[0], *settled])
 
 
 def rarity(body: Body, pose: Pose) -> float:
@@ -170,7 +197,7 @@ def _clearly_best(tried: Sequence[_Tried]) -> Pose | None:
 
 
 def _ties(
-    body: Body,
+    expected: _Expected,
     found: Registration,
     tried: Sequence[_Tried],
     uncertain: PoseBelief,
@@ -178,13 +205,14 @@ def _ties(
     config: RegistrationConfig,
 ) -> Iterator[tuple[PoseBelief, float]]:
     """Poses of the last round that the frame does not decide against; at most ``MOST_TIES``."""
-    most, best = log_probability(body, found.belief.pose, evidence), max(one.log for one in tried)
+    body = expected.body
+    most, best = expected.log_probability(found.belief.pose, evidence), max(one.log for one in tried)
     others = [found.belief.pose]
     for one in sorted(tried, key=lambda one: -one.log):
         if one.log < best - MOST_LAG or len(others) > MOST_TIES:
             return
         pose = _refined(body, one.pose, uncertain, evidence, config)
-        lag = most - log_probability(body, pose, evidence)
+        lag = most - expected.log_probability(pose, evidence)
         if lag > MOST_LAG or any(farthest_joint_m(body, pose, other) <= APART_M for other in others):
             continue
         others.append(pose)

@@ -98,7 +98,7 @@ class LiveFollower:
     def patient_xz_m(self) -> np.ndarray | None:
         """(2,) where the patient was last seen; None where the patient is lost."""
         tracker = self.follower.tracker
-        return None if tracker is None else tracker.last.place_m[[0, 2]]
+        return None if tracker is None else tracker.last.belief.pose.root_m[[0, 2]]
 
     def take_recorded(self, frame_set: FrameSet) -> None:
         """One more frame of the first seconds, which were recorded."""

@@ -113,7 +113,9 @@ class Follower:
             else:
                 self._choice = looked
         if self._choice is not None and self._wait < 0:
-            start, self._begin = self._begin or find_start(frame_set, self.run, self._choice, self._known), None
+            expected = None if self._search is None else self._search.expected(frame_set.time_s)
+            start = self._begin or find_start(frame_set, self.run, self._choice, self._known, expected=expected)
+            self._begin = None
             if isinstance(start, Start):
                 self.tracker, self._search = PatientTracker(self.run, start), None
                 self._wait, self._pause = 0, FIRST_PAUSE

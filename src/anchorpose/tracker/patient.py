@@ -85,7 +85,7 @@ class PatientTracker:
         self.ahead = []
         self.joints_ahead = np.empty((0, 0, 3))
         self.pace = PATIENT_PACE
-        self.last = LastSeen(start.observation, start.belief.pose.root_m)
+        self.last = LastSeen(start.observation, start.belief)
         self.watch = LimbWatch(run)
         self.rivals, self.moved = (), False
         self.feet = StandingFeet(self.points)
@@ -262,8 +262,7 @@ class PatientTracker:
     def _move_on(self, registration: Registration, elapsed_s: float) -> Observation:
         """Make the second frame of the window the first, with the registered pose; returns it."""
         following = self.window[1]
-        place_m = registration.belief.pose.root_m if registration.found else None
-        self.last = self.last.after(following, place_m, elapsed_s)
+        self.last = self.last.after(following, registration.belief if registration.found else None, elapsed_s)
         self.belief, self.ahead = self._corrected(registration.belief, following), []
         self.history.append(self.body.joints(self.belief.pose))
         self.window.move_on()

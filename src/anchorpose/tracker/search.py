@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.belief import PoseBelief
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import SAMPLE_PX, BystanderMemory, update_memory
 from anchorpose.isolation.people import PERSON_RADIUS_M, PatientChoice, Person, ground_distance, see_people
@@ -31,23 +32,23 @@ BYSTANDER: Final = 0.5  # share of a person's visible pixels that are a known by
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LastSeen:
-    """When and where the patient was last seen, and who else was there.
+    """When and how the patient was last seen, and who else was there.
 
-    seen: the last frame with the patient; place_m (3,): the pelvis in it; met: labels of the people who were followed
+    seen: the last frame with the patient; belief: in the pose in it; met: labels of the people who were followed
     beside the patient until now; gone_s and gone_frames: since that frame.
     """
 
     seen: Observation
-    place_m: np.ndarray
+    belief: PoseBelief
     met: frozenset[int] = frozenset()
     gone_s: float = 0.0
     gone_frames: int = 0
 
-    def after(self, following: Observation, place_m: np.ndarray | None, elapsed_s: float) -> LastSeen:
-        """With one more frame; place_m: None where it does not show the patient."""
+    def after(self, following: Observation, belief: PoseBelief | None, elapsed_s: float) -> LastSeen:
+        """With one more frame; belief: None where it does not show the patient."""
         met = self.met | {one.label for one in following.bystanders.followed}
-        if place_m is not None:
-            return LastSeen(following, place_m, met)
+        if belief is not None:
+            return LastSeen(following, belief, met)
         return replace(self, met=met, gone_s=self.gone_s + elapsed_s, gone_frames=self.gone_frames + 1)
 
 
@@ -59,6 +60,7 @@ class Search:
     """
 
     memory: BystanderMemory
+    _belief: PoseBelief
     _time_s: float
     _place_xz_m: np.ndarray
     _lost_s: float
@@ -68,7 +70,8 @@ class Search:
 
     def __init__(self, now: Observation, last: LastSeen, left: bool = False) -> None:
         self.memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
-        self._place_xz_m, self._lost_s = last.place_m[[0, 2]], last.seen.frame_set.time_s
+        self._belief, self._lost_s = last.belief, last.seen.frame_set.time_s
+        self._place_xz_m = last.belief.pose.root_m[[0, 2]]
         self._newcomer = last.seen.memory.next_label  # labels from this on are of people who came since
         self._met, self._left = last.met, left
 
@@ -99,6 +102,11 @@ class Search:
         return PatientChoice(
             nearest, "is nearest to where the patient was lost, of those who were not there before", sure=False
         )
+
+    def expected(self, time_s: float) -> PoseBelief | None:
+        """How the patient may be posed, who was lost and has not walked out of the picture: as before, the less surely
+        the longer ago; nobody turns round within a second behind a therapist."""
+        return None if self._left else self._belief.later(self._belief.pose, abs(time_s - self._lost_s))
 
     def _others_are_away(self, views: Sequence[View | None]) -> bool:
         """Whether any of the people who were met beside the patient is not in view."""

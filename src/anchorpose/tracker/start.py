@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from anchorpose.body.belief import vague_belief
+from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.explanation import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
 from anchorpose.body.limb_search import rarity, search_limbs
@@ -65,11 +65,17 @@ class NoStart(StrEnum):
 
 
 def find_start(
-    frame_set: FrameSet, run: Run, choice: PatientChoice, known: FittedShape | None, crowd: Crowd | None = None
+    frame_set: FrameSet,
+    run: Run,
+    choice: PatientChoice,
+    known: FittedShape | None,
+    crowd: Crowd | None = None,
+    expected: PoseBelief | None = None,
 ) -> Start | NoStart:
     """The patient in this frame, or why there is none.
 
-    known: the learnt shape, if there is one already; crowd: the people of this frame, where they are known.
+    known: the learnt shape, if there is one already; crowd: the people of this frame, where they are known; expected:
+    the pose that the patient had before, who was lost. The first pose has no part of it; a search may turn it round.
     """
     points, room, config = body_points(), run.room, run.config
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
@@ -82,8 +88,8 @@ def find_start(
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
     if found.found:  # sides that the descriptor exchanged, and limbs that it left out
-        vague = vague_belief(found.belief.pose)
-        found = search_limbs(body, found, vague, observation.evidence, config.registration).registration
+        before = expected or vague_belief(found.belief.pose)
+        found = search_limbs(body, found, before, observation.evidence, config.registration).registration
     start = Start(observation, first.shape, found.belief, found.explained)
     if not found.found or found.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
