@@ -96,3 +96,12 @@ def test_the_triangles_between_skin_points_close_the_skin():
     posed = pose_points(BODY, TRUTH)
     corners = posed.points_m[faces]
     assert np.percentile(np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1), 99) < 0.08
+
+
+def test_feet_in_the_air_are_less_likely_the_higher_and_cost_at_most_six_nats_each():
+    floor = replace(SEEN, floor_m=0.0, views=(None,) * len(SEEN.views))
+    stands = standing((0.0, 0.0, 0.0))
+    lowest_m = float(pose_points(BODY, stands).points_m[:, 1].min())
+    logs = [log_probability(BODY, stepped(stands, 0.0, up_m - lowest_m, 0.0), floor) for up_m in (0.0, 0.1, 0.3, 30.0)]
+    assert (np.diff(logs) < 0.0).all()
+    assert 11.0 < logs[0] - logs[-1] < 13.0

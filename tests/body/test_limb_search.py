@@ -19,9 +19,10 @@ from body_builder import (
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.explanation import explain, limb_of_points
+from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_proposals import exchanged, limb_lengths, limb_poses, uncovered_paths
-from anchorpose.body.limb_search import LOOK_AGAIN_M2, Search, needs_search, search_limbs
-from anchorpose.body.pose import PARTS, Pose
+from anchorpose.body.limb_search import LOOK_AGAIN_M2, Expected, Search, expected_joints, needs_search, search_limbs
+from anchorpose.body.pose import PARTS, POSE_SIZE, Pose
 from anchorpose.body.registration import register
 from anchorpose.body.skin_points import pose_points
 from anchorpose.joints import JOINT_INDEX
@@ -158,3 +159,22 @@ def test_a_limb_that_a_second_camera_alone_sees_is_found_there():
     search = search_limbs(BODY, found, sure(wrong), evidence, CONFIG)
     wrist = JOINT_INDEX["WristLeft"]
     assert joint_errors_m(BODY, search.registration.belief.pose, TRUTH)[wrist] < 0.08
+
+
+def test_a_limb_elsewhere_costs_little_a_body_turned_round_much_and_an_unsure_one_less():
+    """In images that tell nothing; log(1 + z^2) for each limb, so that no displacement is impossible."""
+    seen = seen_body(TRUTH, BODY)
+    dark = replace(seen, views=(None,) * len(seen.views))
+    pose = standing()
+    sure = PoseBelief(pose, 1e-4 * np.eye(POSE_SIZE), 1e4 * np.eye(POSE_SIZE))
+    expected, unsure = expected_joints(BODY, sure), expected_joints(BODY, sure.later(pose, 4.0))
+    arm = standing(LeftArm=(-60.0, 0.0, 0.0))
+    *_, turned = exchanged(BODY, pose)
+
+    def costs(where: Expected, moved: Pose) -> float:
+        return log_probability(BODY, moved, dark) - where.log_probability(moved, dark)
+
+    assert costs(expected, pose) == pytest.approx(0.0, abs=1e-9)
+    assert 3.0 < costs(expected, arm) < 8.0
+    assert costs(expected, turned) > 2.0 * costs(expected, arm)
+    assert costs(unsure, turned) < 0.7 * costs(expected, turned)

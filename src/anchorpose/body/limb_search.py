@@ -63,7 +63,7 @@ class _Tried:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Expected:
+class Expected:
     """Where the joints were expected: joints_m (21, 3), sigma_m (21,)."""
 
     body: Body
@@ -82,12 +82,13 @@ class _Expected:
         return log_probability(self.body, pose, evidence) - float(np.log1p(farthest**2).sum())
 
 
-def _expected(body: Body, belief: PoseBelief) -> _Expected:
+def expected_joints(body: Body, belief: PoseBelief) -> Expected:
+    """Return where a belief has the joints, and how surely; poses nearer than ``SAME_M`` are the same."""
     transforms = body.transforms(belief.pose)
     joints = body.mesh.joints(transforms)
     jacobian = joint_jacobian(body, transforms, joint_bones(body.points.asset), joints)
     variance = ((jacobian @ belief.covariance) * jacobian).sum(axis=(1, 2)) / 3.0
-    return _Expected(body, joints, np.sqrt(SAME_M**2 + variance))
+    return Expected(body, joints, np.sqrt(SAME_M**2 + variance))
 
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
@@ -109,7 +110,7 @@ def search_limbs(
     after ``UNSEEN_S`` without sight. seen: anchors of the frame, for proposals of limbs along their paths and of the
     whole body by the learnt descriptor; None: without these.
     """
-    uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), _expected(body, predicted)
+    uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
     pose, rounds, tried = found.belief.pose, 0, list[_Tried]()
     for number in range(ROUNDS):
@@ -167,7 +168,7 @@ def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
 
 
 def _register_all(
-    expected: _Expected, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
+    expected: Expected, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[_Tried]:
     """The first pose as it is, then all after a short registration, and how probable each is.
 
@@ -197,7 +198,7 @@ def _clearly_best(tried: Sequence[_Tried]) -> Pose | None:
 
 
 def _ties(
-    expected: _Expected,
+    expected: Expected,
     found: Registration,
     tried: Sequence[_Tried],
     uncertain: PoseBelief,
