@@ -1,29 +1,21 @@
 """Whom a limb's pixels continue tells whether they are the patient's, whatever was predicted."""
 
-import numpy as np
 from body_builder import adult_body, standing
 from mislabelled_builder import OTHER, seen
 
 from anchorpose.body.limb_proposals import CHAINS
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.tracker.continuity import HELD_M, Borders, contested_sigma, limb_borders, relabelled_limb
+from anchorpose.tracker.continuity import Borders, limb_borders, relabelled_limb
 
 BODY = adult_body()
 TRUTH = standing(LeftUpLeg=(0.0, 0.0, 35.0), LeftLeg=(0.0, 0.0, -25.0), RightArm=(-20.0, 0.0, 0.0))
-SHANK = ("LeftLeg", "LeftFoot", "LeftToeBase")
 LEFT_LEG = next(chain for chain in CHAINS if chain.root == "HipLeft")
 TRUNK_AND_THIGHS = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint", "LeftUpLeg", "RightUpLeg")
-SIGMA_M = np.full(JOINT_COUNT, 0.01)
 
 
 def borders(observation) -> dict[str, Borders]:
     found = limb_borders(BODY, TRUTH, observation.pieces, observation.evidence.views)
     return {chain.root: border for chain, border in found.items()}
-
-
-def sigma(observation) -> np.ndarray:
-    return contested_sigma(BODY, TRUTH, observation.pieces, observation.evidence.views, SIGMA_M)
 
 
 def test_a_leg_of_the_patient_alone_continues_nobody_else(monkeypatch):
@@ -39,25 +31,6 @@ def test_a_shank_below_another_persons_thigh_continues_that_person():
     found = borders(seen(TRUTH, TRUNK_AND_THIGHS))["HipLeft"]
     assert found.to_others_m > found.to_patient_m
     assert found.doubtful
-
-
-def test_a_limb_that_continues_others_is_uncertain_by_half_its_lower_part():
-    long_border = Borders(0.1, HELD_M + 0.01)
-    assert long_border.contested
-    assert not Borders(1.0, HELD_M + 0.01).contested
-    assert not Borders(0.0, HELD_M - 0.01).contested
-    np.testing.assert_array_equal(sigma(seen(TRUTH, ())), SIGMA_M)
-
-
-def test_the_sigma_of_a_contested_limb_grows_and_of_no_other(monkeypatch):
-    shares = {chain: Borders(0.1, 0.5) if chain is LEFT_LEG else Borders(0.5, 0.1) for chain in CHAINS}
-    monkeypatch.setattr("anchorpose.tracker.continuity.limb_borders", lambda *_: shares)
-    found = sigma(seen(TRUTH, SHANK))
-    joints = BODY.joints(TRUTH)
-    shank_m = np.linalg.norm(joints[JOINT_INDEX["KneeLeft"]] - joints[JOINT_INDEX["AnkleLeft"]])
-    own = [JOINT_INDEX[name] for name in LEFT_LEG.joints]
-    np.testing.assert_allclose(found[own], np.hypot(0.01, shank_m / 2))
-    np.testing.assert_array_equal(np.delete(found, own), np.delete(SIGMA_M, own))
 
 
 def test_what_a_limb_lay_on_before_becomes_nobodys():

@@ -11,17 +11,12 @@ from anchorpose.body.asset import joint_bones
 from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, PoseBelief
 from anchorpose.body.fit import limited, prior_equations
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
-from anchorpose.body.skin_points import Body, joint_jacobian, pose_points
-from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
+from anchorpose.body.skin_points import Body, joint_jacobian
 
 JOINT_SIGMA_M: Final = 0.01  # predicted joints are means of whole parts: closer than that they need not be met
-CROSSED_M: Final = 0.05  # of the knees, seen from the pelvis: who stands or steps keeps them apart
 CONTRADICTED: Final = 3.8  # sigmas of both together: two in a thousand are farther off; then a wrong limb was seen
 _STEPS: Final = 3
 _CORRECTION_STEPS: Final = 8  # a limb that was on the wrong side of the body has some way to go
-_LEGS: Final = tuple(
-    [JOINT_INDEX[f"{joint}{side}"] for joint in ("Knee", "Ankle", "Foot")] for side in ("Left", "Right")
-)
 
 
 def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
@@ -40,30 +35,6 @@ def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
         gradient = prior.gradient + jacobian.T @ error / JOINT_SIGMA_M**2
         pose = pose.moved(limited(-np.linalg.solve(hessian, gradient)), body.points.moving)
     return pose
-
-
-def exchange_crossed_legs(body: Body, pose: Pose) -> Pose | None:
-    """The pose with each leg where the other one is; None where the knees are not crossed.
-
-    Legs that were taken for each other: the skin fits as well, hips and knees do not.
-    """
-    asset, posed = body.points.asset, pose_points(body, pose)
-    joints = body.mesh.joints(posed.transforms)
-    right = posed.transforms[asset.bone("Hips"), :3, 2]
-    left_leg, right_leg = _LEGS
-    if (joints[right_leg[0]] - joints[left_leg[0]]) @ right > -CROSSED_M:
-        return None
-    wanted = np.full((len(JOINT_NAMES), 3), np.nan)
-    kept = [JOINT_INDEX[name] for name in ("SpineBase", "HipLeft", "HipRight", "SpineMid", "SpineShoulder")]
-    wanted[kept] = joints[kept]
-    wanted[left_leg], wanted[right_leg] = joints[right_leg], joints[left_leg]
-    start = pose.rotations.copy()
-    for limb in ("UpLeg", "Leg", "Foot"):
-        start[[asset.bone(f"{side}{limb}") for side in ("Left", "Right")]] = np.eye(3)
-    found = Pose(start, pose.root_m)
-    for _ in range(3):
-        found = pose_from_joints(body, found, wanted)
-    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

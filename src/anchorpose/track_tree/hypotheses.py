@@ -32,7 +32,7 @@ class HypothesisConfig:
 
     feature: Feature = Feature.GEODESIC
     subset_size: Count = 3  # N_S: three anchors distinguish nodes (paper, Section IV-D); 5: one hypothesis from all
-    always: bool = False  # match every frame, as the paper does; False: those that the body does not explain without
+    always: bool = False  # match every frame, as the paper does; False: none
     trusted_only: bool = True  # without distances that a hole lengthens; False: left to the subsets, as in the paper
 
 

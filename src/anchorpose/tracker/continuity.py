@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -21,12 +20,10 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.isolation.region_growing import smooth_contact_m
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.joints import JOINT_INDEX
 from anchorpose.tracker.observation import Observation
 
 ON_SKIN_M: Final = 0.06  # as ``body.explained.COVERED_M``: clothes, the spacing of skin points and half a forearm
 LEAST_BORDER_M: Final = 0.10  # to other people, in all cameras: a shorter one is a hand that holds the limb
-HELD_M: Final = 0.30  # the same of hands that hold it in the view of three cameras: a hand's width in each
 HALF: Final = 0.5  # of a limb's border: hands that hold a limb go around less of it than where it joins the patient
 
 SLACK_M: Final = 0.05  # of the border to the patient: a hand's width, where a bar or an arm lies across it
@@ -48,13 +45,7 @@ class Borders:
         """Whether the pixels may as well be another person's."""
         return self.to_others_m >= LEAST_BORDER_M and self.to_others_m >= HALF * self.to_patient_m
 
-    @property
-    def contested(self) -> bool:
-        """Whether the pixels are another person's rather than the patient's."""
-        return self.to_others_m >= HELD_M and self.to_others_m >= self.to_patient_m
 
-
-@lru_cache(maxsize=2)  # the frame's sigma asks for what the watch was decided by
 def limb_borders(
     body: Body, pose: Pose, pieces: tuple[Pieces | None, ...], views: tuple[View | None, ...]
 ) -> Mapping[Chain, Borders]:
@@ -72,25 +63,6 @@ def limb_borders(
         chain: Borders(float(length[number, :_OTHERS].sum()), float(length[number, _OTHERS]))
         for number, chain in enumerate(CHAINS)
     }
-
-
-def contested_sigma(
-    body: Body, pose: Pose, pieces: tuple[Pieces | None, ...], views: tuple[View | None, ...], sigma_m: np.ndarray
-) -> np.ndarray:
-    """(21,) sigma_m, larger for limbs on pixels that continue other people rather than the patient.
-
-    Such a limb fits what it lies on, so that registration makes it certain; but what it lies on may be a therapist's
-    head, and the limb beside it. Its joints beyond shoulder or hip may be off by half a forearm or shank.
-    """
-    if not any(view is not None and (view.labels >= PixelLabel.OTHER_PERSON).any() for view in views):
-        return sigma_m
-    joints, sigma = body.joints(pose), sigma_m.copy()
-    for chain, borders in limb_borders(body, pose, pieces, views).items():
-        if borders.contested:
-            own = [JOINT_INDEX[name] for name in chain.joints]
-            end, middle = joints[own[1]], joints[own[2]]
-            sigma[own] = np.hypot(sigma[own], np.linalg.norm(end - middle) / 2.0)
-    return sigma
 
 
 def _border_to_others_m(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> float:

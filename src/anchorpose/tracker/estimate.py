@@ -33,7 +33,6 @@ from anchorpose.isolation.view import View
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.continuity import contested_sigma
 from anchorpose.tracker.observation import Observation
 
 TOO_UNCERTAIN: Final = "no joint is known to the width of half a forearm"
@@ -122,7 +121,6 @@ def estimate_of(
     sigma = frame_alone_sigma(body, belief.pose, evidence, sigma, config.registration, floor_m, earlier.unseen)
     sigma = with_rivals(body, joints, sigma, earlier.rivals) if earlier.rivals else sigma
     sigma = unexplained_sigma(body, posed, evidence, explanation, sigma)
-    sigma = contested_sigma(body, belief.pose, observation.pieces, evidence.views, sigma)
     sigma = _smeared_sigma(body, belief.pose, observation, sigma, config)
     poor = poor_depth(posed, evidence.views, evidence.cameras, _details(observation), config.visibility.reach_m)
     shown = _states(body, posed, explanation, evidence, poor, config)

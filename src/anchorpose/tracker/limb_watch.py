@@ -20,7 +20,7 @@ from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, explain, limb_of_points
-from anchorpose.body.inverse_kinematics import exchange_crossed_legs, pose_from_joints
+from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_proposals import CHAINS, REACH_SLACK_M, Chain, contradicted_by, end_points, reaching
 from anchorpose.body.limb_search import LEAST_GAIN, MOST_UNUSUAL, TRIAL_NODES, Rival, needs_search, rarity, search_limbs
@@ -302,7 +302,7 @@ class LimbWatch:
             limbs = limbs_in_doubt(body, watched.registration.belief.pose, explanation, window[1])
             if limbs:
                 watched = self._claim(body, limbs, watched, predicted, explanation, window, observe)
-        return self._uncross(body, watched, predicted, window[1])
+        return watched
 
     def look_for_whole(self, body: Body, lost: Registration, predicted: PoseBelief, seen: Observation) -> Watched:
         """A body that explains nothing where it is expected may be turned round, or have other limbs."""
@@ -353,16 +353,6 @@ class LimbWatch:
         again = register(body, claim.uncertain, window[1].evidence, no_constraints(), config)
         return replace(watched, registration=again if again.found else watched.registration, moved=True)
 
-    def _uncross(self, body: Body, watched: Watched, predicted: PoseBelief, seen: Observation) -> Watched:
-        """The legs exchanged where they are crossed and the frame is explained better so."""
-        config, found = self.run.config.registration, watched.registration
-        pose = exchange_crossed_legs(body, found.belief.pose)
-        if pose is None:
-            return watched
-        other = register(body, predicted.later(pose, UNSEEN_S), seen.evidence, no_constraints(), config)
-        better = likelier(body, found, other, seen)
-        return watched if better is found else replace(watched, registration=better, moved=True)
-
 
 def explained_by(body: Body, found: Registration, seen: Observation) -> Explanation:
     """How well a registered pose explains a frame."""
@@ -374,11 +364,3 @@ def is_doubtful(body: Body, found: Registration, explanation: Explanation, seen:
     if needs_search(explanation, bool(hidden_limbs(body, explanation))):
         return True
     return bool(contradicted_by(body, found.belief.pose, seen.anchors, ELSEWHERE_M)[LIMB_ENDS].any())
-
-
-def likelier(body: Body, one: Registration, other: Registration, seen: Observation) -> Registration:
-    """Which of two registrations explains the frame better; the first where they do so equally."""
-    if not (one.found and other.found):
-        return other if other.found else one
-    first, second = (log_probability(body, tried.belief.pose, seen.evidence) for tried in (one, other))
-    return other if second > first else one

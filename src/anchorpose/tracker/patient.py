@@ -12,7 +12,6 @@ import numpy as np
 from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, Pace, PoseBelief
 from anchorpose.body.constraints import Constraints, anchor_points, no_constraints
 from anchorpose.body.contact_regions import StandingFeet
-from anchorpose.body.explanation import Explanation
 from anchorpose.body.inverse_kinematics import (
     CorrectedJoints,
     apply_corrections,
@@ -34,7 +33,7 @@ from anchorpose.track_tree.global_hypothesis import GlobalHypothesis, held_by, j
 from anchorpose.tracker.bystanders import WALKING
 from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Earlier, Estimate, displaced, estimate_of
-from anchorpose.tracker.limb_watch import LimbWatch, explained_by, is_doubtful, likelier
+from anchorpose.tracker.limb_watch import LimbWatch, explained_by
 from anchorpose.tracker.observation import Expectation, Isolated, Observation, Start
 from anchorpose.tracker.observing import Window, gather, isolate, observe, see_anchors, see_surface
 from anchorpose.tracker.room import Run
@@ -117,7 +116,7 @@ class PatientTracker:
         # predict, isolate, surface, anchors: what the second frame of the window shows; it is estimated now
         poses, elapsed_s = self._observe_until(1), self._elapsed_s()
         # register: the body, all parts at once, to all that is seen of the patient; where that leaves the frame
-        # unexplained, also to the matches of the track tree (Section IV-D); then limbs are looked for again
+        # unexplained, limbs are looked for again
         registration, hypothesis = self._register(poses, elapsed_s)
         return registration, self._move_on(registration, elapsed_s), hypothesis
 
@@ -306,15 +305,10 @@ class PatientTracker:
     def _register_body(
         self, poses: list[Pose], predicted: PoseBelief, elapsed_s: float
     ) -> tuple[Registration, GlobalHypothesis | None]:
-        """All parts at once, joined, on the learnt body."""
-        always, hypothesis = self.config.hypotheses.always, None
-        found = Registration(predicted, 0.0, False) if always else self._fit(predicted, no_constraints())
+        """All parts at once, joined, on the learnt body; held by the tree's matches where a user asks for them."""
+        hypothesis = self._search_tree() if self.config.hypotheses.always else None
+        found = self._fit(predicted, no_constraints() if hypothesis is None else self._held(hypothesis, poses[0]))
         explanation = explained_by(self.body, found, self.window[1])
-        if always or self._leaves_doubt(found, explanation):
-            hypothesis = self._search_tree()
-            held = self._fit(predicted, self._held(hypothesis, poses[0]))
-            found = likelier(self.body, found, held, self.window[1])
-            explanation = explained_by(self.body, found, self.window[1])
         if not found.found:
             watched = self.watch.look_for_whole(self.body, found, predicted, self.window[1])
         else:
@@ -335,12 +329,6 @@ class PatientTracker:
         """The body registered to what the next frame shows, and at first to some held places."""
         seen, config = self.window[1], self.config.registration
         return register(self.body, predicted, seen.evidence, held, config, self.feet.rows(seen.frame_set.time_s))
-
-    def _leaves_doubt(self, found: Registration, explanation: Explanation) -> bool:
-        """Whether the geodesic matches are asked: the body does not explain the frame without them."""
-        if self.config.registration.held_steps == 0:
-            return False
-        return not found.found or is_doubtful(self.body, found, explanation, self.window[1])
 
     def _held(self, hypothesis: GlobalHypothesis, pose: Pose) -> Constraints:
         """Where the tree's matches and the anchors hold the body."""
