@@ -17,14 +17,7 @@ from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.tracker import limb_watch
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.limb_watch import (
-    LONGEST_CLAIM_PAUSE,
-    LONGEST_PAUSE,
-    SEARCH_PAUSE,
-    LimbWatch,
-    is_doubtful,
-    likelier,
-)
+from anchorpose.tracker.limb_watch import LONGEST_CLAIM_PAUSE, LONGEST_PAUSE, SEARCH_PAUSE, LimbWatch, is_doubtful
 
 BODY = adult_body()
 POSE = standing()
@@ -110,9 +103,3 @@ def test_a_claim_that_finds_nothing_waits_longer_before_the_next(monkeypatch):
         frames.append(frame)
         watch.look(BODY, FOUND, explained(0.0), FOUND.belief, [None, seen()], None)
     assert np.diff(tried).tolist() == [1 + SEARCH_PAUSE] + [1 + LONGEST_CLAIM_PAUSE] * 3
-
-
-def test_of_two_registrations_the_one_that_was_found_is_better():
-    lost = replace(FOUND, found=False)
-    assert likelier(BODY, lost, FOUND, None) is FOUND
-    assert likelier(BODY, FOUND, lost, None) is FOUND
