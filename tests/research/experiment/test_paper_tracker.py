@@ -57,7 +57,7 @@ def test_matches_bring_a_body_back_that_has_drifted_off_the_surface(robust: bool
         pairs = SimpleNamespace(node=node, point=point, part=part, matched_m=nodes_m)
         belief, window = vague_belief(pose), [SimpleNamespace(surface=surface)]
         pose = filter_matches(BODY, pose_points(BODY, pose), pairs, window, belief, RegistrationConfig(), robust).pose
-    assert joint_errors_m(BODY, pose, RAISED)[TRUNK].max() < 0.01
+    assert joint_errors_m(BODY, pose, RAISED)[TRUNK].max() < 0.012
 
 
 def test_missed_nodes_alone_leave_the_prediction() -> None:
