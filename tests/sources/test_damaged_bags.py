@@ -14,6 +14,7 @@ pytest.importorskip("rosbags")
 from bags_builder import FORMATS, SIZE, Sent, depth_bag, depth_values, expected, image_of, write_bag
 
 from anchorpose.errors import InputError, MissingPackage
+from anchorpose.sources.bag_file import open_bag
 from anchorpose.sources.ros_bags import open_source
 
 IMAGE = "sensor_msgs/msg/Image"
@@ -130,3 +131,14 @@ def test_memory_does_not_grow_with_the_length(tmp_path: Path, form: str) -> None
         path = write_bag(tmp_path / str(count), form, (Sent("/depth/image", IMAGE, k, image) for k in range(count)))
         peaks.append(peak_bytes(lambda path=path: sum(1 for _ in open_source(path).frames([0]))))
     assert peaks[1] < peaks[0] + 500_000  # of 18 MB of images that came in addition
+
+
+def test_messages_of_other_topics_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a damaged file two topics may have one number, so that a reader gives both."""
+    bag = open_bag(depth_bag(tmp_path, form="ros1"))
+    asked = bag.channels[0].topic
+    assert len({channel.topic for channel in bag.channels}) > 1
+    monkeypatch.setattr(bag, "_on", lambda topics: list(bag._channels))
+    found = list(bag.messages((asked,)))
+    assert found
+    assert {message.channel.topic for message in found} == {asked}

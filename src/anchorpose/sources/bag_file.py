@@ -93,7 +93,8 @@ class BagFile(ABC):
         numbers, self._damage = self._on(topics), ""
         try:
             for number, received_ns, data in self._read(numbers) if numbers else ():
-                yield Message(self._channels[number], received_ns, _unpack(data))
+                if self._channels[number].topic in topics:  # in a damaged file two topics may have one number
+                    yield Message(self._channels[number], received_ns, _unpack(data))
         except Exception as error:
             self._damage = (
                 f"{self._path.name} is damaged ({_damaged(error)}), so that what follows is missing: {self.repair}."
