@@ -243,9 +243,9 @@ def _size(material: Material) -> Finding:
     if not tops:
         measured = f"most of what is seen is {usual_m:.1f} m away; nobody's height could be measured"
         return Finding("depth unit", Level.GREEN, measured)
-    tall_m, usually_m = float(np.percentile(tops, 90)), float(np.median(tops))  # a raised hand is seldom up for long
+    tall_m = float(np.percentile(tops, 90))
     measured = f"the person is {tall_m:.2f} m tall, shoes and hair included"
-    if usually_m > TOO_TALL_M or tall_m < TOO_SHORT_M:
+    if np.median(_tallest_m(material)) > TOO_TALL_M or tall_m < TOO_SHORT_M:  # a raised hand is seldom up for long
         return Finding("depth unit", Level.RED, measured, f"{CORRECT_UNIT}, or fx and fy")
     if tall_m < SHORT_M:
         remedy = f"right where they sit all the time; otherwise {CORRECT_UNIT}, or fx and fy"
@@ -261,5 +261,12 @@ def _heights_m(material: Material) -> Sequence[float]:
         return []
     if material.patient:
         return [one.person.top_m - floor_m for one in material.patient if not one.cut_above]
+    return _tallest_m(material)
+
+
+def _tallest_m(material: Material) -> Sequence[float]:
+    """Above the floor, of the highest in each sampled frame: nobody is too tall, and a giant may count as several."""
+    if material.floor_m is None or material.look is None:
+        return []
     shown = [sighting.people for sighting in material.look.sightings if sighting.people]
-    return [max(one.person.top_m for one in people) - floor_m for people in shown]
+    return [max(one.person.top_m for one in people) - material.floor_m for people in shown]
