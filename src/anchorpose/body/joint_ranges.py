@@ -49,7 +49,7 @@ _SPREAD_DEG: Final = {
 _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}  # about the hinge, across, along the bone
 
 HIP_EXTENSION: Final = 25.0 * DEGREE  # 9.4 degrees and three deviations (Roaas and Andersson 1982)
-OWN_VARIANCE: Final = 0.5  # of a joint, of its range's: with it a single raised leg is no rarer than by ranges alone
+OWN_VARIANCE: Final = 0.5  # share of a range's variance that is each joint's own: one leg raised stays probable
 KNEE_EXTENSION: Final = 3.0 * DEGREE  # a knee bends from the rest pose as from a straight leg
 
 
