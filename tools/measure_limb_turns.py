@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from anchorpose.body.asset import BodyAsset
-from anchorpose.body.joint_ranges import joint_range
+from anchorpose.body.joint_ranges import captured_turns, joint_range
 from anchorpose.body.pose import MOVING_BONES, Pose, moving_bones
 from anchorpose.body.skin_points import Body, body_points
 from anchorpose.joints import JOINT_INDEX
@@ -36,7 +36,6 @@ KEPT = (6, 7)
 REPEATS = 5  # of each movement, by another person or of each person
 FIRST_SEED = 770_001  # far from the seeds of examples and tests
 SECONDS, RATE_HZ = 8.0, 5.0
-BONES = tuple(f"{side}{bone}" for side in ("Left", "Right") for bone in ("Arm", "ForeArm", "UpLeg", "Leg", "Foot"))
 HIDDEN = {"leg": ("UpLeg", "Leg", "Foot"), "arm": ("Arm", "ForeArm", "Hand")}
 JOINTS = {"leg": ("KneeLeft", "AnkleLeft", "FootLeft"), "arm": ("ElbowLeft", "WristLeft", "HandLeft")}
 ORDINARY_STEPS = 34  # of 5 cm: 1.70 m
@@ -53,13 +52,22 @@ def main() -> None:
     if chosen.check:
         print_hidden(chosen.skeletons, asset)
         return
-    vectors = np.concatenate([limb_vectors(config, asset) for config in recordings(chosen.skeletons)])
-    half = len(BONES) // 2
-    mirrored = np.concatenate([vectors[:, half:], vectors[:, :half]], axis=1) * MIRRORED
-    flat = np.concatenate([vectors, mirrored]).reshape(2 * len(vectors), -1)
-    mean, covariance = flat.mean(axis=0).reshape(-1, 3), np.cov(flat.T)
-    np.savez(chosen.out, bones=np.array(BONES), mean=mean.astype(np.float32), covariance=covariance.astype(np.float32))
-    print(f"{chosen.out}: {len(vectors)} poses of {len(BONES)} bones, {chosen.out.stat().st_size / 1000:.0f} kB")
+    vectors = np.concatenate([moving_vectors(config, asset) for config in recordings(chosen.skeletons)])
+    both = np.concatenate([vectors, vectors[:, mirrored_bones()] * MIRRORED])
+    turns = both.reshape(len(both), -1) @ captured_turns().T
+    mean, covariance = turns.mean(axis=0), np.cov(turns.T)
+    np.savez(chosen.out, mean=mean.astype(np.float32), covariance=covariance.astype(np.float32))
+    print(f"{chosen.out}: {len(vectors)} poses, {len(mean)} turns, {chosen.out.stat().st_size / 1000:.0f} kB")
+
+
+def mirrored_bones() -> list[int]:
+    """(m,) the row of each moving bone's twin on the other side, of the trunk its own."""
+    swap = {"Left": "Right", "Righ": "Left"}
+    twins = [
+        swap[name[:4]] + name.removeprefix("Left").removeprefix("Right") if name[:4] in swap else name
+        for name in MOVING_BONES
+    ]
+    return [MOVING_BONES.index(name) for name in twins]
 
 
 def recordings(skeletons: Path) -> Iterator[SimulationConfig]:
@@ -116,11 +124,6 @@ def posed(body: Body, vectors: np.ndarray) -> Pose:
     rotations = np.tile(np.eye(3), (len(body.points.asset.bone_names), 1, 1))
     rotations[body.points.moving] = rotation_matrices(vectors)
     return Pose(rotations, np.zeros(3))
-
-
-def limb_vectors(config: SimulationConfig, asset: BodyAsset) -> np.ndarray:
-    """(t, k, 3) rotation vectors of ``BONES`` against their parents."""
-    return moving_vectors(config, asset)[:, [MOVING_BONES.index(bone) for bone in BONES]]
 
 
 def moving_vectors(config: SimulationConfig, asset: BodyAsset) -> np.ndarray:

@@ -15,7 +15,7 @@ SEEN = seen_body(TRUTH, BODY)
 
 def sigma_of(pose):
     posed = pose_points(BODY, pose)
-    return unexplained_sigma(BODY, posed, SEEN, explain(points(), posed, SEEN), SIGMA)
+    return unexplained_sigma(BODY, pose, SEEN, explain(points(), posed, SEEN), SIGMA)
 
 
 def test_a_pose_that_covers_all_keeps_its_sigma():

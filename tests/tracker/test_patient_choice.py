@@ -136,6 +136,20 @@ def test_what_no_body_explains_is_not_human():
     assert chosen_place(times(8, cupboard, one(1.2, 0.5)))[0] == pytest.approx([1.2, 0.5])
 
 
+def test_a_patient_who_is_mostly_hidden_is_human_by_the_frames_that_show_more():
+    """Sit to stand behind a pad and a kneeling therapist: a body explains the pixels only while the patient stands."""
+    kneeling = one(0.8, 0.1, facing=towards(0.8, 0.1), area_m2=0.3)
+    shares = (0.55, 0.6, 0.57, 0.97, 0.6, 0.98, 0.55, 1.0)
+    sightings = [Sighting(7, (one(0, 0, explained=share, area_m2=0.15), kneeling), NO_IMAGES) for share in shares]
+    assert chosen_place(sightings)[0] == pytest.approx([0, 0])
+
+
+def test_a_thing_that_a_body_explains_once_is_not_human():
+    shares = (0.4,) * 7 + (0.9,)
+    sightings = [Sighting(7, (one(0, 0, explained=share, area_m2=1.2), one(1.2, 0.5)), NO_IMAGES) for share in shares]
+    assert chosen_place(sightings)[0] == pytest.approx([1.2, 0.5])
+
+
 def seen_past(shares, x=0.0, z=0.0, rival=(0.9, 0.0)) -> list[Sighting]:
     """Somebody at a place of whose trunk cameras see past such shares, a frame each, beside a rival who helps."""
     other = one(*rival, facing=towards(*rival))

@@ -12,7 +12,6 @@ from importlib import resources
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
@@ -46,6 +45,7 @@ _SPREAD_DEG: Final = {
     "UpLeg": (16, 16, 35),
     "Foot": (9, 9, 14),
 }
+_SPINE: Final = ("LowerBack", "Spine", "Spine1")
 _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}  # about the hinge, across, along the bone
 
 HIP_EXTENSION: Final = 25.0 * DEGREE  # 9.4 degrees and three deviations (Roaas and Andersson 1982)
@@ -54,10 +54,8 @@ KNEE_EXTENSION: Final = 3.0 * DEGREE  # a knee bends from the rest pose as from 
 
 
 class LimbTurns(NamedTuple):
-    """How captured people held arms and legs. rows (k,) of ``MOVING_BONES``; mean (k, 3) radians and covariance
-    (3 k, 3 k) of the bones' rotation vectors."""
+    """How captured people held arms and legs: mean (k,) radians and covariance (k, k) of ``captured_turns``."""
 
-    rows: np.ndarray
     mean: np.ndarray
     covariance: np.ndarray
 
@@ -69,8 +67,25 @@ def limb_turns() -> LimbTurns:
         resources.files("anchorpose.body").joinpath("data/limb_turns.npz").open("rb") as stream,
         np.load(stream) as stored,
     ):
-        rows = np.array([MOVING_BONES.index(str(bone)) for bone in stored["bones"]])
-        return LimbTurns(rows, stored["mean"].astype(np.float64), stored["covariance"].astype(np.float64))
+        return LimbTurns(stored["mean"].astype(np.float64), stored["covariance"].astype(np.float64))
+
+
+def captured_turns() -> np.ndarray:
+    """(k, 3 m) what captured skeletons show of the limbs, of the bones' rotation vectors; the left side's first.
+
+    All of the arms; of the legs how hips and knees bend. A skeleton of joints shows neither how a thigh turns about
+    itself nor where a foot points, and it has no lower back: its thighs bend against the trunk.
+    """
+    shown = []
+    for side in ("Left", "Right"):
+        for bone, axes in (("Arm", range(3)), ("ForeArm", range(3)), ("UpLeg", (2,)), ("Leg", (2,))):
+            for axis in axes:
+                row = np.zeros((len(MOVING_BONES), 3))
+                row[MOVING_BONES.index(f"{side}{bone}"), axis] = 1.0
+                if bone == "UpLeg":
+                    row[[MOVING_BONES.index(spine) for spine in _SPINE], axis] = -1.0
+                shown.append(row.ravel())
+    return np.array(shown)
 
 
 def _limb(name: str) -> str:
@@ -95,7 +110,7 @@ def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
 def joint_range(asset: BodyAsset) -> JointRange:
     """The joint range of the asset's skeleton; the root is free."""
     count, turns = len(MOVING_BONES), limb_turns()
-    mean, hinge, limit = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
+    hinge, limit = np.zeros((count, 3)), np.zeros(count)
     whiten = np.zeros((count, 3, 3))  # from radians to standard deviations of the textbooks' ranges
     for row, name in enumerate(MOVING_BONES):
         limb = _limb(name)
@@ -108,25 +123,44 @@ def joint_range(asset: BodyAsset) -> JointRange:
             whiten[row] = np.diag(1.0 / (np.array(_SPREAD_DEG[limb]) * DEGREE))
             if limb == "UpLeg":
                 hinge[row, 2], limit[row] = 1.0, -HIP_EXTENSION
-    information = np.zeros((count, 3, count, 3))
-    for row in range(count):
-        information[row, :, row] = whiten[row].T @ whiten[row]
-    mean[turns.rows] = turns.mean
-    every = np.arange(3)
-    information[np.ix_(turns.rows, every, turns.rows, every)] = _together(whiten[turns.rows], turns)
+    mean, information = _as_captured(whiten, turns)
     return JointRange(mean, information, hinge, limit)
 
 
-def _together(whiten: np.ndarray, turns: LimbTurns) -> np.ndarray:
-    """(k, 3, k, 3) information of the limbs' bones: as captured, and at least as wide as the textbooks' ranges.
+def _as_captured(whiten: np.ndarray, turns: LimbTurns) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (m, 3) and information (m, 3, m, 3) of the bones' turns: what was captured as captured, the rest by ranges.
 
-    What other people and movements add is each joint's own.
+    How hips and spine share the bend between trunk and thighs was not captured. By their ranges the spine takes a
+    quarter of it (of people who sit down a third, Schoberth 1962), and each person's share varies by the spine's range.
+    whiten (m, 3, 3): from radians to standard deviations of the textbooks' ranges, 0 for the root.
     """
-    k = len(turns.rows)
-    scale = block_diag(*whiten)
-    covariance = scale @ turns.covariance @ scale.T
-    covariance += np.diag(np.maximum(1.0 - np.diag(covariance), OWN_VARIANCE))
-    return np.asarray(scale.T @ np.linalg.solve(covariance, scale)).reshape(k, 3, k, 3)
+    count, shown = len(whiten), captured_turns()
+    ranges = np.zeros((3 * count, 3 * count))  # covariance by the textbooks, every bone for itself
+    for row in range(1, count):
+        own = slice(3 * row, 3 * row + 3)
+        ranges[own, own] = np.linalg.inv(whiten[row].T @ whiten[row])
+    expected = shown @ ranges @ shown.T
+    gain = np.linalg.solve(expected, shown @ ranges).T
+    covariance = ranges + gain @ (_of_people(expected, turns) - expected) @ gain.T
+    for spine in _SPINE:  # it bends more and both hips less, or the other way, between one trunk and its thighs
+        slump = np.zeros((count, 3))
+        slump[[MOVING_BONES.index(bone) for bone in (spine, "LeftUpLeg", "RightUpLeg")], 2] = 1.0
+        own = 3 * MOVING_BONES.index(spine) + 2
+        covariance += ranges[own, own] * np.outer(slump, slump)
+    information = np.zeros_like(ranges)
+    information[3:, 3:] = np.linalg.inv(covariance[3:, 3:])
+    return (gain @ turns.mean).reshape(count, 3), information.reshape(count, 3, count, 3)
+
+
+def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
+    """(k, k) covariance of ``captured_turns`` in people: as captured, and each one's own, which others' movements add.
+
+    expected (k, k): by the textbooks' ranges, which are the least.
+    """
+    factor = np.linalg.cholesky(expected)
+    captured = np.linalg.solve(factor, np.linalg.solve(factor, turns.covariance).T)
+    captured += np.diag(np.maximum(1.0 - np.diag(captured), OWN_VARIANCE))
+    return np.asarray(factor @ captured @ factor.T)
 
 
 @cache

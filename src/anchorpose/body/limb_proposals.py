@@ -9,7 +9,7 @@ covers its rail, and nothing is uncovered.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Final
 
@@ -67,11 +67,12 @@ _SIDED: Final = tuple(JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "H
 @dataclass(frozen=True, slots=True, eq=False)
 class LimbPath:
     """The axis of an uncovered piece of surface: places_m (k, 3) on the skin from its tip to where it meets the body,
-    inward (k, 3) unit, along_m (k,) distance from the tip."""
+    inward (k, 3) unit, along_m (k,) distance from the tip. area_m2: of the piece, 0 where it was not measured."""
 
     places_m: np.ndarray
     inward: np.ndarray
     along_m: np.ndarray
+    area_m2: float = 0.0
 
 
 def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPath]:
@@ -89,7 +90,7 @@ def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPa
     largest = np.argsort(-size, kind="stable")[:MOST_PIECES]
     away = _from_covered(points, surface.points_m[explanation.covered])
     return [
-        _path(graph, np.flatnonzero(piece == number), points, normals, away)
+        replace(_path(graph, np.flatnonzero(piece == number), points, normals, away), area_m2=float(size[number]))
         for number in largest
         if size[number] >= SMALLEST_M2
     ]

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 from scipy.sparse import csr_array
+from scipy.special import expit
 
 from anchorpose.body.asset import joint_bones
 from anchorpose.body.belief import PoseBelief, vague_belief
@@ -17,6 +18,7 @@ from anchorpose.body.constraints import Constraints, rows_of_nodes, surface_cons
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import COVERED_M, LEAST_FACING, Explanation, limb_of_points, node_area_m2
 from anchorpose.body.fit import pose_equations
+from anchorpose.body.likelihood import most_nats, segment_likelihood
 from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
 from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
@@ -27,6 +29,7 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
+MIDDLES: Final = np.array([name.startswith(("Elbow", "Knee")) for name in JOINT_NAMES])
 NODES: Final = 1200  # each stands for two of the fit: sigma is the same to a tenth, in half of the time
 
 
@@ -273,23 +276,28 @@ def _variance_by_frame(body: Body, pose: Pose, rows: Constraints, rows_per_obser
 
 
 def unexplained_sigma(
-    body: Body, posed: PosedPoints, evidence: Evidence, explanation: Explanation, sigma_m: np.ndarray
+    body: Body, pose: Pose, evidence: Evidence, explanation: Explanation, sigma_m: np.ndarray
 ) -> np.ndarray:
-    """(21,) sigma_m, larger where seen skin that the body does not cover shows that a limb may end elsewhere.
+    """(21,) sigma_m of the mixture with limbs that lie on seen skin which the body does not cover.
 
-    Each uncovered piece belongs to the limb whose skin is nearest to its root. The limb's joints beyond shoulder or hip
-    may be off by half of their distance from the piece's tip, as far as the tip is in their reach.
+    Each uncovered piece belongs to the limb whose skin is nearest to its root. Hand or foot, and what is between it and
+    elbow or knee, may be at the piece's tip: as likely as what the piece would add to the likelihood against what the
+    limb would lose where it is. So may elbow and knee, for what the whole limb would lose.
     """
-    joints, sigma = body.mesh.joints(posed.transforms), sigma_m.copy()
+    posed = pose_points(body, pose)
+    joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
     if explanation.uncovered_m2 < WORTH_M2:
-        return sigma
+        return sigma_m.copy()
+    log = segment_likelihood(body, pose, evidence)
+    lost = np.where(MIDDLES, log.sum(axis=1)[LIMB_OF_JOINTS], log[LIMB_OF_JOINTS, 1])
     for path in uncovered_paths(evidence, explanation):
         nearest = int(np.argmin(((posed.points_m - path.places_m[-1]) ** 2).sum(axis=1)))
         limb = limb_of_points(body.points)[nearest]
         off_m = np.linalg.norm(joints - path.places_m[0], axis=1)
         mine = (limb_ends() == limb) & (limb != TRUNK) & (off_m < IN_REACH_M)
-        sigma[mine] = np.hypot(sigma[mine], off_m[mine] / 2.0)
-    return sigma
+        share = expit(most_nats(path.area_m2) - lost[mine])
+        variance[mine] += share * off_m[mine] ** 2 / 3.0
+    return np.asarray(np.sqrt(variance))
 
 
 def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()) -> frozenset[int]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy.spatial import cKDTree
 
 from anchorpose.camera import Camera, transform_points
@@ -144,8 +145,7 @@ def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(3,) the place with most weight about it: the best of some votes, moved to the mean around it until it stays."""
     some = votes_m[:: max(1, len(votes_m) // 200)]
-    near = cKDTree(votes_m).query_ball_point(some, NEAR_M)
-    centre = some[int(np.argmax([weight[rows].sum() for rows in near]))]
+    centre = some[int(np.argmax(_weight_near(some, votes_m, weight, NEAR_M)))]
     for _ in range(10):
         inside = np.linalg.norm(votes_m - centre, axis=1) < NEAR_M
         moved = np.average(votes_m[inside], axis=0, weights=weight[inside])
@@ -153,3 +153,16 @@ def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
             break
         centre = moved
     return np.asarray(centre)
+
+
+@njit(cache=True, nogil=True)
+def _weight_near(places_m: np.ndarray, votes_m: np.ndarray, weight: np.ndarray, reach_m: float) -> np.ndarray:
+    """(k,) weight of the votes within reach of each of some places (k, 3)."""
+    found = np.zeros(len(places_m))
+    for k in range(len(places_m)):
+        x, y, z = places_m[k]
+        for n in range(len(votes_m)):
+            away2 = (votes_m[n, 0] - x) ** 2 + (votes_m[n, 1] - y) ** 2 + (votes_m[n, 2] - z) ** 2
+            if away2 <= reach_m * reach_m:
+                found[k] += weight[n]
+    return found

@@ -120,7 +120,7 @@ def estimate_of(
     floor_m = config.uncertainty.floor_m
     sigma = frame_alone_sigma(body, belief.pose, evidence, sigma, config.registration, floor_m, earlier.unseen)
     sigma = with_rivals(body, joints, sigma, earlier.rivals) if earlier.rivals else sigma
-    sigma = unexplained_sigma(body, posed, evidence, explanation, sigma)
+    sigma = unexplained_sigma(body, belief.pose, evidence, explanation, sigma)
     sigma = _smeared_sigma(body, belief.pose, observation, sigma, config)
     poor = poor_depth(posed, evidence.views, evidence.cameras, _details(observation), config.visibility.reach_m)
     shown = _states(body, posed, explanation, evidence, poor, config)
