@@ -2,15 +2,17 @@
 
 import numpy as np
 import pytest
-from body_builder import adult, adult_body, asset, points, random_pose, seen_body, shaken, standing
+from body_builder import adult, adult_body, asset, hide_bones, points, random_pose, seen_body, shaken, standing
 
 from anchorpose.body import fit
 from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.constraints import surface_constraints
 from anchorpose.body.evidence import evidence_rows
 from anchorpose.body.fit import (
     HINGE_LIMIT_SIGMA,
     MAX_TURN,
     NormalEquations,
+    hidden_bones,
     limited,
     pose_equations,
     prior_equations,
@@ -28,7 +30,7 @@ from anchorpose.body.skin_points import FittedShape, build_body, even_clothes, p
 @pytest.fixture
 def girdle_at_rest(monkeypatch):
     """The shoulder girdle's mean follows the arm from step to step; within a step, as in these laws, it stays."""
-    monkeypatch.setattr(fit, "joint_range_at", lambda own, pose: joint_range(own))
+    monkeypatch.setattr(fit, "joint_range_at", lambda own, pose, hidden=None: joint_range(own, hidden))
 
 
 BODY = adult_body()
@@ -111,10 +113,34 @@ def test_at_the_mean_of_the_joint_range_the_prior_is_at_rest():
 
 
 def test_the_joint_range_says_nothing_about_where_the_patient_stands_and_faces():
-    information = range_information(points(), random_pose(3))
+    information = range_information(points(), random_pose(3), ())
     free = [*range(3), *range(POSE_SIZE - 3, POSE_SIZE)]
     assert not information[free].any()
     assert np.linalg.eigvalsh(information[3:-3, 3:-3]).min() > 0.0
+
+
+def test_only_parts_that_rows_hardly_show_are_hidden():
+    body, seen = BODY, seen_body(standing(), BODY, change=hide_bones("LeftLeg", "LeftFoot", "LeftToeBase"))
+    rows = surface_constraints(pose_points(body, standing()), seen.surface, seen.cameras, 0.06, RegistrationConfig())
+    assert {MOVING_BONES[row] for row in hidden_bones(points(), rows, ROWS)} == {"LeftLeg", "LeftFoot"}
+
+
+def test_a_seen_limb_has_the_textbooks_range_and_a_hidden_one_what_the_seen_ones_tell():
+    """The most probable hidden leg beside a seated one sits; the seated one itself is not pulled anywhere by it."""
+    hidden = tuple(MOVING_BONES.index(f"Left{bone}") for bone in ("UpLeg", "Leg", "Foot"))
+    seated = standing(RightUpLeg=(0.0, 0.0, 70.0), RightLeg=(0.0, 0.0, -80.0))
+    pose = seated
+    for _ in range(20):
+        prior = prior_equations(points(), pose, None, hidden)
+        rows = [3 * bone + axis for bone in hidden for axis in range(3)]
+        change = np.zeros(POSE_SIZE)
+        change[rows] = -np.linalg.solve(prior.hessian[np.ix_(rows, rows)], prior.gradient[rows])
+        pose = pose.moved(change, points().moving)
+    knee = pose.rotation_vectors(points().moving)[MOVING_BONES.index("LeftLeg")]
+    assert np.linalg.norm(knee) > 30.0 * DEGREE
+    right = slice(3 * MOVING_BONES.index("RightUpLeg"), 3 * MOVING_BONES.index("RightLeg") + 3)
+    alone = prior_equations(points(), seated, None, ()).gradient[right]
+    np.testing.assert_allclose(prior_equations(points(), pose, None, hidden).gradient[right], alone, atol=1e-6)
 
 
 def test_a_prediction_that_is_met_changes_only_the_certainty():
@@ -202,7 +228,7 @@ def frames_for(shape: FittedShape, poses: list[Pose], truths: list[Pose]) -> lis
 
 def test_the_step_on_the_shape_is_the_step_of_the_whole_system():
     """The Schur complement against one dense solve over shape and all poses."""
-    shape, known = FittedShape(adult().coefficients[:4], even_clothes(0.015)), some_belief()
+    shape, known = FittedShape(adult().coefficients[:4], even_clothes(0.020)), some_belief()
     truths = [random_pose(seed) for seed in (8, 9)]
     poses = [shaken(truth, 3, 2.0, 0.01) for truth in truths]
     frames, body = frames_for(shape, poses, truths), build_body(points(), shape)
@@ -234,7 +260,7 @@ def test_the_step_on_the_shape_is_the_step_of_the_whole_system():
 
 def test_what_was_seen_is_met_where_it_was_linearised():
     """The belief after a step has its least cost where the undamped step leads: nothing is lost between windows."""
-    shape, known = FittedShape(adult().coefficients[:4], even_clothes(0.015)), some_belief()
+    shape, known = FittedShape(adult().coefficients[:4], even_clothes(0.020)), some_belief()
     truth = random_pose(8)
     (frame,) = frames_for(shape, [shaken(truth, 3, 2.0, 0.01)], [truth])
     belief, _ = learn_shape_step(points(), shape, [frame], known, ROWS)

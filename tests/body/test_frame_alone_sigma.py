@@ -55,8 +55,25 @@ def test_a_limb_that_was_never_seen_is_as_certain_as_the_range_of_its_joints_mak
     """A hidden leg: the frames before cannot know where it is, whatever sigma they state."""
     evidence = seen_body(standing(), BODY, (FRONT,), hide_bones("LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase"))
     leg = int(LIMB_OF_JOINTS[JOINT_INDEX["KneeLeft"]])
-    assert not likelihood(BODY, standing(), evidence).seen[leg]
-    found = frame_alone_sigma(BODY, standing(), evidence, SIGMA, RegistrationConfig(), 0.0035, {leg})
+    unseen = never_seen(evidence)
+    assert unseen[leg].all()
+    found = frame_alone_sigma(BODY, standing(), evidence, SIGMA, RegistrationConfig(), 0.0035, unseen)
     mine = leg == LIMB_OF_JOINTS
     assert (found[mine] > 0.05).all()
     np.testing.assert_array_equal(found[~mine], SIGMA[~mine])
+
+
+def test_a_shank_that_was_never_seen_leaves_its_knee_certain():
+    evidence = seen_body(standing(), BODY, (FRONT,), hide_bones("LeftLeg", "LeftFoot", "LeftToeBase"))
+    found = frame_alone_sigma(BODY, standing(), evidence, SIGMA, RegistrationConfig(), 0.0035, never_seen(evidence))
+    mine = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["FootLeft"]]
+    assert (found[mine] > 0.05).all()
+    np.testing.assert_array_equal(np.delete(found, mine), np.delete(SIGMA, mine))
+
+
+def never_seen(evidence) -> np.ndarray:
+    """(PARTS, 2) bool of the left leg: what the first frame does not show."""
+    leg = int(LIMB_OF_JOINTS[JOINT_INDEX["KneeLeft"]])
+    unseen = ~likelihood(BODY, standing(), evidence).seen
+    unseen[np.arange(len(unseen)) != leg] = False
+    return unseen

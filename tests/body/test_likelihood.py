@@ -37,9 +37,9 @@ def test_the_farther_a_body_has_strayed_the_less_likely_are_the_images(axis):
 def test_a_wrong_limb_costs_by_itself():
     wrong = standing(LeftArm=(-20.0, 0.0, 70.0), RightArm=(-20.0, 0.0, 0.0))
     right, other = likelihood(BODY, TRUTH, SEEN), likelihood(BODY, wrong, SEEN)
-    assert other.log[LEFT_ARM] < right.log[LEFT_ARM] / 3.0
-    assert other.past[LEFT_ARM] > right.past[LEFT_ARM]
-    assert np.argmax(right.log - other.log) == LEFT_ARM
+    assert other.log[LEFT_ARM].sum() < right.log[LEFT_ARM].sum() / 3.0
+    assert other.past[LEFT_ARM].sum() > right.past[LEFT_ARM].sum()
+    assert np.argmax((right.log - other.log).sum(axis=1)) == LEFT_ARM
 
 
 @pytest.mark.parametrize("pose", [TRUTH, standing(LeftArm=(-20.0, 0.0, 70.0))])

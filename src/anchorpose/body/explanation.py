@@ -17,7 +17,7 @@ from numba import njit
 from anchorpose.body.constraints import thin
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.nearest_skin import nearest_point
-from anchorpose.body.pose import LIMB_OF_BONES, PARTS
+from anchorpose.body.pose import LIMB_OF_BONES, PARTS, SEGMENT_OF_BONES
 from anchorpose.body.skin_points import PosedPoints, SkinPoints
 from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
@@ -119,12 +119,22 @@ def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tup
 @cache
 def limb_of_points(points: SkinPoints) -> np.ndarray:
     """(p,) the limb of each skin point, as in ``LIMB_OF_BONES``; 0: trunk and head."""
-    limb = np.zeros(len(points.part), np.int64)
-    parents = points.asset.bone_parents
+    return np.asarray(LIMB_OF_BONES[_bone_of_points(points)])
+
+
+@cache
+def segment_of_points(points: SkinPoints) -> np.ndarray:
+    """(p,) the segment of each skin point, as in ``SEGMENT_OF_BONES``."""
+    return np.asarray(SEGMENT_OF_BONES[_bone_of_points(points)])
+
+
+def _bone_of_points(points: SkinPoints) -> np.ndarray:
+    """(p,) the row in ``MOVING_BONES`` of the bone that each skin point moves with."""
+    found, parents = np.zeros(len(points.part), np.int64), points.asset.bone_parents
     row = {int(bone): number for number, bone in enumerate(points.moving)}
     for bone in np.unique(points.part):
         moving = int(bone)
         while moving not in row and moving >= 0:
             moving = int(parents[moving])
-        limb[points.part == bone] = LIMB_OF_BONES[row[moving]] if moving in row else 0
-    return limb
+        found[points.part == bone] = row.get(moving, 0)
+    return found

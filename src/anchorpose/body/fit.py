@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -10,14 +11,16 @@ from numba import njit
 from scipy.linalg.lapack import dposv
 
 from anchorpose.body.constraints import Constraints
+from anchorpose.body.explanation import segment_of_points
 from anchorpose.body.joint_ranges import JointRange, joint_range_at
-from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
+from anchorpose.body.pose import DEGREE, PARTS, POSE_SIZE, SEGMENT_OF_BONES, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
 from anchorpose.body.shape_rows import FreeShape, accumulate_shape
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.rotations import inverse_left_jacobian
 
 HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # how far past its limit a knee, elbow or hip may be estimated
+LEAST_OBSERVED: Final = 2.0  # observations of a part that is seen: one may be a stray
 MAX_TURN: Final = 30.0 * DEGREE  # of a bone in one step of the solver
 
 Predicted = tuple[Pose, np.ndarray]
@@ -45,7 +48,8 @@ def pose_equations(
     """Normal equations of one frame: data, joint range, hinge limits, prediction; shape columns where asked for."""
     size = POSE_SIZE + (0 if free is None else sum(free))
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    prior = prior_equations(body.points, pose, predicted)
+    hidden = hidden_bones(body.points, constraints, rows_per_observation)
+    prior = prior_equations(body.points, pose, predicted, hidden)
     hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE] = prior.hessian, prior.gradient
     residual = constraints.residuals(posed)
     weight = constraints.weights(residual) / rows_per_observation
@@ -61,9 +65,22 @@ def pose_equations(
     return NormalEquations(hessian, gradient, cost + prior.cost)
 
 
-def prior_equations(points: SkinPoints, pose: Pose, predicted: Predicted | None) -> NormalEquations:
-    """The joint range, the hinge limits and, where there is one, the prediction."""
-    ranges = joint_range_at(points.asset, pose)
+def hidden_bones(points: SkinPoints, rows: Constraints, rows_per_observation: float) -> tuple[int, ...]:
+    """Rows of ``MOVING_BONES`` of the limbs, up to elbow or knee and beyond, of which rows hardly show anything."""
+    observed = np.bincount(segment_of_points(points)[rows.point], minlength=2 * PARTS) / rows_per_observation
+    return _bones_of_segments(tuple((observed < LEAST_OBSERVED).tolist()))
+
+
+@cache
+def _bones_of_segments(hidden: tuple[bool, ...]) -> tuple[int, ...]:
+    return tuple(row for row, segment in enumerate(SEGMENT_OF_BONES) if segment >= 2 and hidden[segment])
+
+
+def prior_equations(
+    points: SkinPoints, pose: Pose, predicted: Predicted | None, hidden: tuple[int, ...] | None = None
+) -> NormalEquations:
+    """The joint range, the hinge limits and, where there is one, the prediction; hidden: as in ``joint_range``."""
+    ranges = joint_range_at(points.asset, pose, hidden)
     hessian, gradient, cost = _range_equations(pose.rotation_vectors(points.moving), ranges, HINGE_LIMIT_SIGMA)
     if predicted is not None:
         expected, information = predicted
@@ -75,9 +92,9 @@ def prior_equations(points: SkinPoints, pose: Pose, predicted: Predicted | None)
     return NormalEquations(hessian, gradient, cost)
 
 
-def range_information(points: SkinPoints, pose: Pose) -> np.ndarray:
+def range_information(points: SkinPoints, pose: Pose, hidden: tuple[int, ...]) -> np.ndarray:
     """(POSE_SIZE, POSE_SIZE) information of joint range and hinge limits alone at a pose."""
-    return prior_equations(points, pose, None).hessian
+    return prior_equations(points, pose, None, hidden).hessian
 
 
 @njit(cache=True, nogil=True)
@@ -96,7 +113,7 @@ def _range_equations(
         inverse_left_jacobian(vectors[m], change[m])
     for m in range(count):
         for n in range(count):
-            if ranges.information[m, 0, n, 0] == 0.0:  # of the root, and of bones that turn each for itself
+            if not ranges.information[m, :, n].any():  # of the root, and of bones that turn each for itself
                 continue
             for i in range(3):
                 for j in range(3):

@@ -11,7 +11,7 @@ from anchorpose.body.asset import joint_bones
 from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, PoseBelief
 from anchorpose.body.fit import limited, prior_equations
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
-from anchorpose.body.skin_points import Body, joint_jacobian
+from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 
 JOINT_SIGMA_M: Final = 0.01  # predicted joints are means of whole parts: closer than that they need not be met
 CONTRADICTED: Final = 3.8  # sigmas of both together: two in a thousand are farther off; then a wrong limb was seen
@@ -52,7 +52,7 @@ class CorrectedJoints:
 def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> bool:
     """Whether a joint is farther from its corrected place than the uncertainties of both allow."""
     at, jacobian = _joints(body, belief.pose, corrected)
-    variance = ((jacobian @ belief.covariance) * jacobian).sum(axis=(1, 2)) / 3.0 + corrected.sigma_m**2
+    variance = place_variance(jacobian, belief.covariance) + corrected.sigma_m**2
     away_m = np.linalg.norm(at - corrected.position_m, axis=1)
     return bool((away_m > CONTRADICTED * np.sqrt(variance)).any())
 

@@ -7,7 +7,7 @@ the limbs of people who were captured at rehabilitation exercises say how much (
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
 from typing import Final, NamedTuple
 
@@ -106,50 +106,83 @@ def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
     return np.stack([axis, np.cross(lower, axis), lower]), bend
 
 
+@lru_cache(maxsize=512)
+def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> JointRange:
+    """The joint range of the asset's skeleton; the root is free.
+
+    hidden: rows of ``MOVING_BONES`` that nothing shows. How people who were captured bend their limbs tells what to
+    expect of these, given the others, of which the readings tell more; those have the textbooks' ranges, about the rest
+    pose. None: all are as captured.
+    """
+    captured = _as_captured(asset)
+    if hidden is None:
+        return captured
+    size = 3 * len(MOVING_BONES)
+    statistics, mean = captured.information.reshape(size, size), captured.mean.ravel()
+    u = np.array([3 * row + axis for row in hidden for axis in range(3)], dtype=int)
+    s = np.setdiff1d(np.arange(3, size), u)
+    information, pull = np.zeros((size, size)), np.zeros(size)
+    information[np.ix_(s, s)] = np.linalg.inv(_textbook(asset).covariance[np.ix_(s, s)])
+    if len(u):
+        given = statistics[np.ix_(u, s)]
+        gain = np.linalg.solve(statistics[np.ix_(u, u)], given)
+        information[np.ix_(s, s)] += given.T @ gain
+        information[np.ix_(u, s)], information[np.ix_(s, u)] = given, given.T
+        information[np.ix_(u, u)] = statistics[np.ix_(u, u)]
+        pull[u] = statistics[np.ix_(u, u)] @ mean[u] + given @ mean[s]
+        pull[s] = gain.T @ pull[u]
+    expected = np.zeros(size)
+    expected[3:] = np.linalg.solve(information[3:, 3:], pull[3:])
+    shape = captured.information.shape
+    return captured._replace(mean=expected.reshape(captured.mean.shape), information=information.reshape(shape))
+
+
+class _Textbook(NamedTuple):
+    """covariance (3 m, 3 m) of the bones' turns, every bone for itself, 0 for the root; the rest as in JointRange."""
+
+    covariance: np.ndarray
+    hinge: np.ndarray
+    hinge_limit: np.ndarray
+
+
 @cache
-def joint_range(asset: BodyAsset) -> JointRange:
-    """The joint range of the asset's skeleton; the root is free."""
-    count, turns = len(MOVING_BONES), limb_turns()
-    hinge, limit = np.zeros((count, 3)), np.zeros(count)
-    whiten = np.zeros((count, 3, 3))  # from radians to standard deviations of the textbooks' ranges
+def _textbook(asset: BodyAsset) -> _Textbook:
+    count = len(MOVING_BONES)
+    covariance, hinge, limit = np.zeros((3 * count, 3 * count)), np.zeros((count, 3)), np.zeros(count)
     for row, name in enumerate(MOVING_BONES):
-        limb = _limb(name)
+        limb, own = _limb(name), slice(3 * row, 3 * row + 3)
         if limb in _HINGE_SPREAD_DEG:
             axes, bend = hinge_axes(asset, name)
-            whiten[row] = axes / (np.array(_HINGE_SPREAD_DEG[limb])[:, None] * DEGREE)
+            covariance[own, own] = axes.T @ np.diag((np.array(_HINGE_SPREAD_DEG[limb]) * DEGREE) ** 2) @ axes
             hinge[row] = axes[0]
             limit[row] = -bend if limb == "ForeArm" else -KNEE_EXTENSION  # an elbow is already bent at rest
         elif limb in _SPREAD_DEG:
-            whiten[row] = np.diag(1.0 / (np.array(_SPREAD_DEG[limb]) * DEGREE))
+            covariance[own, own] = np.diag((np.array(_SPREAD_DEG[limb]) * DEGREE) ** 2)
             if limb == "UpLeg":
                 hinge[row, 2], limit[row] = 1.0, -HIP_EXTENSION
-    mean, information = _as_captured(whiten, turns)
-    return JointRange(mean, information, hinge, limit)
+    return _Textbook(covariance, hinge, limit)
 
 
-def _as_captured(whiten: np.ndarray, turns: LimbTurns) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (m, 3) and information (m, 3, m, 3) of the bones' turns: what was captured as captured, the rest by ranges.
+@cache
+def _as_captured(asset: BodyAsset) -> JointRange:
+    """The joint range in which ``captured_turns`` are as captured, and the rest is by the textbooks.
 
     How hips and spine share the bend between trunk and thighs was not captured. By their ranges the spine takes a
     quarter of it (of people who sit down a third, Schoberth 1962), and each person's share varies by the spine's range.
-    whiten (m, 3, 3): from radians to standard deviations of the textbooks' ranges, 0 for the root.
     """
-    count, shown = len(whiten), captured_turns()
-    ranges = np.zeros((3 * count, 3 * count))  # covariance by the textbooks, every bone for itself
-    for row in range(1, count):
-        own = slice(3 * row, 3 * row + 3)
-        ranges[own, own] = np.linalg.inv(whiten[row].T @ whiten[row])
+    count, shown, turns = len(MOVING_BONES), captured_turns(), limb_turns()
+    ranges, hinge, limit = _textbook(asset)
     expected = shown @ ranges @ shown.T
     gain = np.linalg.solve(expected, shown @ ranges).T
     covariance = ranges + gain @ (_of_people(expected, turns) - expected) @ gain.T
     for spine in _SPINE:  # it bends more and both hips less, or the other way, between one trunk and its thighs
         slump = np.zeros((count, 3))
         slump[[MOVING_BONES.index(bone) for bone in (spine, "LeftUpLeg", "RightUpLeg")], 2] = 1.0
-        own = 3 * MOVING_BONES.index(spine) + 2
-        covariance += ranges[own, own] * np.outer(slump, slump)
+        flexion = 3 * MOVING_BONES.index(spine) + 2
+        covariance += ranges[flexion, flexion] * np.outer(slump, slump)
     information = np.zeros_like(ranges)
     information[3:, 3:] = np.linalg.inv(covariance[3:, 3:])
-    return (gain @ turns.mean).reshape(count, 3), information.reshape(count, 3, count, 3)
+    return JointRange((gain @ turns.mean).reshape(count, 3), information.reshape(count, 3, count, 3), hinge, limit)
 
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
@@ -178,12 +211,12 @@ RAISED: Final = 30.0 * DEGREE  # an arm that is raised further takes the shoulde
 RHYTHM: Final = 0.2  # of the arm's turn beyond it: 30 degrees for an arm that points up (Inman et al. 1944)
 
 
-def joint_range_at(asset: BodyAsset, pose: Pose) -> JointRange:
-    """The joint range where the arms are as in a pose: the shoulder girdle goes up with a raised arm.
+def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None = None) -> JointRange:
+    """The joint range where the arms are as in a pose: the shoulder girdle goes up with a raised arm. hidden: as there.
 
     Its mean follows the arm and does not pull on it. Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
     """
-    ranges = joint_range(asset)
+    ranges = joint_range(asset, hidden)
     mean = ranges.mean.copy()
     for row, girdle, arm, along, way in _girdles(asset):
         up = float(pose.rotations[girdle, 1] @ (pose.rotations[arm] @ along))

@@ -16,9 +16,8 @@ from numba import njit
 
 from anchorpose.body.constraints import Constraints
 from anchorpose.body.evidence import Evidence, separation_rows, standing_rows
-from anchorpose.body.explanation import limb_of_points
+from anchorpose.body.explanation import segment_of_points
 from anchorpose.body.fit import prior_equations
-from anchorpose.body.limb_proposals import CHAINS, end_points
 from anchorpose.body.pose import PARTS, Pose
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.body.visibility import Projection, projection_of
@@ -33,12 +32,12 @@ SPACING_M: Final = 0.028  # of skin points
 RANGE_M: Final = 4.0  # of a depth camera: something of which nothing is known is anywhere within it
 CLUTTER: Final = 0.1  # share of the pixels that show something of which nothing is known
 PAST: Final = 0.05  # share of the rendered skin that cameras see past where the pose is right: outlines are rough
-LEAST_SEEN: Final = 1.0  # explained observations of a limb that is seen: 25 cm2, three fingers
+LEAST_SEEN: Final = 1.0  # explained observations of a part that is seen: 25 cm2, three fingers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likelihood:
-    """What the readings say of each limb, as in ``LIMB_OF_BONES``; (PARTS,) each.
+    """What the readings say of each limb, as in ``LIMB_OF_BONES``, up to elbow or knee and beyond; (PARTS, 2) each.
 
     log: nats, how much more probable its pixels' readings are with the body than without it. explained, past, hidden:
     independent observations, patches of ``ALIKE_M``, that show its skin, something behind it, or something before it.
@@ -51,7 +50,7 @@ class Likelihood:
 
     @property
     def seen(self) -> np.ndarray:
-        """(PARTS,) bool: limbs of which readings show something where the pose has it."""
+        """(PARTS, 2) bool: what of the limbs readings show where the pose has it."""
         return np.asarray(self.explained >= LEAST_SEEN)
 
     @property
@@ -63,37 +62,18 @@ class Likelihood:
 @lru_cache(maxsize=2)  # the frame's estimate asks for what registration was judged by
 def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
     """Return the likelihood of all cameras' readings of the evidence's person, for a body in a pose."""
-    return Likelihood(*_of_cameras(body, pose, evidence, limb_of_points(body.points), PARTS))
-
-
-def segment_likelihood(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
-    """(5, 2) nats as ``Likelihood.log`` of each limb, as in ``LIMB_OF_BONES``: up to elbow or knee, and beyond it."""
-    sums = _of_cameras(body, pose, evidence, _segment_of_points(body.points), 2 * PARTS)
-    return np.asarray(sums[0].reshape(PARTS, 2))
+    skin_m = pose_points(body, pose).points_m
+    sums = np.zeros((4, 2 * PARTS))
+    for view, camera in zip(evidence.views, evidence.cameras, strict=True):
+        if view is not None:
+            sums += _of_camera(body.points, skin_m, view, camera, evidence.label)
+    return Likelihood(*sums.reshape(4, PARTS, 2))
 
 
 def most_nats(area_m2: float) -> float:
     """What a surface of some area, seen by one camera, would add to the likelihood if skin lay on it."""
     skin = (1.0 - CLUTTER) / (np.pi * SKIN_SIGMA_M) + PAST / RANGE_M
     return float(np.log(skin * RANGE_M / CLUTTER)) * area_m2 / ALIKE_M**2
-
-
-@cache
-def _segment_of_points(points: SkinPoints) -> np.ndarray:
-    """(p,) twice the limb of each skin point, one more beyond elbow or knee."""
-    segment = 2 * limb_of_points(points)
-    for chain in CHAINS:
-        segment[end_points(points, chain)] += 1
-    return segment
-
-
-def _of_cameras(body: Body, pose: Pose, evidence: Evidence, part: np.ndarray, count: int) -> np.ndarray:
-    """(4, count) as in ``Likelihood``, of parts of the skin; part (p,): the one of each skin point."""
-    skin_m, sums = pose_points(body, pose).points_m, np.zeros((4, count))
-    for view, camera in zip(evidence.views, evidence.cameras, strict=True):
-        if view is not None:
-            sums += _of_camera(body.points, skin_m, view, camera, evidence.label, part, count)
-    return sums
 
 
 def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
@@ -121,25 +101,25 @@ def skin_depth(points: SkinPoints, skin_m: np.ndarray, camera: Camera) -> np.nda
     skin_m (p, 3): the skin points in the world.
     """
     placed = _placed(skin_m, projection_of(camera))
-    return np.asarray(_rendered(placed, skin_faces(points), limb_of_points(points), 1, camera.height, camera.width)[0])
+    return np.asarray(
+        _rendered(placed, skin_faces(points), segment_of_points(points), 1, camera.height, camera.width)[0]
+    )
 
 
-def _of_camera(
-    points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int, part: np.ndarray, count: int
-) -> np.ndarray:
-    """(4, count) as in ``_of_cameras``, by one camera."""
+def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
+    """(4, 2 PARTS) as in ``Likelihood``, of ``SEGMENT_OF_BONES``, by one camera."""
     projection = projection_of(camera)
     focal_px = max(projection.lens[0], projection.lens[1])
     placed = _placed(skin_m, projection)
     ahead = placed[placed[:, 2] > 0.0, 2]
     if not len(ahead):
-        return np.zeros((4, count))
+        return np.zeros((4, 2 * PARTS))
     distance_m = float(np.median(ahead))
     step = max(1, round(FOOTPRINT_M * focal_px / distance_m))
     share = (step * distance_m / focal_px / ALIKE_M) ** 2
     height, width = view.labels.shape
-    depth_m, shown = _rendered(placed, skin_faces(points), part, step, height, width)
-    return _scored(depth_m, shown, view.depth_m, view.labels, label, step, count) * min(share, 1.0)
+    depth_m, part = _rendered(placed, skin_faces(points), segment_of_points(points), step, height, width)
+    return _scored(depth_m, part, view.depth_m, view.labels, label, step) * min(share, 1.0)
 
 
 @cache
@@ -203,10 +183,10 @@ def _rendered(
 
 @njit(cache=True, nogil=True)
 def _scored(
-    skin_m: np.ndarray, part: np.ndarray, depth_m: np.ndarray, labels: np.ndarray, own: int, step: int, count: int
+    skin_m: np.ndarray, part: np.ndarray, depth_m: np.ndarray, labels: np.ndarray, own: int, step: int
 ) -> np.ndarray:
-    """(4, count) log likelihood ratio, and pixels that are explained, seen past and hidden."""
-    sums = np.zeros((4, count))
+    """(4, 2 PARTS) log likelihood ratio, and pixels that are explained, seen past and hidden."""
+    sums = np.zeros((4, 2 * PARTS))
     past = np.log(PAST)
     for r in range(skin_m.shape[0]):
         for k in range(skin_m.shape[1]):

@@ -24,7 +24,7 @@ from anchorpose.body.limb_proposals import anchor_poses, exchanged, limb_poses, 
 from anchorpose.body.matched_places import LEAST_MATCHES, fit_matches, matches_of
 from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, Pose
 from anchorpose.body.registration import Registration, descend, posterior, register
-from anchorpose.body.skin_points import Body, joint_jacobian, pose_points
+from anchorpose.body.skin_points import Body, joint_jacobian, place_variance, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_COUNT
@@ -87,7 +87,7 @@ def expected_joints(body: Body, belief: PoseBelief) -> Expected:
     transforms = body.transforms(belief.pose)
     joints = body.mesh.joints(transforms)
     jacobian = joint_jacobian(body, transforms, joint_bones(body.points.asset), joints)
-    variance = ((jacobian @ belief.covariance) * jacobian).sum(axis=(1, 2)) / 3.0
+    variance = place_variance(jacobian, belief.covariance)
     return Expected(body, joints, np.sqrt(SAME_M**2 + variance))
 
 

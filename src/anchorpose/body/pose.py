@@ -110,6 +110,10 @@ def _limb_of_joints() -> np.ndarray:
 
 LIMB_OF_BONES: Final = _limb_of_bones()
 LIMB_OF_JOINTS: Final = _limb_of_joints()
+SEGMENT_OF_BONES: Final = 2 * LIMB_OF_BONES + np.array(
+    [bone.endswith(("ForeArm", "Hand", "tLeg", "Foot")) for bone in MOVING_BONES]
+)
+"""(m,) twice the limb of each moving bone, one more beyond elbow or knee."""
 PARTS: Final = len(_LIMBS) + 1
 
 TRUNK: Final = 0

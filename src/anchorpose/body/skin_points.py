@@ -270,3 +270,8 @@ def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints
     """Derivative (n, 3, POSE_SIZE) by the pose of points joints_m (n, 3) in the world, each fixed to a bone (n,)."""
     pivot, frame = joint_frames(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
     return joint_derivative(pivot, frame, body.points.below, bones, joints_m)
+
+
+def place_variance(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(n,) mean variance of the three axes, square metres, of places by their derivative (n, 3, POSE_SIZE)."""
+    return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Final
@@ -18,18 +18,18 @@ from anchorpose.body.constraints import Constraints, rows_of_nodes, surface_cons
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import COVERED_M, LEAST_FACING, Explanation, limb_of_points, node_area_m2
 from anchorpose.body.fit import pose_equations
-from anchorpose.body.likelihood import most_nats, segment_likelihood
+from anchorpose.body.likelihood import likelihood, most_nats
 from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
 from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
-from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, pose_jacobian, pose_points
+from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, place_variance, pose_jacobian, pose_points
 from anchorpose.body.standing_off import standing_off_sigma_m
 from anchorpose.body.visibility import SkinReason, distance_of, skin_reasons
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
-MIDDLES: Final = np.array([name.startswith(("Elbow", "Knee")) for name in JOINT_NAMES])
+END_JOINTS: Final = np.array([name.startswith(("Wrist", "Hand", "Ankle", "Foot")) for name in JOINT_NAMES])
 NODES: Final = 1200  # each stands for two of the fit: sigma is the same to a tenth, in half of the time
 
 
@@ -181,7 +181,7 @@ def _variance(
 ) -> np.ndarray:
     """(n,) mean variance of the three axes, square metres, of places_m (n, 3) that are fixed to bones (n,)."""
     jacobian = joint_jacobian(body, posed.transforms, bones, places_m)
-    return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)
+    return place_variance(jacobian, covariance)
 
 
 def smeared_sigma(
@@ -222,24 +222,25 @@ def frame_alone_sigma(
     sigma_m: np.ndarray,
     config: RegistrationConfig,
     floor_m: float,
-    unseen: Collection[int] = (),
+    unseen: np.ndarray | None = None,
 ) -> np.ndarray:
     """(21,) sigma_m, larger for limbs of which earlier frames know no more than this one.
 
     Of a limb that points at every camera a hand's front is seen, and little tells where its elbow is. The frames before
-    are off by the same, and count as if each were off by itself. Of limbs that nobody has seen for long (unseen, their
-    numbers) they know nothing. So such a limb is as certain as this frame and the range of its joints make it.
+    are off by the same, and count as if each were off by itself. Of parts that nobody has seen for long (unseen
+    (PARTS, 2) bool, as in ``Likelihood``) they know nothing: that a foot stands, say, counts once and not in every
+    frame. So such a limb is as certain as this frame and the range of its joints make it.
     """
     posed = pose_points(body, pose)
     joints = body.mesh.joints(posed.transforms)
     limbs = [chain for chain in CHAINS if _is_foreshortened(body, posed, joints, chain, evidence)]
-    if not limbs and not unseen:
+    mine = np.zeros(len(joints), bool) if unseen is None else unseen[LIMB_OF_JOINTS, END_JOINTS.astype(int)]
+    mine[[JOINT_INDEX[name] for chain in limbs for name in (*chain.joints, chain.root)]] = True
+    if not mine.any():
         return sigma_m
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
     variance = _variance_by_frame(body, pose, rows, MORE_ALIKE * config.rows_per_observation)
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
-    mine = np.isin(LIMB_OF_JOINTS, list(unseen))
-    mine[[JOINT_INDEX[name] for chain in limbs for name in (*chain.joints, chain.root)]] = True
     sigma[mine] = np.maximum(sigma[mine], alone[mine])
     return sigma
 
@@ -288,8 +289,8 @@ def unexplained_sigma(
     joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
     if explanation.uncovered_m2 < WORTH_M2:
         return sigma_m.copy()
-    log = segment_likelihood(body, pose, evidence)
-    lost = np.where(MIDDLES, log.sum(axis=1)[LIMB_OF_JOINTS], log[LIMB_OF_JOINTS, 1])
+    log = likelihood(body, pose, evidence).log
+    lost = np.where(END_JOINTS, log[LIMB_OF_JOINTS, 1], log.sum(axis=1)[LIMB_OF_JOINTS])
     for path in uncovered_paths(evidence, explanation):
         nearest = int(np.argmin(((posed.points_m - path.places_m[-1]) ** 2).sum(axis=1)))
         limb = limb_of_points(body.points)[nearest]

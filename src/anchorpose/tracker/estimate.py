@@ -67,11 +67,11 @@ class Estimate:
 
 class Earlier(NamedTuple):
     """What earlier frames leave open: rivals, poses that explain the images almost as well; ends, hands and feet that
-    were lost; unseen, limbs that were not seen for long."""
+    were lost; unseen (PARTS, 2), parts of limbs that were not seen for long, None: none."""
 
     rivals: Sequence[Rival] = ()
     ends: frozenset[int] = frozenset()
-    unseen: frozenset[int] = frozenset()
+    unseen: np.ndarray | None = None
 
 
 _NOTHING_OPEN: Final = Earlier()

@@ -48,7 +48,7 @@ class PatientTracker:
 
     ahead: predicted poses; rivals: poses that explain the last frames almost as well; moved: limbs are elsewhere than
     the frames before the last one said; ends: hands and feet that were lost and not seen since; limb_seen_s
-    (PARTS,): when each limb was last seen, NaN: never.
+    (PARTS, 2): when each limb was last seen, up to elbow or knee and beyond, NaN: never.
     """
 
     run: Run
@@ -89,7 +89,7 @@ class PatientTracker:
         self.rivals, self.moved = (), False
         self.feet = StandingFeet(self.points)
         self.ends = frozenset()
-        self.limb_seen_s = np.full(PARTS, np.nan)
+        self.limb_seen_s = np.full((PARTS, 2), np.nan)
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
     def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:
@@ -182,14 +182,14 @@ class PatientTracker:
                 self.feet.forget(corrected.joint.tolist())
         return estimate
 
-    def _unseen(self, registration: Registration, seen: Observation) -> frozenset[int]:
-        """The limbs that were not seen for ``UNSEEN_S``, or never; notes which this frame shows."""
+    def _unseen(self, registration: Registration, seen: Observation) -> np.ndarray:
+        """(PARTS, 2) bool: what was not seen for ``UNSEEN_S``, or never; notes which this frame shows."""
         time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
         shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
         if corrected is not None:
             shown[LIMB_OF_JOINTS[corrected.joint]] = True  # by the reviewer
         self.limb_seen_s = np.where(shown, time_s, self.limb_seen_s)
-        return frozenset(np.flatnonzero(~(np.abs(time_s - self.limb_seen_s) < UNSEEN_S)).tolist())
+        return np.asarray(~(np.abs(time_s - self.limb_seen_s) < UNSEEN_S))
 
     def _corrections(self, seen: Observation) -> CorrectedJoints | None:
         """Joints of this frame that a reviewer corrected."""
