@@ -120,14 +120,14 @@ def candidate(frame: int, score: float = 1.0, whole: float = 1.0) -> InitialFram
 
 
 class Fits:
-    """What a body would explain of each frame; keeps which were asked for."""
+    """What a body would explain of each frame, and how probable its readings are; keeps which were asked for."""
 
-    def __init__(self, share: dict[int, float]) -> None:
-        self.share, self.asked = share, list[int]()
+    def __init__(self, share: dict[int, float], nats: dict[int, float] | None = None) -> None:
+        self.share, self.nats, self.asked = share, share if nats is None else nats, list[int]()
 
-    def __call__(self, one: InitialFrame) -> float:
+    def __call__(self, one: InitialFrame) -> tuple[float, float]:
         self.asked.append(one.frame)
-        return self.share[one.frame]
+        return self.share[one.frame], self.nats[one.frame]
 
 
 def test_the_best_by_score_is_taken_without_looking_further_where_a_body_explains_it() -> None:
@@ -153,9 +153,10 @@ def test_where_none_is_explained_well_the_best_of_some_is_taken() -> None:
     assert share[found.frame] == max(share[frame] for frame in fits.asked)
 
 
-def test_of_bad_frames_one_that_shows_little_of_him_is_no_better_for_being_explained() -> None:
-    fits = Fits({0: 0.85, 10: 0.80})
-    assert best_of([candidate(0, 0.9, 0.4), candidate(10, 0.8, 0.9)], fits).frame == 10
+def test_of_bad_frames_the_one_that_makes_its_readings_most_probable_is_taken() -> None:
+    """A body that is turned round covers as much as the right one in another frame."""
+    fits = Fits({0: 0.85, 10: 0.55}, {0: 506.0, 10: 665.0})
+    assert best_of([candidate(0, 0.9), candidate(10, 0.8)], fits).frame == 10
 
 
 def test_a_sliver_behind_somebody_is_not_an_initial_frame_however_well_it_is_explained() -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.explanation import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
+from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_search import rarity, search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_person, matches_of
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
@@ -253,33 +254,37 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
     found = dict[int, Start]()
 
-    def explained(candidate: InitialFrame) -> float:
+    def explained(candidate: InitialFrame) -> tuple[float, float]:
         frame_set = without_other_places(read_frame(room.recording, candidate.frame), room.scenes)
         start = find_start(frame_set, Run(room, config), candidate.choice, None, candidate.crowd)
         if isinstance(start, NoStart):
-            return 0.0
+            return 0.0, -np.inf
         found[candidate.frame] = start
-        return quality(start)
+        body = build_body(body_points(), start.shape)
+        return quality(start), log_probability(body, start.belief.pose, start.observation.evidence)
 
     best = best_of(candidates, explained)
     others = (replace(one, crowd=None) for one in candidates if one is not best)
     return replace(room, initial_frames=(replace(best, crowd=None, start=found.get(best.frame)), *others))
 
 
-def best_of(candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], float]) -> InitialFrame:
-    """The first that shows the whole patient and is explained well, or the best of ``TRIES``.
+def best_of(
+    candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], tuple[float, float]]
+) -> InitialFrame:
+    """The first that shows the whole patient and is explained well, or the most probable of ``TRIES``.
 
-    explained: 0 to 1, how well a body explains the patient there. After the best by score come those that are far
-    from all that were tried.
+    explained: 0 to 1, how well a body explains the patient there, and ``log_probability``: a body that is turned round
+    covers as much, but makes the readings less probable than the right one makes those of other frames. After the best
+    by score come those that are far from all that were tried.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:
         candidate = max(left, key=lambda one: _worth(one, [other for _, other in tried], candidates))
         left.remove(candidate)
-        share = explained(candidate)
+        share, nats = explained(candidate)
         if share >= WELL and candidate.whole >= WHOLE:
             return candidate
-        tried.append((share * candidate.whole, candidate))
+        tried.append((nats, candidate))
     return max(tried, key=lambda one: one[0])[1]
 
 
