@@ -44,11 +44,15 @@ def pose_equations(
     predicted: Predicted | None,
     rows_per_observation: float,
     free: FreeShape | None = None,
+    far_off: bool = False,
 ) -> NormalEquations:
-    """Normal equations of one frame: data, joint range, hinge limits, prediction; shape columns where asked for."""
+    """Normal equations of one frame: data, joint range, hinge limits, prediction; shape columns where asked for.
+
+    far_off: rows may show another limb than the one that they pull, so that none counts as seen in ``joint_range``.
+    """
     size = POSE_SIZE + (0 if free is None else sum(free))
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    hidden = hidden_bones(body.points, constraints, rows_per_observation)
+    hidden = None if far_off else hidden_bones(body.points, constraints, rows_per_observation)
     prior = prior_equations(body.points, pose, predicted, hidden)
     hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE] = prior.hessian, prior.gradient
     residual = constraints.residuals(posed)
@@ -167,6 +171,7 @@ def limited(change: np.ndarray) -> np.ndarray:
 def damped_step(
     body: Body, pose: Pose, rows: Constraints, predicted: Predicted | None, rows_per_observation: float
 ) -> Pose:
-    """The pose after one Gauss-Newton step."""
-    equations = pose_equations(body, pose, pose_points(body, pose), rows, predicted, rows_per_observation)
+    """The pose after one Gauss-Newton step; without a prediction it may be far off."""
+    posed, far_off = pose_points(body, pose), predicted is None
+    equations = pose_equations(body, pose, posed, rows, predicted, rows_per_observation, far_off=far_off)
     return pose.moved(limited(solve_damped(equations)), body.points.moving)

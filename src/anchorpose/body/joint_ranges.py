@@ -1,7 +1,8 @@
 """State how joints bend in people: how far each one may, and how those of arms and legs bend together.
 
 Ranges alone let a hidden leg of a seated person hang straight. Joints of one limb bend together, and so do both sides:
-the limbs of people who were captured at rehabilitation exercises say how much (``tools/measure_limb_turns.py``).
+the limbs of people who were captured at rehabilitation exercises say how much (``tools/measure_limb_turns.py``). That
+tells where hidden parts of limbs are, and which of two poses is likelier; what is seen is left to its readings.
 """
 
 from __future__ import annotations
@@ -212,7 +213,7 @@ RHYTHM: Final = 0.2  # of the arm's turn beyond it: 30 degrees for an arm that p
 
 
 def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None = None) -> JointRange:
-    """The joint range where the arms are as in a pose: the shoulder girdle goes up with a raised arm. hidden: as there.
+    """``joint_range`` where the arms are as in a pose: the shoulder girdle goes up with a raised arm.
 
     Its mean follows the arm and does not pull on it. Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
     """
