@@ -7,8 +7,9 @@ import pytest
 from body_builder import adult_body, hide_bones, seen_body, standing, stepped
 
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.likelihood import likelihood, log_probability, skin_depth, skin_faces
+from anchorpose.body.likelihood import likelihood, render_skin, skin_faces
 from anchorpose.body.pose import LIMB_OF_BONES, MOVING_BONES, Pose
+from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.skin_points import body_points, pose_points
 from anchorpose.isolation.view import PixelLabel, View
 
@@ -81,10 +82,11 @@ def test_the_range_of_the_joints_counts_besides():
 def test_the_skin_is_drawn_where_the_simulator_draws_it():
     (view,) = SEEN.views
     assert view is not None
-    drawn = skin_depth(body_points(), pose_points(BODY, TRUTH).points_m, SEEN.cameras[0])
-    both = view.patient & np.isfinite(drawn)
-    assert both.sum() > 0.93 * (view.patient | np.isfinite(drawn)).sum()
-    assert np.percentile(np.abs(drawn - view.depth_m)[both], 95) < 0.015
+    drawn = render_skin(body_points(), pose_points(BODY, TRUTH).points_m, SEEN.cameras[0], 0.0)
+    assert drawn is not None
+    both = view.patient & np.isfinite(drawn.depth_m)
+    assert both.sum() > 0.93 * (view.patient | np.isfinite(drawn.depth_m)).sum()
+    assert np.percentile(np.abs(drawn.depth_m - view.depth_m)[both], 95) < 0.015
 
 
 def test_the_triangles_between_skin_points_close_the_skin():

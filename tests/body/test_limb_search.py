@@ -19,10 +19,10 @@ from body_builder import (
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.explanation import explain, limb_of_points
-from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_proposals import exchanged, limb_lengths, limb_poses, uncovered_paths
 from anchorpose.body.limb_search import LOOK_AGAIN_M2, Expected, Search, expected_joints, needs_search, search_limbs
 from anchorpose.body.pose import PARTS, POSE_SIZE, Pose
+from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.registration import register
 from anchorpose.body.skin_points import pose_points
 from anchorpose.joints import JOINT_INDEX

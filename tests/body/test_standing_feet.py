@@ -119,3 +119,19 @@ def test_a_hidden_leg_stays_on_its_foot_and_is_no_surer_for_it() -> None:
         for rows in (None, held)
     ]
     assert np.trace(again[1]) > 0.9 * np.trace(again[0])
+
+
+def test_a_foot_that_was_never_seen_hardly_moves_from_where_it_is_believed_to_stand() -> None:
+    feet, posed = StandingFeet(points()), pose_points(BODY, POSE)
+    joints, floor_m = joints_of(BODY, POSE), float(posed.points_m[:, 1].min())
+
+    def rows_after(height_m: float | None, hidden: JointState) -> Constraints:
+        feet.note(posed.points_m, joints, states(hidden), 0.0, None if height_m is None else floor_m - height_m)
+        return of_right(feet.rows(STEP_S))
+
+    stands = rows_after(0.0, JointState.HIDDEN_BY_PERSON)
+    np.testing.assert_allclose(stands.residuals(posed), 0.0, atol=1e-9)
+    np.testing.assert_allclose(stands.sigma_m, SIGMA_M + STEP_S * DRIFT_M_S)
+    assert len(rows_after(0.5, JointState.HIDDEN_BY_PERSON)) == 0  # in the air it hangs on the knee
+    assert len(rows_after(None, JointState.HIDDEN_BY_PERSON)) == 0
+    assert len(rows_after(0.0, JointState.LOST)) == 0  # the cameras look past it

@@ -148,20 +148,23 @@ STILL_S: Final = 0.4  # seen standing for this long: longer than the sole is fla
 STILL_M: Final = 0.03  # distance within which it stays meanwhile: the noise of a visible ankle
 SIGMA_M: Final = 0.02  # of its place when it goes out of sight
 DRIFT_M_S: Final = 0.05  # growth of that while unseen: a small step in two seconds
+ON_FLOOR_M: Final = 0.10  # of the sole of a foot that stands: a hidden one's place is as uncertain
 DOUBT_M: Final = 0.10  # a knee that is seen to move farther takes the foot with it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stand:
-    """places_m (k, 3): of the foot's skin points, ankle_m (3,), world; seen_s: when it was seen there last."""
+    """places_m (k, 3): of the foot's skin points, ankle_m (3,), world; since_s: when it was last known to be there;
+    seen: whether it was seen there, or only believed to be."""
 
     places_m: np.ndarray
     ankle_m: np.ndarray
-    seen_s: float
+    since_s: float
+    seen: bool
 
 
 class StandingFeet:
-    """Where each foot was last seen standing; time may run backwards."""
+    """Where each foot stands: where it was last seen to, or where it is believed to; time may run backwards."""
 
     _skin: dict[str, np.ndarray]
     _recent: dict[str, deque[tuple[float, np.ndarray]]]
@@ -173,11 +176,19 @@ class StandingFeet:
         self._recent = {side: deque() for side in SIDES}
         self._stand = {}
 
-    def note(self, skin_m: np.ndarray, joints_m: np.ndarray, states: tuple[JointState, ...], time_s: float) -> None:
-        """One more frame: posed skin points (p, 3), joints (21, 3) and their states.
+    def note(
+        self,
+        skin_m: np.ndarray,
+        joints_m: np.ndarray,
+        states: tuple[JointState, ...],
+        time_s: float,
+        floor_m: float | None = None,
+    ) -> None:
+        """One more frame: posed skin points (p, 3), joints (21, 3) and their states; floor_m: its height, if known.
 
         A foot that is seen stands or does not; one that is hidden stays where it stood; one that the cameras look past
-        has gone.
+        has gone. One that was never seen to stand, but is believed to be on the floor, hardly moves from there to the
+        next frame: while hip and knee are seen to bend, it does not swing with them.
         """
         for side in SIDES:
             ankle = JOINT_INDEX[f"Ankle{side}"]
@@ -186,6 +197,8 @@ class StandingFeet:
                 self._stand.pop(side, None)
             if state is not JointState.OBSERVED:
                 recent.clear()
+                if state is not JointState.LOST and not self._was_seen(side):
+                    self._believe(side, skin_m, joints_m[ankle], time_s, floor_m)
                 continue
             recent.append((time_s, joints_m[ankle]))
             while abs(time_s - recent[0][0]) > STILL_S + 1e-6 and len(recent) > 2:
@@ -193,9 +206,23 @@ class StandingFeet:
             before = self._stand.get(side)
             stayed = before is not None and np.linalg.norm(joints_m[ankle] - before.ankle_m) < STILL_M
             if stayed or self._is_still(recent):
-                self._stand[side] = _Stand(skin_m[self._skin[side]], joints_m[ankle], time_s)
+                self._stand[side] = _Stand(skin_m[self._skin[side]], joints_m[ankle], time_s, seen=True)
             else:
                 self._stand.pop(side, None)
+
+    def _was_seen(self, side: str) -> bool:
+        stand = self._stand.get(side)
+        return stand is not None and stand.seen
+
+    def _believe(
+        self, side: str, skin_m: np.ndarray, ankle_m: np.ndarray, time_s: float, floor_m: float | None
+    ) -> None:
+        """A foot that nothing shows stands where the body has it, if that is on the floor."""
+        places_m = skin_m[self._skin[side]]
+        if floor_m is not None and places_m[:, 1].min() < floor_m + ON_FLOOR_M:
+            self._stand[side] = _Stand(places_m, ankle_m, time_s, seen=False)
+        else:
+            self._stand.pop(side, None)
 
     def forget(self, joints: Sequence[int]) -> None:
         """Forget where the feet stood whose joints (indices) a reviewer corrected."""
@@ -208,7 +235,7 @@ class StandingFeet:
         """What holds the feet in a frame; none of feet that do not stand."""
         held = []
         for side, stand in self._stand.items():
-            sigma_m = SIGMA_M + DRIFT_M_S * abs(time_s - stand.seen_s)
+            sigma_m = SIGMA_M + DRIFT_M_S * abs(time_s - stand.since_s)
             held.append(place_constraints(self._skin[side], stand.places_m, sigma_m, DOUBT_M))
         return join(held) if held else no_constraints()
 

@@ -15,9 +15,9 @@ from anchorpose.body.constraints import surface_constraints
 from anchorpose.body.evidence import Evidence, evidence_rows
 from anchorpose.body.fit import damped_step
 from anchorpose.body.learning import ShapeFrame, learn_shape_step
-from anchorpose.body.likelihood import log_probability
 from anchorpose.body.matched_places import MatchedPerson, fit_matches
 from anchorpose.body.pose import Pose
+from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
 

@@ -1,4 +1,4 @@
-"""The likelihood of depth images where a body has a pose: one score for every decision between poses.
+"""The likelihood of depth readings where a body has a pose, and how well each limb is explained.
 
 The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or what
 is behind it; the score is the logarithm of how much more probable the readings are with the body than without it. Skin
@@ -9,17 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from anchorpose.body.constraints import Constraints
-from anchorpose.body.evidence import Evidence, separation_rows, standing_rows
+from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import segment_of_points
-from anchorpose.body.fit import prior_equations
 from anchorpose.body.pose import PARTS, Pose
-from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
+from anchorpose.body.skin_points import Body, SkinPoints, pose_points
 from anchorpose.body.visibility import Projection, projection_of
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
@@ -28,7 +26,6 @@ from anchorpose.lens import pixel_of_ray
 FOOTPRINT_M: Final = 0.02  # of a pixel at reduced resolution: half of a wrist's width
 SKIN_SIGMA_M: Final = 0.02  # between rendered skin and reading: clothes, and what a body of few points leaves out
 ALIKE_M: Final = 0.05  # side of the patch whose readings are off by one error: clothes and folds, not the sensor
-SPACING_M: Final = 0.028  # of skin points
 RANGE_M: Final = 4.0  # of a depth camera: something of which nothing is known is anywhere within it
 CLUTTER: Final = 0.1  # share of the pixels that show something of which nothing is known
 PAST: Final = 0.05  # share of the rendered skin that cameras see past where the pose is right: outlines are rough
@@ -76,50 +73,42 @@ def most_nats(area_m2: float) -> float:
     return float(np.log(skin * RANGE_M / CLUTTER)) * area_m2 / ALIKE_M**2
 
 
-def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
-    """Return the likelihood together with what is known of bodies, nats.
+class RenderedSkin(NamedTuple):
+    """Of every ``step``-th row and column of an image: depth_m (h, w) float64 of the nearest skin, infinite without;
+    point (h, w) int64, the skin point there, -1 without. patches: how many patches of ``ALIKE_M`` a pixel shows,
+    at most one."""
 
-    Joints bend as in people, limbs are solid, of which patches of skin are independent, and feet stand.
-    """
-    posed = pose_points(body, pose)
-    known = prior_equations(body.points, pose, None).cost
-    known += _cost(separation_rows(body, posed), posed) * (SPACING_M / ALIKE_M) ** 2
-    if evidence.floor_m is not None:
-        known += _cost(standing_rows(body, posed, evidence.floor_m, 1.0), posed)
-    return likelihood(body, pose, evidence).total - 0.5 * known
+    step: int
+    depth_m: np.ndarray
+    point: np.ndarray
+    patches: float
 
 
-def _cost(rows: Constraints, posed: PosedPoints) -> float:
-    """Sum of squared deviations, each with its robust kernel."""
-    scaled = (rows.residuals(posed) / rows.scale_m) ** 2
-    return float(((rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)).sum())
-
-
-def skin_depth(points: SkinPoints, skin_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the depth image (height, width) float64 metres of the skin alone, as the camera sees it; infinite without.
+def render_skin(
+    points: SkinPoints, skin_m: np.ndarray, camera: Camera, footprint_m: float = FOOTPRINT_M
+) -> RenderedSkin | None:
+    """Return the skin alone as a camera sees it, in pixels of about ``footprint_m``; None behind the camera.
 
     skin_m (p, 3): the skin points in the world.
     """
-    placed = _placed(skin_m, projection_of(camera))
-    return np.asarray(
-        _rendered(placed, skin_faces(points), segment_of_points(points), 1, camera.height, camera.width)[0]
-    )
+    projection = projection_of(camera)
+    placed = _placed(skin_m, projection)
+    ahead = placed[placed[:, 2] > 0.0, 2]
+    if not len(ahead):
+        return None
+    pixel_m = float(np.median(ahead)) / max(projection.lens[0], projection.lens[1])
+    step = max(1, round(footprint_m / pixel_m))
+    depth_m, point = _rendered(placed, skin_faces(points), step, camera.height, camera.width)
+    return RenderedSkin(step, depth_m, point, min((step * pixel_m / ALIKE_M) ** 2, 1.0))
 
 
 def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
     """(4, 2 PARTS) as in ``Likelihood``, of ``SEGMENT_OF_BONES``, by one camera."""
-    projection = projection_of(camera)
-    focal_px = max(projection.lens[0], projection.lens[1])
-    placed = _placed(skin_m, projection)
-    ahead = placed[placed[:, 2] > 0.0, 2]
-    if not len(ahead):
+    skin = render_skin(points, skin_m, camera)
+    if skin is None:
         return np.zeros((4, 2 * PARTS))
-    distance_m = float(np.median(ahead))
-    step = max(1, round(FOOTPRINT_M * focal_px / distance_m))
-    share = (step * distance_m / focal_px / ALIKE_M) ** 2
-    height, width = view.labels.shape
-    depth_m, part = _rendered(placed, skin_faces(points), segment_of_points(points), step, height, width)
-    return _scored(depth_m, part, view.depth_m, view.labels, label, step) * min(share, 1.0)
+    sums = _scored(skin.depth_m, skin.point, segment_of_points(points), view.depth_m, view.labels, label, skin.step)
+    return sums * skin.patches
 
 
 @cache
@@ -154,11 +143,11 @@ def _placed(skin_m: np.ndarray, projection: Projection) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _rendered(
-    placed: np.ndarray, faces: np.ndarray, part_of: np.ndarray, step: int, height: int, width: int
+    placed: np.ndarray, faces: np.ndarray, step: int, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Depth (h, w) of the nearest skin at every ``step``-th pixel, infinite without, and the part there, -1 without."""
+    """Depth and skin point (h, w) as in ``RenderedSkin``."""
     rows, columns = (height + step - 1) // step, (width + step - 1) // step
-    depth, part = np.full((rows, columns), np.inf), np.full((rows, columns), np.int64(-1))
+    depth, point = np.full((rows, columns), np.inf), np.full((rows, columns), np.int64(-1))
     for f in range(len(faces)):
         a, b, c = placed[faces[f, 0]], placed[faces[f, 1]], placed[faces[f, 2]]
         if a[2] == 0.0 or b[2] == 0.0 or c[2] == 0.0:
@@ -177,22 +166,28 @@ def _rendered(
                     continue
                 z = u * a[2] + v * b[2] + (1.0 - u - v) * c[2]
                 if z < depth[r, k]:
-                    depth[r, k], part[r, k] = z, part_of[faces[f, 0]]
-    return depth, part
+                    depth[r, k], point[r, k] = z, faces[f, 0]
+    return depth, point
 
 
 @njit(cache=True, nogil=True)
 def _scored(
-    skin_m: np.ndarray, part: np.ndarray, depth_m: np.ndarray, labels: np.ndarray, own: int, step: int
+    skin_m: np.ndarray,
+    point: np.ndarray,
+    segment: np.ndarray,
+    depth_m: np.ndarray,
+    labels: np.ndarray,
+    own: int,
+    step: int,
 ) -> np.ndarray:
     """(4, 2 PARTS) log likelihood ratio, and pixels that are explained, seen past and hidden."""
     sums = np.zeros((4, 2 * PARTS))
     past = np.log(PAST)
     for r in range(skin_m.shape[0]):
         for k in range(skin_m.shape[1]):
-            limb = part[r, k]
-            if limb < 0:
+            if point[r, k] < 0:
                 continue
+            limb = segment[point[r, k]]
             label, z = labels[r * step, k * step], np.float64(depth_m[r * step, k * step])
             beyond = z - skin_m[r, k]
             if label == PixelLabel.NO_READING:

@@ -19,10 +19,10 @@ from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.fit import prior_equations
-from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_proposals import anchor_poses, exchanged, limb_poses, uncovered_paths
 from anchorpose.body.matched_places import LEAST_MATCHES, fit_matches, matches_of
 from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, Pose
+from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.registration import Registration, descend, posterior, register
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors

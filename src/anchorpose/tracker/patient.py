@@ -177,7 +177,8 @@ class PatientTracker:
             estimate = displaced(estimate, self.run.room.calibration.displaced_m)
             posed = pose_points(self.body, self.belief.pose)
             self.skin_sigma_m = skin_sigma(self.body, posed, self.belief.covariance, self.config.uncertainty)
-            self.feet.note(posed.points_m, estimate.joints_m, estimate.states, estimate.frame_set.time_s)
+            time_s, floor_m = estimate.frame_set.time_s, seen.evidence.floor_m
+            self.feet.note(posed.points_m, self.body.joints(self.belief.pose), estimate.states, time_s, floor_m)
             if corrected is not None:
                 self.feet.forget(corrected.joint.tolist())
         return estimate

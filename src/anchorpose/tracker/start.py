@@ -16,10 +16,10 @@ import numpy as np
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.explanation import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
-from anchorpose.body.likelihood import log_probability
 from anchorpose.body.limb_search import rarity, search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_person, matches_of
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
+from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera

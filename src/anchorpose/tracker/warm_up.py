@@ -14,7 +14,7 @@ from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.body.explanation import explain
 from anchorpose.body.learning import learn_body
-from anchorpose.body.likelihood import skin_depth
+from anchorpose.body.likelihood import render_skin
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.shape_prior import adult_belief, shape_of_height
@@ -76,7 +76,9 @@ def _own_skin(points: SkinPoints, posed: PosedPoints) -> Evidence:
     T_camera_world = np.linalg.inv(CAMERA.require_pose())
     in_camera = seen @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
     pixel = np.rint(CAMERA.project(in_camera)).astype(np.int16)
-    depth = np.minimum(skin_depth(points, posed.points_m, CAMERA), WALL_M).astype(np.float32)
+    skin = render_skin(points, posed.points_m, CAMERA, 0.0)
+    assert skin is not None
+    depth = np.minimum(skin.depth_m, WALL_M).astype(np.float32)
     labels = np.where(depth < WALL_M, PixelLabel.PATIENT, PixelLabel.BACKGROUND).astype(np.uint8)
     nodes = Nodes(
         seen.astype(np.float32), posed.normals[facing].astype(np.float32), np.zeros(len(seen), np.uint8), pixel

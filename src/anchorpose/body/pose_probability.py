@@ -1,0 +1,91 @@
+"""State how probable a pose is by all that a frame shows and all that is known of bodies, to decide between poses.
+
+Readings say how far skin is, the learnt descriptor says which skin it is: a body that is turned round, or two legs on
+the pixels of one, cover as much of the surface as the right pose. The descriptor is wrong about whole limbs at a time,
+so that it counts as one observation for a large patch. It is one term of the sum: readings can overrule it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final
+
+import numpy as np
+
+from anchorpose.body.constraints import Constraints
+from anchorpose.body.evidence import Evidence, separation_rows, standing_rows
+from anchorpose.body.explanation import segment_of_points
+from anchorpose.body.fit import prior_equations
+from anchorpose.body.likelihood import ALIKE_M, SKIN_SIGMA_M, likelihood, render_skin
+from anchorpose.body.pose import PARTS, Pose
+from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
+from anchorpose.camera import Camera
+from anchorpose.descriptor.learnt import described, nearest_rays
+from anchorpose.isolation.view import View
+
+SPACING_M: Final = 0.028  # of skin points
+NAMED_FOOTPRINT_M: Final = 0.04  # of a pixel whose place is compared: the descriptor's own grid at two to four metres
+NAMED_ALIKE_M: Final = 0.25  # side of the patch whose places are off by one error: the integral of their correlation
+WRONGLY_NAMED: Final = (
+    0.03  # share of the places that are over three of their deviations off, simulated and real (UTD-MHAD)
+)
+SKIN_AREA: Final = 0.6  # of an adult, in statures squared: 1.8 m2 at 1.7 m (Du Bois and Du Bois 1916)
+
+
+def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
+    """Return the likelihood of readings and descriptor together with what is known of bodies, nats.
+
+    Joints bend as in people, limbs are solid, of which patches of skin are independent, and feet stand.
+    """
+    posed = pose_points(body, pose)
+    known = prior_equations(body.points, pose, None).cost
+    known += _cost(separation_rows(body, posed), posed) * (SPACING_M / ALIKE_M) ** 2
+    if evidence.floor_m is not None:
+        known += _cost(standing_rows(body, posed, evidence.floor_m, 1.0), posed)
+    readings = likelihood(body, pose, evidence).total
+    return readings + float(named_nats(body, pose, evidence).sum()) - 0.5 * known
+
+
+def _cost(rows: Constraints, posed: PosedPoints) -> float:
+    """Sum of squared deviations, each with its robust kernel."""
+    scaled = (rows.residuals(posed) / rows.scale_m) ** 2
+    return float(((rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)).sum())
+
+
+def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
+    """Return how much more probable the descriptor's places are with each limb where it is than with any other skin.
+
+    (PARTS, 2) nats, as in ``Likelihood``; of the readings of the evidence's person that the skin explains.
+    """
+    skin_m, nats = pose_points(body, pose).points_m, np.zeros(2 * PARTS)
+    for view, camera in zip(evidence.views, evidence.cameras, strict=True):
+        if view is not None:
+            nats += _named_by(body.points, skin_m, view, camera, evidence.label)
+    return nats.reshape(PARTS, 2)
+
+
+def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
+    """(2 PARTS,) nats by one camera."""
+    skin = render_skin(points, skin_m, camera, NAMED_FOOTPRINT_M)
+    if skin is None:
+        return np.zeros(2 * PARTS)
+    every = (slice(None, None, skin.step), slice(None, None, skin.step))
+    row, column, inside = (values[every] for values in nearest_rays(camera))
+    shown = inside & (skin.point >= 0) & (view.labels[every] == label)
+    shown &= np.abs(view.depth_m[every] - skin.depth_m) < 3.0 * SKIN_SIGMA_M
+    said = described(view.depth_m, camera)
+    place, error = said.place[row[shown], column[shown]], said.error[row[shown], column[shown]]
+    named = np.isfinite(error)
+    point, variance = skin.point[shown][named], 2.0 / np.pi * error[named].astype(np.float64) ** 2  # along each axis
+    away2 = ((place[named] - places(points)[point]) ** 2).sum(axis=1)
+    right = SKIN_AREA / (2.0 * np.pi * variance) * np.exp(-0.5 * away2 / variance)
+    nats = np.log((1.0 - WRONGLY_NAMED) * right + WRONGLY_NAMED)
+    share = skin.patches * (ALIKE_M / NAMED_ALIKE_M) ** 2
+    return np.bincount(segment_of_points(points)[point], nats, 2 * PARTS) * share
+
+
+@cache
+def places(points: SkinPoints) -> np.ndarray:
+    """(p, 3) where each skin point is on the standing mean adult of stature 1, as in ``Described``."""
+    skin = points.asset.vertices
+    return np.asarray((skin[points.vertex] - [0.0, skin[:, 1].min(), 0.0]) / np.ptp(skin[:, 1]))
