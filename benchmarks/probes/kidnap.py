@@ -100,5 +100,6 @@ def _feet(tracker: PatientTracker, past: Past, poses: list[Pose]) -> StandingFee
     for seen, pose in zip(past.seen, poses[-len(past.seen) :], strict=True):
         confident = Registration(replace(tracker.belief, pose=pose), 1.0, True)
         estimate = estimate_of(body, confident, seen, None, tracker.config)
-        feet.note(pose_points(body, pose).points_m, estimate.joints_m, estimate.states, seen.frame_set.time_s)
+        skin_m, floor_m = pose_points(body, pose).points_m, seen.evidence.floor_m
+        feet.note(skin_m, body.joints(pose), estimate.states, seen.frame_set.time_s, floor_m)
     return feet

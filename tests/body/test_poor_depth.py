@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from body_builder import FRONT, LEFT, adult_body, hide_bones, points, seen_body, standing, stepped
-from mislabelled_builder import pieces_of
+from pieces_builder import pieces_of
 
 from anchorpose.body.belief import vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig, VisibilityConfig

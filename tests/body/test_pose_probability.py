@@ -31,7 +31,7 @@ def test_limbs_that_are_exchanged_are_named_otherwise_and_others_are_not():
     right, arms = (named_nats(BODY, pose, SEEN).sum(axis=1) for pose in (TRUTH, next(iter(exchanged(BODY, TRUTH)))))
     lost = right - arms
     assert min(lost[LEFT_ARM], lost[RIGHT_ARM]) > 2.0
-    assert np.abs(np.delete(lost, [TRUNK, LEFT_ARM, RIGHT_ARM])).max() < 0.1  # the trunk twists with the arms
+    assert np.abs(np.delete(lost, [TRUNK, LEFT_ARM, RIGHT_ARM])).max() < 0.5  # the trunk twists with the arms
 
 
 def test_a_descriptor_that_is_wrong_everywhere_costs_as_much_as_wrong_places_are_frequent(monkeypatch):

@@ -9,7 +9,6 @@ from body_builder import adult_body, standing
 
 from anchorpose.body.belief import vague_belief
 from anchorpose.body.constraints import anchor_points
-from anchorpose.body.limb_proposals import CHAINS
 from anchorpose.body.limb_search import LOOK_AGAIN_M2, Search
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
@@ -17,7 +16,7 @@ from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.tracker import limb_watch
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.limb_watch import LONGEST_CLAIM_PAUSE, LONGEST_PAUSE, SEARCH_PAUSE, LimbWatch, is_doubtful
+from anchorpose.tracker.limb_watch import LONGEST_PAUSE, MISNAMED, NAMED_PAUSE, SEARCH_PAUSE, LimbWatch, is_doubtful
 
 BODY = adult_body()
 POSE = standing()
@@ -66,6 +65,7 @@ def searches(monkeypatch) -> list[float]:
         return Search(found, 0)
 
     monkeypatch.setattr(limb_watch, "search_limbs", search)
+    monkeypatch.setattr(limb_watch, "named_nats", lambda *_: np.ones((5, 2)))
     return tried
 
 
@@ -73,7 +73,7 @@ def watch_frames(monkeypatch, areas_m2: list[float]) -> None:
     watch = LimbWatch(SimpleNamespace(config=TrackConfig()))
     for area in areas_m2:
         monkeypatch.setattr(limb_watch, "explained_by", lambda *_, area=area: explained(area))
-        watched = watch.look(BODY, FOUND, explained(area), FOUND.belief, [None, seen()], None)
+        watched = watch.look(BODY, FOUND, explained(area), FOUND.belief, seen())
         assert watched.registration is FOUND
         assert not watched.moved
 
@@ -94,12 +94,17 @@ def test_a_frame_without_doubt_is_not_searched(monkeypatch, searches):
     assert searches == []
 
 
-def test_a_claim_that_finds_nothing_waits_longer_before_the_next(monkeypatch):
-    frames, tried = list[int](), list[int]()
-    monkeypatch.setattr(limb_watch, "limbs_in_doubt", lambda *_: [CHAINS[0]])
-    monkeypatch.setattr(limb_watch, "claim_limb", lambda *_: tried.append(frames[-1]))
-    watch = LimbWatch(SimpleNamespace(config=TrackConfig()))
-    for frame in range(40):
-        frames.append(frame)
-        watch.look(BODY, FOUND, explained(0.0), FOUND.belief, [None, seen()], None)
-    assert np.diff(tried).tolist() == [1 + SEARCH_PAUSE] + [1 + LONGEST_CLAIM_PAUSE] * 3
+def test_a_limb_that_the_descriptor_names_otherwise_is_searched_for_and_asked_about_now_and_then(monkeypatch, searches):
+    asked = list[int]()
+    nats = np.full((5, 2), 2.0)
+
+    def named(*_):
+        asked.append(1)
+        return nats
+
+    monkeypatch.setattr(limb_watch, "named_nats", named)
+    watch_frames(monkeypatch, [0.0] * (2 * NAMED_PAUSE + 2))
+    assert (len(asked), searches) == (2, [])
+    nats[3] = [1.0, 1.1 * MISNAMED - 1.0]
+    watch_frames(monkeypatch, [0.0])
+    assert searches == [0.0]

@@ -149,15 +149,6 @@ def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] =
         yield _solved(body, pose, np.where(np.isnan(wanted), joints, wanted))
 
 
-def reaching(body: Body, pose: Pose, chain: Chain, place_m: np.ndarray) -> Pose:
-    """The pose with the wrist or ankle of one limb at a place (3,), and the limb as it usually is otherwise."""
-    wanted = _held_but(body.joints(pose), (chain,))
-    wanted[JOINT_INDEX[chain.joints[1]]] = place_m
-    rotations = pose.rotations.copy()
-    rotations[[body.points.asset.bone(bone) for bone in chain.bones]] = np.eye(3)
-    return _solved(body, Pose(rotations, pose.root_m), wanted)
-
-
 def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
     """The pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
 
@@ -206,9 +197,9 @@ def limb_lengths(body: Body) -> list[tuple[np.ndarray, float]]:
 
 
 @cache
-def end_points(points: SkinPoints, chain: Chain, whole: bool = False) -> np.ndarray:
-    """Indices of the skin points beyond the limb's elbow or knee, or of the whole limb."""
-    return np.flatnonzero(np.isin(points.part, _bones_from(points.asset, chain.bones[0 if whole else 1])))
+def end_points(points: SkinPoints, chain: Chain) -> np.ndarray:
+    """Indices of the skin points beyond the limb's elbow or knee."""
+    return np.flatnonzero(np.isin(points.part, _bones_from(points.asset, chain.bones[1])))
 
 
 def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:

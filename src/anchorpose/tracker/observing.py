@@ -110,12 +110,6 @@ def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pie
     return step_onto(front, seen_m, pieces, cameras)
 
 
-def relabelled(seen: Observation, views: Sequence[View | None], before: Observation, run: Run) -> Isolated:
-    """Who is who in a frame of which some pixels have got another label."""
-    elapsed_s = seen.frame_set.time_s - before.frame_set.time_s
-    return _isolated(seen.pieces, views, before.memory, seen.bystanders, elapsed_s, run)
-
-
 def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
     """The likelihood that a place is the patient's, by the predicted skin.
 

@@ -34,8 +34,8 @@ from anchorpose.tracker.bystanders import WALKING
 from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Earlier, Estimate, displaced, estimate_of
 from anchorpose.tracker.limb_watch import LimbWatch, explained_by
-from anchorpose.tracker.observation import Expectation, Isolated, Observation, Start
-from anchorpose.tracker.observing import Window, gather, isolate, observe, see_anchors, see_surface
+from anchorpose.tracker.observation import Expectation, Observation, Start
+from anchorpose.tracker.observing import Window, gather, isolate, see_anchors, see_surface
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
@@ -241,10 +241,6 @@ class PatientTracker:
         anchors = see_anchors(surface, expected, self.height_m, self.run)
         return gather(frame_set, expected, isolated, surface, anchors, self.run)
 
-    def _observe_next(self, isolated: Isolated, pose: Pose) -> Observation:
-        """The next frame with other labels, and the patient expected in a pose."""
-        return observe(self.window[1].frame_set, isolated, self.expect(pose), self.height_m, self.run)
-
     def expect(self, pose: Pose) -> Expectation:
         """What a frame should show in which the patient has this pose."""
         posed = pose_points(self.body, pose)
@@ -318,7 +314,7 @@ class PatientTracker:
             )
             if best is not found:
                 explanation = explained_by(self.body, best, self.window[1])
-            watched = self.watch.look(self.body, best, explanation, predicted, self.window, self._observe_next)
+            watched = self.watch.look(self.body, best, explanation, predicted, self.window[1])
             watched = replace(watched, moved=watched.moved or best is not found)
         self.moved = watched.moved
         if watched.moved:
