@@ -37,23 +37,31 @@ TRIAL_NODES: Final = 800  # a third of the nodes tell a good pose from a bad one
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
 SAME_M: Final = 0.04  # poses whose joints are nowhere farther apart lead to the same registration
 APART_M: Final = 0.08  # poses whose joints are nowhere farther apart are one: as much as clothes and holds move
-MOST_TIES: Final = 2
+BEST: Final = 3  # of the proposals: the present pose drawn onto the surface once more, and two others
 MOST_UNUSUAL: Final = 10.0  # squared deviations of all joint ranges by which a pose may be rarer than before
 MOST_LAG: Final = 3.0  # nats: a pose that is twenty times less likely is not a rival
 LEAST_GAIN: Final = 3.0  # nats: another pose must be twenty times as likely
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Rival:
+    """A pose besides the best; lag: by how much it explains the last frames worse, nats."""
+
+    belief: PoseBelief
+    lag: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Search:
     """What a search found.
 
-    registration: of the best pose. rounds: in which another pose was taken, 0: none. ties: beliefs in other poses that
-    explain the frame almost as well, and by how much worse (``log_probability``, nats).
+    registration: of the best pose. rounds: in which another pose was taken, 0: none. rivals: poses that the frame does
+    not decide against.
     """
 
     registration: Registration
     rounds: int
-    ties: tuple[tuple[PoseBelief, float], ...] = ()
+    rivals: tuple[Rival, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,20 +120,20 @@ def search_limbs(
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
-    pose, rounds, tried = found.belief.pose, 0, list[_Tried]()
+    pose, rounds, best = found.belief.pose, 0, list[_Tried]()
     for number in range(ROUNDS):
         proposed = _proposals(body, pose, evidence, seen, whole_body=number == 0)
         tried = _register_all(expected, _distinct(body, [pose, *proposed]), uncertain, evidence, trial)
-        better = _clearly_best(tried)
-        if better is None:
+        best = _best_few(expected, tried, uncertain, evidence, config)
+        if best[0] is tried[0] or best[0].log <= tried[0].log + LEAST_GAIN:
             break
-        pose, rounds = _refined(body, better, uncertain, evidence, config), rounds + 1
+        pose, rounds = best[0].pose, rounds + 1
         if not needs_search(explain(body.points, pose_points(body, pose), evidence)):
             break
     if rounds:
         other = posterior(body, pose, replace(uncertain, pose=pose), evidence, config)
         found, rounds = (other, rounds) if other.found else (found, 0)
-    return Search(found, rounds, tuple(_ties(expected, found, tried, uncertain, evidence, config)))
+    return Search(found, rounds, tuple(_rivals(expected, found, best, uncertain, evidence, config)))
 
 
 def farthest_joint_m(body: Body, one: Pose, other: Pose) -> float:
@@ -187,50 +195,39 @@ def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, 
     return descend(body, pose, replace(uncertain, pose=pose), evidence, config)
 
 
-def _refined(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig) -> Pose:
-    return _settled(body, pose, uncertain, evidence, replace(config, reaches_m=REFINED_REACHES_M))
+def _best_few(
+    expected: Expected, tried: Sequence[_Tried], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
+) -> list[_Tried]:
+    """The first pose and the best of the others, drawn onto the surface as the first one is; the best of them first."""
+    body, refining = expected.body, replace(config, reaches_m=REFINED_REACHES_M)
+    others = sorted(tried[1:], key=lambda one: -one.log)[:BEST]
+    refined = each(lambda one: _settled(body, one.pose, uncertain, evidence, refining), others)
+    others = each(lambda pose: _Tried(pose, expected.log_probability(pose, evidence)), refined)
+    return sorted([tried[0], *others], key=lambda one: -one.log)
 
 
-def _clearly_best(tried: Sequence[_Tried]) -> Pose | None:
-    """The most probable of the other poses, None where it does not clearly explain more than the first."""
-    best = max(tried[1:], key=lambda one: one.log, default=tried[0])
-    return best.pose if best.log > tried[0].log + LEAST_GAIN else None
-
-
-def _ties(
+def _rivals(
     expected: Expected,
     found: Registration,
-    tried: Sequence[_Tried],
+    best: Sequence[_Tried],
     uncertain: PoseBelief,
     evidence: Evidence,
     config: RegistrationConfig,
-) -> Iterator[tuple[PoseBelief, float]]:
-    """Poses of the last round that the frame does not decide against; at most ``MOST_TIES``."""
-    body = expected.body
-    most, best = expected.log_probability(found.belief.pose, evidence), max(one.log for one in tried)
+) -> Iterator[Rival]:
+    """Other poses among the best that the frame does not decide against."""
+    body, most = expected.body, expected.log_probability(found.belief.pose, evidence)
     others = [found.belief.pose]
-    for one in sorted(tried, key=lambda one: -one.log):
-        if one.log < best - MOST_LAG or len(others) > MOST_TIES:
-            return
-        pose = _refined(body, one.pose, uncertain, evidence, config)
-        lag = most - expected.log_probability(pose, evidence)
-        if lag > MOST_LAG or any(farthest_joint_m(body, pose, other) <= APART_M for other in others):
+    for one in best:
+        lag = most - one.log
+        if lag > MOST_LAG or any(farthest_joint_m(body, one.pose, other) <= APART_M for other in others):
             continue
-        others.append(pose)
-        belief = posterior(body, pose, replace(uncertain, pose=pose), evidence, config).belief
-        yield belief, max(lag, 0.0)
+        others.append(one.pose)
+        belief = posterior(body, one.pose, replace(uncertain, pose=one.pose), evidence, config).belief
+        yield Rival(belief, max(lag, 0.0))
 
 
 MEMORY: Final = 0.8  # share of the lag that a frame passes on: three frames later half is forgotten
 DECIDED: Final = 6.0  # nats: a pose that is e^6 times less likely than the best
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rival:
-    """A pose besides the best; lag: by how much it explains the last frames worse, nats."""
-
-    belief: PoseBelief
-    lag: float
 
 
 def follow_rivals(

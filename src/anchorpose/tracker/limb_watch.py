@@ -94,8 +94,7 @@ class LimbWatch:
         else:
             self.search_wait, self.search_pause = self.search_pause, min(2 * self.search_pause, LONGEST_PAUSE)
             self.left_uncovered_m2 = explanation.uncovered_m2
-        rivals = tuple(Rival(belief, lag) for belief, lag in search.ties)
-        return Watched(search.registration, search.rounds > 0, rivals)
+        return Watched(search.registration, search.rounds > 0, search.rivals)
 
 
 HIDDEN_SHARE: Final = 0.15  # a limb with less of its end's skin on seen nodes is nowhere seen

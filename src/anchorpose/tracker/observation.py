@@ -8,6 +8,7 @@ import numpy as np
 
 from anchorpose.body.belief import PoseBelief
 from anchorpose.body.evidence import Evidence
+from anchorpose.body.limb_search import Rival
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.geodesics.anchors import Anchors, SeenAnchors, anchor_descriptor
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
@@ -136,9 +137,11 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """The first frame of a track: what was seen, the body, the belief in its pose."""
+    """The first frame of a track: what was seen, the body, the belief in its pose; rivals: other poses that explain the
+    frame almost as well."""
 
     observation: Observation
     shape: FittedShape
     belief: PoseBelief
     explained: float
+    rivals: tuple[Rival, ...] = ()

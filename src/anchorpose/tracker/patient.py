@@ -86,7 +86,7 @@ class PatientTracker:
         self.pace = PATIENT_PACE
         self.last = LastSeen(start.observation, start.belief)
         self.watch = LimbWatch(run)
-        self.rivals, self.moved = (), False
+        self.rivals, self.moved = start.rivals, False
         self.feet = StandingFeet(self.points)
         self.ends = frozenset()
         self.limb_seen_s = np.full((PARTS, 2), np.nan)

@@ -16,7 +16,7 @@ import numpy as np
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.explanation import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
-from anchorpose.body.limb_search import rarity, search_limbs
+from anchorpose.body.limb_search import Rival, rarity, search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_person, matches_of
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
 from anchorpose.body.pose_probability import log_probability
@@ -88,10 +88,12 @@ def find_start(
         return NoStart.NOT_HUMAN
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
+    rivals = tuple[Rival, ...]()
     if found.found:  # sides that the descriptor exchanged, and limbs that it left out
         before = expected or vague_belief(found.belief.pose)
-        found = search_limbs(body, found, before, observation.evidence, config.registration).registration
-    start = Start(observation, first.shape, found.belief, found.explained)
+        search = search_limbs(body, found, before, observation.evidence, config.registration)
+        found, rivals = search.registration, search.rivals
+    start = Start(observation, first.shape, found.belief, found.explained, rivals)
     if not found.found or found.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
     return _why_not(start, run) or start
