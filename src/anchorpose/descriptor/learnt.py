@@ -231,7 +231,8 @@ def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarr
 
 def _probability(classes: np.ndarray) -> np.ndarray:
     """Probability (h, w) that a pixel shows any patch, of the numbers (p + 1, h, w) of which the last is for nobody."""
-    raised = np.exp(classes - classes.max(axis=0))
+    raised = classes - classes.max(axis=0)
+    np.exp(raised, out=raised)  # in place: half of the time is memory
     return np.asarray(1.0 - raised[-1] / raised.sum(axis=0))
 
 
