@@ -15,6 +15,7 @@ from importlib import resources
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final, NamedTuple
+from weakref import ReferenceType, ref
 
 import numpy as np
 
@@ -143,7 +144,7 @@ def describe(depth_m: np.ndarray, camera: Camera, weights: Weights | None = None
     )
 
 
-_remembered: Final[dict[int, tuple[np.ndarray, Camera, Described]]] = {}
+_remembered: Final[dict[int, tuple[ReferenceType[np.ndarray], Camera, Described]]] = {}
 _lock: Final = Lock()
 
 
@@ -155,7 +156,7 @@ def described(depth_m: np.ndarray, camera: Camera) -> Described:
     """
     with _lock:
         known = _remembered.get(id(depth_m))
-    if known is not None and known[0] is depth_m and known[1].intrinsics == camera.intrinsics:
+    if known is not None and known[0]() is depth_m and known[1].intrinsics == camera.intrinsics:
         return known[2]
     try:
         found = describe(depth_m, camera)
@@ -165,7 +166,7 @@ def described(depth_m: np.ndarray, camera: Camera) -> Described:
     with _lock:
         while len(_remembered) >= REMEMBERED:
             _remembered.pop(next(iter(_remembered)))
-        _remembered[id(depth_m)] = (depth_m, camera, found)  # holds the image, so that no other one gets its id
+        _remembered[id(depth_m)] = (ref(depth_m), camera, found)  # another image may get its id once it is let go of
     return found
 
 
