@@ -154,7 +154,7 @@ def train(
         network.load_state_dict(begun)
         mean = {name: value.clone().float() for name, value in network.state_dict().items()}
     scenes = Scenes(device, seed + seen)
-    told = seen
+    told = seen - 100_000 if seen and not curve else seen  # what is gone on from is checked first
     while seen < images and time.monotonic() - began < 60.0 * minutes:
         batch = scenes.draw(size)
         for group in optimizer.param_groups:

@@ -13,12 +13,22 @@ from anchorpose.body.asset import BodyAsset, stored_asset
 from anchorpose.body.joint_ranges import hinge_axes
 
 SIDES: Final = (("Left", -1.0), ("Right", 1.0))
-POSTURES: Final = ("stands", "sits", "squats", "lunges", "bends", "lies", "anyhow")
-POSTURE_SHARES: Final = (0.36, 0.20, 0.10, 0.10, 0.07, 0.08, 0.09)
+POSTURES: Final = ("stands", "sits", "squats", "lunges", "bends", "lies", "anyhow", "kneels")
+POSTURE_SHARES: Final = (0.33, 0.18, 0.10, 0.08, 0.07, 0.10, 0.07, 0.07)
 CHILDREN: Final = 0.15  # of all people
 MISSING: Final = 0.03  # people without a part of a limb
 STUMPS: Final = ("LeftForeArm", "RightForeArm", "LeftHand", "RightHand", "LeftLeg", "RightLeg", "LeftFoot", "RightFoot")
 PATCHES: Final = 64
+GARMENTS: Final = {
+    "trunk": ("LowerBack", "Spine", "Shoulder"),
+    "arms": ("LeftArm", "RightArm"),
+    "forearms": ("ForeArm",),
+    "thighs": ("Hips", "HipJoint", "UpLeg"),
+    "shanks": ("LeftLeg", "RightLeg"),
+    "feet": ("Foot", "ToeBase"),
+    "head": ("Head", "Neck"),
+}
+"""Bones whose skin each part of the clothes covers."""
 PLACE_SPREAD: Final = 12.0  # waves of cloth: radians a metre at most
 
 
@@ -103,6 +113,10 @@ class People:
         self.child_mean = self._tensor(asset.child_mean)
         spread, turned = np.linalg.eigh(asset.child_covariance)
         self.child_root = self._tensor(turned * np.sqrt(np.clip(spread, 0.0, None)))
+        self.share = {
+            name: self.weights[:, [i for i, bone in enumerate(asset.bone_names) if any(p in bone for p in parts)]].sum(1)
+            for name, parts in GARMENTS.items()
+        }
         self.main_bone = torch.as_tensor(asset.main_bone(), device=device)
 
     def _tensor(self, values: np.ndarray) -> torch.Tensor:
@@ -143,7 +157,7 @@ class People:
         skin = self.vertices + torch.einsum("nk,kvi->nvi", shape, self.basis[:used])
         heads = self.heads + torch.einsum("nk,kbi->nbi", shape, self.head_basis[:used])
         out, cloth_m = self._clothes(count)
-        skin = skin + out[:, :, None] * self.normals
+        skin = skin + out
         size = self.uniform(count, low=0.93, high=1.07)[:, None, None]
         skin, heads = skin * size, heads * size
         for name in STUMPS:
@@ -162,19 +176,42 @@ class People:
         return found
 
     def _clothes(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """How far cloth and hair stand off the skin (n, v): 0 to 3 cm, hair up to 6 cm; (n,) the mean of cloth."""
-        names = self.asset.bone_names
-        bare = torch.tensor([any(part in name for part in ("Hand", "Finger", "Thumb")) for name in names])
-        head = torch.tensor(["Head" in name or "Neck" in name for name in names])
-        own = self.weights @ torch.stack([(~bare & ~head).float(), head.float()], dim=1).to(self.device)
-        cloth = self.uniform(count, 1) ** 2 * 0.025
-        folds = torch.zeros(count, len(self.vertices), device=self.device)
+        """How far cloth, hair and shoes stand off the skin (n, v, 3); (n,) the mean of shirt and trousers."""
+        skin, normals, share = self.vertices, self.normals, self.share
+        height = skin[:, 1]
+        shirt, trousers = self.uniform(count, 1) ** 2 * 0.045, self.uniform(count, 1) ** 2 * 0.035
+        hem, chest = self.uniform(count, 1, low=0.70, high=1.0), share["trunk"].amax()  # m above the floor
+        hangs = 0.6 + 0.8 * ((1.35 - height) / (1.35 - hem)).clamp(0.0, 1.0)
+        worn = ((share["trunk"] + share["thighs"]) * (height > hem)).clamp_max(chest) * hangs
+        sleeves = self.uniform(count, 1)
+        worn = worn + 0.7 * (share["arms"] * (sleeves > 0.15) + share["forearms"] * (sleeves > 0.6))
+        flare = self.uniform(count, 1) ** 2 * 0.03 * ((0.5 - height) / 0.4).clamp(0.0, 1.0)
+        legs = share["thighs"] + share["shanks"] * (self.uniform(count, 1) > 0.25)  # the others wear shorts
+        cloth = shirt * worn + (trousers + flare) * legs + self._seat(count)
+        folds = torch.zeros(count, len(skin), device=self.device)
         for _ in range(3):
             wave = self.normal(count, 3, sigma=PLACE_SPREAD)
-            folds += torch.sin(wave @ self.vertices.T + self.uniform(count, 1, high=2.0 * math.pi))
-        folds = cloth * (1.0 + 0.3 * folds) + self.normal(count, 1, sigma=0.002)
-        hair = (self.uniform(count, 1) ** 3 * 0.06) * (self.vertices[:, 0] < 0.12)
-        return folds * own[:, 0] + hair * own[:, 1], cloth[:, 0]
+            folds += torch.sin(wave @ skin.T + self.uniform(count, 1, high=2.0 * math.pi))
+        covered = share["trunk"] + share["thighs"] + share["shanks"] + share["arms"] + share["forearms"]
+        cloth = cloth * (1.0 + 0.3 * folds) + self.normal(count, 1, sigma=0.002) * covered
+        hair = (self.uniform(count, 1) ** 3 * 0.06) * (skin[:, 0] < 0.12) * share["head"]
+        return (cloth + hair)[:, :, None] * normals + self._shoes(count), 0.5 * (shirt + trousers)[:, 0]
+
+    def _seat(self, count: int) -> torch.Tensor:
+        """(n, v) m: cloth spans the gap between the thighs, of gowns further down, so that legs seem to begin lower."""
+        wide = self.uniform(count, 1) ** 1.5 * torch.where(self.uniform(count, 1) < 0.1, 0.12, 0.06)
+        long = self.uniform(count, 1, low=0.1, high=0.4)
+        high = (1.0 - (0.82 - self.vertices[:, 1]).abs() / long).clamp(0.0, 1.0)
+        inward = (-torch.sign(self.vertices[:, 2]) * self.normals[:, 2] - self.normals[:, 1].clamp_max(0.0)).clamp(0, 1)
+        return wide * high * inward * self.share["thighs"]
+
+    def _shoes(self, count: int) -> torch.Tensor:
+        """(n, v, 3) m: soles, caps of toes and leather; some go without."""
+        shod = self.share["feet"] * (self.uniform(count, 1) > 0.15)
+        sole = self.uniform(count, 1, low=0.005, high=0.035) * (self.normals[:, 1] < -0.3)
+        cap = self.uniform(count, 1, high=0.03) * (self.normals[:, 0] > 0.3)
+        leather = self.uniform(count, 1, low=0.002, high=0.01)[..., None] * self.normals
+        return shod[..., None] * (leather + torch.stack([cap, -sole, torch.zeros_like(sole)], dim=2))
 
     def _turns(self, posture: torch.Tensor, facing: torch.Tensor) -> torch.Tensor:
         """(n, b, 3, 3) turns of all bones about their parents."""
@@ -197,7 +234,8 @@ class People:
         for side, way in SIDES:
             turns[:, self.asset.bone(f"{side}Arm")] = self._upper_arm(count, side, way)
             axes, _ = hinge_axes(self.asset, f"{side}ForeArm")
-            bend = self.uniform(count, low=-0.65, high=1.9) * self.uniform(count) + self.normal(count, sigma=0.1)
+            often = torch.where(self.uniform(count) < 0.35, 1.0, self.uniform(count))  # who holds bars bends elbows
+            bend = self.uniform(count, low=-0.65, high=1.9) * often + self.normal(count, sigma=0.1)
             turned = bend[:, None] * self._tensor(axes[0]) + self.normal(count, 1, sigma=0.5) * self._tensor(axes[2])
             turns[:, self.asset.bone(f"{side}ForeArm")] = _matrices(turned)
         turns[:, 0] = self._root(is_a, facing)
@@ -218,6 +256,10 @@ class People:
         hip = torch.where(far, self.uniform(count, low=-0.4, high=1.8), hip)
         knee = torch.where(far, self.uniform(count, low=0.0, high=2.2), knee)
         axes, _ = hinge_axes(self.asset, f"{side}Leg")
+        kneels, steps = is_a["kneels"], self.uniform(count) < 0.2  # one foot before the other knee
+        hip = torch.where(kneels, torch.where(steps, hip + 1.3, self.uniform(count, low=-0.1, high=1.3)), hip)
+        bent = torch.where(steps, self.uniform(count, low=1.2, high=1.9), self.uniform(count, low=1.4, high=2.5))
+        knee = torch.where(kneels, bent, knee)
         wide = torch.where(is_a["anyhow"] | seated, 0.3, 0.13)
         out = self.normal(count) * wide
         vectors[:, self.asset.bone(f"{side}UpLeg")] = torch.stack([out, self.normal(count, sigma=0.25), hip], dim=1)

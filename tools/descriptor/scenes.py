@@ -135,7 +135,7 @@ class Scenes:
         """Cameras, and where the people stand (n, MOST_PEOPLE, 3): the first in view, others near or anywhere."""
         p = self.people
         height = p.uniform(count, low=0.4, high=2.4)
-        away = torch.exp(p.uniform(count, low=math.log(0.9), high=math.log(5.0)))
+        away = torch.exp(p.uniform(count, low=math.log(0.9), high=math.log(6.0)))
         aim = p.uniform(count, low=0.3, high=1.4)
         pitch = torch.atan2(height - aim, away) + p.normal(count, sigma=0.1)
         roll = p.normal(count, sigma=0.04)
@@ -154,7 +154,7 @@ class Scenes:
         aside = p.uniform(count, low=-0.45, high=0.45) * away
         where[:, 0, 0], where[:, 0, 2] = away, aside
         for other in range(1, MOST_PEOPLE):
-            far = torch.exp(p.uniform(count, low=math.log(1.0), high=math.log(5.5)))
+            far = torch.exp(p.uniform(count, low=math.log(1.0), high=math.log(6.0)))
             anywhere = torch.stack([far, torch.zeros_like(far), p.uniform(count, low=-0.55, high=0.55) * far], dim=1)
             round_ = p.uniform(count, low=0.0, high=2.0 * math.pi)
             near = p.uniform(count, low=0.22, high=0.7)

@@ -25,7 +25,7 @@ def sense(true_m: torch.Tensor, draw: People) -> tuple[torch.Tensor, torch.Tenso
     stereo = (draw.uniform(count) < 0.5)[:, None, None]
     smoothed = (draw.uniform(count) < 0.25)[:, None, None]
     jittered = _jitter(true_m, draw)
-    depth, edge = _edges(jittered, draw)
+    depth, edge = _edges(torch.where(stereo, _fattened(jittered, draw), jittered), draw)
     gain = torch.exp(draw.uniform(count, low=math.log(0.3), high=math.log(3.0)))[:, None, None]
     white, blobs = draw.normal(count, height, width), _blobs(draw, count, height, width, 3)
     noise = torch.where(stereo, blobs * 1.5, white)
@@ -36,7 +36,7 @@ def sense(true_m: torch.Tensor, draw: People) -> tuple[torch.Tensor, torch.Tenso
         step > 1e-4, 1.0 / (torch.round(1.0 / depth / step.clamp_min(1e-4)) * step.clamp_min(1e-4)), depth
     )
     depth = torch.where(smoothed, _smoothed(depth, draw), depth)
-    filled = (draw.uniform(count) < 0.12)[:, None, None]  # a maker's filters at their strongest: no holes, no edges
+    filled = (draw.uniform(count) < 0.18)[:, None, None]  # a maker's filters at their strongest: no holes, no edges
     depth = torch.where(filled, _smeared(depth, draw), depth)
     lost = draw.uniform(count, height, width) < draw.uniform(count, high=0.01)[:, None, None]
     lost |= edge & (draw.uniform(count, height, width) < draw.uniform(count, high=0.5)[:, None, None])
@@ -81,6 +81,13 @@ def _edges(depth: torch.Tensor, draw: People) -> tuple[torch.Tensor, torch.Tenso
     count, height, width = depth.shape
     flying = edge & (draw.uniform(count, height, width) < draw.uniform(count, high=0.3)[:, None, None])
     return torch.where(flying, near + draw.uniform(count, height, width) * (far - near), depth), edge
+
+
+def _fattened(depth: torch.Tensor, draw: People) -> torch.Tensor:
+    """What is near grows by a pixel, in blobs: blocks of pixels are matched, and the nearer surface has the texture."""
+    near = -max_pool2d(-depth[:, None], 3, 1, 1)[:, 0]
+    grown = _blobs(draw, *depth.shape, 6) > draw.uniform(len(depth), low=-1.0, high=4.0)[:, None, None]
+    return torch.where(grown & (depth - near > 0.05), near, depth)
 
 
 def _smoothed(depth: torch.Tensor, draw: People) -> torch.Tensor:
