@@ -58,6 +58,6 @@ def _digest(source: Path) -> str:
     package, digest = source / "anchorpose", hashlib.sha256()
     for path in sorted(package.rglob("*")):
         place = path.relative_to(package).as_posix()
-        if path.is_file() and path.suffix in (".py", ".npz", ".onnx") and not place.startswith(NOT_MEASURED):
+        if path.is_file() and path.suffix in (".py", ".npz", ".weights") and not place.startswith(NOT_MEASURED):
             digest.update(place.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()[:DIGITS]

@@ -27,7 +27,7 @@ def digest(*leave_out: str) -> str:
         versions.code_digest.cache_clear()
 
 
-@pytest.mark.parametrize("change", ["stage/a.py", "stage/c.py", "stage/data.npz"])
+@pytest.mark.parametrize("change", ["stage/a.py", "stage/c.py", "stage/data.npz", "stage/data.weights"])
 def test_a_changed_or_added_file_is_another_digest(package: Path, change: str) -> None:
     before = digest()
     (package / change).write_text("changed")

@@ -29,13 +29,13 @@ def machine() -> dict[str, str]:
 
 @cache
 def code_digest(leave_out: tuple[str, ...] = ()) -> str:
-    """SHA-256 in hex over the package's modules and .npz files, except those whose path starts with ``leave_out``.
+    """SHA-256 in hex over the package's modules, .npz files and learnt weights, except those whose path starts with ``leave_out``.
 
     The same digest means the same code, also between two releases and in a changed copy.
     """
     root, digest = Path(__file__).parent, hashlib.sha256()
     for path in sorted(root.rglob("*")):
         place = path.relative_to(root).as_posix()
-        if path.is_file() and path.suffix in (".py", ".npz") and not place.startswith(leave_out):
+        if path.is_file() and path.suffix in (".py", ".npz", ".weights") and not place.startswith(leave_out):
             digest.update(place.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
