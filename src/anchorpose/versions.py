@@ -29,9 +29,10 @@ def machine() -> dict[str, str]:
 
 @cache
 def code_digest(leave_out: tuple[str, ...] = ()) -> str:
-    """SHA-256 in hex over the package's modules, .npz files and learnt weights, except those whose path starts with ``leave_out``.
+    """SHA-256 in hex over the package's modules, .npz files and learnt weights.
 
-    The same digest means the same code, also between two releases and in a changed copy.
+    Without those whose path starts with one of ``leave_out``. The same digest means the same code, also
+    between two releases and in a changed copy.
     """
     root, digest = Path(__file__).parent, hashlib.sha256()
     for path in sorted(root.rglob("*")):

@@ -113,14 +113,16 @@ class People:
         self.child_mean = self._tensor(asset.child_mean)
         spread, turned = np.linalg.eigh(asset.child_covariance)
         self.child_root = self._tensor(turned * np.sqrt(np.clip(spread, 0.0, None)))
-        self.share = {
-            name: self.weights[:, [i for i, bone in enumerate(asset.bone_names) if any(p in bone for p in parts)]].sum(1)
-            for name, parts in GARMENTS.items()
-        }
+        self.share = {name: self._share(parts) for name, parts in GARMENTS.items()}
         self.main_bone = torch.as_tensor(asset.main_bone(), device=device)
 
     def _tensor(self, values: np.ndarray) -> torch.Tensor:
         return torch.as_tensor(np.asarray(values, dtype=np.float32), device=self.device)
+
+    def _share(self, parts: tuple[str, ...]) -> torch.Tensor:
+        """(v,) how far the skin hangs on bones whose names hold one of ``parts``."""
+        mine = [i for i, bone in enumerate(self.asset.bone_names) if any(part in bone for part in parts)]
+        return self.weights[:, mine].sum(dim=1)
 
     def uniform(self, *shape: int, low: float = 0.0, high: float = 1.0) -> torch.Tensor:
         """Uniform numbers."""
