@@ -8,6 +8,7 @@ from typing import Final, get_args
 
 import numpy as np
 from recordings import MOVEMENTS, Drawn, Real, Simulated
+from scores import labelled_sequences
 from suite import Case, Probe, Use
 
 from anchorpose.simulate import config as presets
@@ -78,6 +79,8 @@ def descriptor(use: Use, quick: bool) -> Iterator[Case]:
         yield Case("nobody", things, probe=Probe("not_people"))
     for folder in ("people_in_line", "five_people", "realsense_board", "iit_rehab_room"):
         yield Case(f"real: {folder}", Real(folder), probe=Probe("people_found"))
+    for sequence in labelled_sequences()[:: 8 if quick else 1]:
+        yield Case("real: MSR Action3D, labels", Real(f"msr_action3d/{sequence}"), probe=Probe("described_joints"))
 
 
 def equipment(use: Use, quick: bool) -> Iterator[Case]:
