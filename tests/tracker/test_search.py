@@ -1,5 +1,6 @@
 """Looking for a lost patient: nobody who was beside him is taken for him, and he is found where he may have come."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -76,6 +77,19 @@ def test_he_is_found_beside_those_who_stayed():
     found = looked(lost_beside(THERAPIST), (THERAPIST,), (THERAPIST, body(0.1, -0.1)))
     assert found[0] is NoStart.NOBODY_NEW
     assert found[1].ground_xz_m == pytest.approx([0.1, -0.1], abs=PELVIS_M)
+
+
+def test_labels_that_spread_to_him_from_a_therapist_hide_nobody():
+    """Of two people who share the therapist's label one is the therapist."""
+    search = lost_beside(THERAPIST)
+    label = next(iter(search._met))
+    patient = seen(body(0.0, 0.0)).memory
+    everywhere = np.concatenate([search.memory.points_m, patient.points_m])
+    age_s, owner = np.zeros(len(everywhere), np.float32), np.full(len(everywhere), label, np.uint8)
+    search.memory = replace(search.memory, points_m=everywhere, owner=owner, age_s=age_s)
+    found = looked(search, (THERAPIST, body(0.0, 0.0)))[0]
+    assert isinstance(found, PatientChoice)
+    assert found.ground_xz_m == pytest.approx([0.0, 0.0], abs=PELVIS_M)
 
 
 def test_he_cannot_have_run_away_at_once_but_may_have_walked():

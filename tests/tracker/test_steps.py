@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from room_builder import FRONT, ROOM, body, built_scene, picture
 
-from anchorpose.isolation.people import ground_distance
 from anchorpose.isolation.scene import Pieces, find_pieces
 from anchorpose.tracker.steps import GRID_M, REACH_M, find_steps, step_onto
 
@@ -19,7 +18,7 @@ def pixels(*people, seed: int = 1) -> Pieces:
 
 def skin(shown: Pieces, x: float, z: float) -> np.ndarray:
     """What is seen of the person who stands at a place."""
-    return shown.points_m[ground_distance(shown.points_m, np.array([x, z])) < 0.25]
+    return shown.points_m[np.hypot(shown.points_m[:, 0] - x, shown.points_m[:, 2] - z) < 0.25]
 
 
 def steps(before: dict[int, tuple[float, float]], after: list[tuple[float, float]]) -> dict[int, np.ndarray]:

@@ -24,7 +24,6 @@ class IsolationConfig:
 
 
 PERSON_AREA_M2: Final = 0.12  # what must be seen of a person: a fifth of an adult's frontal area
-PERSON_RADIUS_M: Final = 0.25  # half a shoulder breadth (95th percentile of men 0.26 m)
 EDGE_M: Final = 0.1  # between a pixel and the ray nearest to it: across an outline the depth jumps by more
 
 
@@ -130,8 +129,3 @@ def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, 
         return None
     bottom, top = np.percentile(heights, [1, 99])
     return Person(found.pelvis_m[[0, 2]], float(bottom), float(top), area_m2)
-
-
-def ground_distance(points_m: np.ndarray, axes_xz: np.ndarray) -> np.ndarray:
-    """(n,) distance over the ground of points (n, 3) from axes (n, 2) or one axis (2,)."""
-    return np.hypot(points_m[:, 0] - axes_xz[..., 0], points_m[:, 2] - axes_xz[..., 1])

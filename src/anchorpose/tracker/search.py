@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from anchorpose.body.belief import PoseBelief
 from anchorpose.camera import Camera
-from anchorpose.isolation.bystander_memory import SAMPLE_PX, BystanderMemory, update_memory
-from anchorpose.isolation.people import PERSON_RADIUS_M, PatientChoice, Person, ground_distance, see_people
+from anchorpose.isolation.bystander_memory import BystanderMemory, update_memory
+from anchorpose.isolation.people import PatientChoice, People, Person, see_people
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
@@ -27,7 +28,6 @@ RETURN_S: Final = 1.0  # nobody walks out of the picture, turns round and is bac
 STRIP_M: Final = 0.15  # from the border: half a trunk in profile, a head's width
 BORDER: Final = 0.1  # of the image's width or height, where stereo cameras read nothing
 CUT: Final = 0.5  # of a person's rows or columns that go on to the border
-BYSTANDER: Final = 0.5  # share of a person's visible pixels that are a known bystander's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,10 +91,11 @@ class Search:
             self._met |= _people_in(views)
             self._newcomer = self.memory.next_label
         reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
-        people = see_people(pieces, cameras).people
-        axes = [one.ground_xz_m for one in people if self._may_be_patient(one, pieces, views, reach_m)]
+        people = see_people(pieces, cameras)
+        axes = [one.ground_xz_m for one in self._strangers(people, pieces, views)]
+        axes = [axis for axis in axes if np.linalg.norm(axis - self._place_xz_m) <= reach_m]
         if not axes:
-            return NoStart.NOBODY_NEW if people else NoStart.NOBODY_THERE
+            return NoStart.NOBODY_NEW if people.people else NoStart.NOBODY_THERE
         nearest = min(axes, key=lambda axis: float(np.linalg.norm(axis - self._place_xz_m)))
         elsewhere = self._left or np.linalg.norm(nearest - self._place_xz_m) > NEAR_M
         if elsewhere and self._others_are_away(views) and not _in_equipment(nearest, run.room):
@@ -112,15 +113,21 @@ class Search:
         """Whether any of the people who were met beside the patient is not in view."""
         return not self._met <= _people_in(views)
 
-    def _may_be_patient(
-        self, person: Person, pieces: Sequence[Pieces | None], views: Sequence[View | None], reach_m: float
-    ) -> bool:
-        """Whether a person is near enough to have come from there and is not a bystander who was followed meanwhile."""
-        if np.linalg.norm(person.ground_xz_m - self._place_xz_m) > reach_m:
-            return False
-        labels = _labels_about(person.ground_xz_m, pieces, views)
-        known = (labels >= PixelLabel.OTHER_PERSON) & (labels < self._newcomer)
-        return float(np.mean(known)) < BYSTANDER
+    def _strangers(self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> list[Person]:
+        """The people who are none of those who were met, each of whom is one person at most.
+
+        Whoever was met is the person who has most of their pixels: where people touch, labels spread from one to the
+        other, but the descriptor tells them apart.
+        """
+        known = sorted(label for label in self._met if label < self._newcomer)
+        shared = np.zeros((len(people.people), 256), np.int64)
+        for piece, own, view in zip(pieces, people.of, views, strict=True):
+            if piece is not None and own is not None and view is not None:
+                labels = view.labels[piece.row, piece.column]
+                np.add.at(shared, (own[own >= 0], labels[own >= 0]), 1)
+        who, label = linear_sum_assignment(-shared[:, known])
+        taken = {int(k) for k, n in zip(who, label, strict=True) if shared[k, known[n]] > 0}
+        return [person for k, person in enumerate(people.people) if k not in taken]
 
 
 def _people_in(views: Sequence[View | None]) -> frozenset[int]:
@@ -167,17 +174,6 @@ def _reach_m(patient: np.ndarray, depth_m: np.ndarray, focal_px: float) -> float
     first_px = np.zeros(len(patient), np.int64)
     first_px[rows] = patient[rows].argmax(axis=1)
     return float(np.percentile((column - first_px[row]) * depth_m[row, column] / focal_px, 95))
-
-
-def _labels_about(axis_xz_m: np.ndarray, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> np.ndarray:
-    """(n,) uint8 labels of every third pixel of the people that stands about an axis."""
-    found = [np.zeros(0, np.uint8)]
-    for piece, view in zip(pieces, views, strict=True):
-        if piece is not None and view is not None:
-            near = np.flatnonzero(ground_distance(piece.points_m, axis_xz_m) < PERSON_RADIUS_M)
-            near = near[::SAMPLE_PX]
-            found.append(view.labels[piece.row[near], piece.column[near]])
-    return np.concatenate(found)
 
 
 def _in_equipment(place_xz_m: np.ndarray, room: Room) -> bool:
