@@ -6,9 +6,22 @@ from body_builder import adult_body, hide_bones, joint_errors_m, joints_of, seen
 
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.limb_search import DECIDED, MEMORY, Rival, follow_rivals, with_rivals
-from anchorpose.body.pose import Pose
+from anchorpose.body.limb_proposals import exchanged
+from anchorpose.body.pose import PARTS, Pose
 from anchorpose.body.registration import Registration
+from anchorpose.body.rivals import (
+    DECIDED,
+    LEAST_GAIN,
+    LIMB_ERROR,
+    MEMORY,
+    MOST,
+    Rival,
+    believed,
+    follow_rivals,
+    parts_apart,
+    rivals_of,
+    with_rivals,
+)
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.simulate.render import TrueImage
@@ -67,6 +80,45 @@ def test_what_a_rival_lost_before_counts_less_with_every_frame():
         _, left = follow_rivals(BODY, registered(TRUTH), (Rival(sure(low), before),), hidden, 0.02, CONFIG)
         lags.append(left[0].lag)
     assert lags[1] - lags[0] == pytest.approx(MEMORY)
+
+
+def test_a_lead_is_believed_by_its_own_error():
+    """Of two classes a deviation apart, normally distributed: one in six is beyond it."""
+    assert believed(LIMB_ERROR, 1) == pytest.approx(np.log(0.8413 / 0.1587), abs=1e-3)
+    assert believed(PARTS * LIMB_ERROR, PARTS) == pytest.approx(believed(LIMB_ERROR, 1))
+    assert believed(-30.0, 2) == -believed(30.0, 2)
+    assert believed(0.5, 1) < 0.5
+    assert believed(1e4, PARTS) == 1e4  # no error of shape makes that; the lead itself is all there is
+    assert (np.diff([believed(lead, 3) for lead in np.linspace(-100.0, 100.0, 50)]) > 0.0).all()
+
+
+def test_parts_that_lie_elsewhere_are_counted():
+    _, legs, turned = exchanged(BODY, TRUTH)
+    assert parts_apart(BODY, TRUTH, TRUTH) == 0
+    assert parts_apart(BODY, TRUTH, WRONG) == 1
+    assert parts_apart(BODY, TRUTH, legs) == 2
+    assert parts_apart(BODY, TRUTH, turned) == PARTS
+
+
+def test_a_rival_that_was_found_elsewhere_must_make_up_for_that_first():
+    found = (Rival(sure(TRUTH), -40.0, 200.0),)
+    best, left, frames = registered(WRONG), found, 0
+    while left and left[0].behind >= -LEAST_GAIN and frames < 20:
+        first, left = follow_rivals(BODY, best, left, SEEN, 0.02, CONFIG)
+        if first is not best:
+            break
+        frames += 1
+    assert 1 <= frames < 20
+    assert joint_errors_m(BODY, first.belief.pose, TRUTH).max() < 0.03
+
+
+def test_few_rivals_are_kept_and_none_twice():
+    poses = [standing(LeftArm=(angle, 0.0, 0.0)) for angle in (60.0, 61.0, 20.0, -10.0, -35.0, -60.0)]
+    others = [Rival(sure(pose), 0.1 * k) for k, pose in enumerate(poses)]
+    kept = rivals_of(BODY, sure(TRUTH), others)
+    assert [rival.lag for rival in kept] == pytest.approx([0.1 * k for k in (0, 2, 3)])
+    assert len(kept) == MOST
+    assert rivals_of(BODY, sure(TRUTH), [Rival(sure(WRONG), 1.1 * DECIDED)]) == ()
 
 
 def test_sigma_is_that_of_the_mixture():

@@ -15,7 +15,7 @@ from anchorpose.body.constraints import surface_constraints
 from anchorpose.body.evidence import Evidence, evidence_rows
 from anchorpose.body.fit import damped_step
 from anchorpose.body.learning import ShapeFrame, learn_shape_step
-from anchorpose.body.matched_places import MatchedPerson, fit_matches
+from anchorpose.body.matched_places import MatchedPerson, Matches, fit_matches
 from anchorpose.body.pose import Pose
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.shape_prior import ShapeBelief
@@ -30,11 +30,15 @@ _ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstPose:
-    """The best of several bodies; log: how probable pose and shape are by the images and the prior, nats."""
+    """The best of several bodies; log: how probable pose and shape are by the images and the prior, nats.
+
+    other: the same turned round.
+    """
 
     pose: Pose
     belief: ShapeBelief
     log: float
+    other: FirstPose | None = None
 
     @property
     def shape(self) -> FittedShape:
@@ -57,19 +61,24 @@ class FirstShape:
 def find_first_pose(
     evidence: Evidence, person: MatchedPerson, shape: FirstShape, config: RegistrationConfig
 ) -> FirstPose:
-    """Fit each body to the matches, settle it on the surface, and keep the most probable."""
-    points = body_points()
-    found = [
-        _settle(
-            fit_matches(build_body(points, tried.shape), person.matches, person.pose),
-            tried,
-            evidence,
-            shape.may_change,
-            config,
-        )
-        for tried in shape.tried
-    ]
-    return max(found, key=lambda first: first.log)
+    """Fit each body to the matches, settle it on the surface, and keep the most probable, and turn that round."""
+    found = [_fitted(evidence, person.matches, tried, person.pose, shape, config) for tried in shape.tried]
+    number = max(range(len(found)), key=lambda k: found[k].log)
+    turned = _fitted(evidence, person.matches.turned, shape.tried[number], None, shape, config)
+    other, best = sorted((turned, found[number]), key=lambda first: first.log)
+    return replace(best, other=other)
+
+
+def _fitted(
+    evidence: Evidence,
+    matches: Matches,
+    belief: ShapeBelief,
+    start: Pose | None,
+    shape: FirstShape,
+    config: RegistrationConfig,
+) -> FirstPose:
+    pose = fit_matches(build_body(body_points(), belief.shape), matches, start)
+    return _settle(pose, belief, evidence, shape.may_change, config)
 
 
 def _settle(

@@ -15,7 +15,6 @@ import numpy as np
 from anchorpose.body.asset import joint_bones
 from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.fit import prior_equations
@@ -23,7 +22,8 @@ from anchorpose.body.limb_proposals import anchor_poses, exchanged, limb_poses, 
 from anchorpose.body.matched_places import LEAST_MATCHES, fit_matches, matches_of
 from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, Pose
 from anchorpose.body.pose_probability import log_probability
-from anchorpose.body.registration import Registration, descend, posterior, register
+from anchorpose.body.registration import Registration, descend, posterior
+from anchorpose.body.rivals import LEAST_GAIN, MOST, Rival, believed, parts_apart, rivals_of
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.isolation.view import PixelLabel
@@ -36,38 +36,35 @@ TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # from a proposed limb to the seen 
 TRIAL_NODES: Final = 800  # a third of the nodes tell a good pose from a bad one
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
 SAME_M: Final = 0.04  # poses whose joints are nowhere farther apart lead to the same registration
-APART_M: Final = 0.08  # poses whose joints are nowhere farther apart are one: as much as clothes and holds move
 BEST: Final = 3  # of the proposals: the present pose drawn onto the surface once more, and two others
 MOST_UNUSUAL: Final = 10.0  # squared deviations of all joint ranges by which a pose may be rarer than before
-MOST_LAG: Final = 3.0  # nats: a pose that is twenty times less likely is not a rival
-LEAST_GAIN: Final = 3.0  # nats: another pose must be twenty times as likely
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rival:
-    """A pose besides the best; lag: by how much it explains the last frames worse, nats."""
-
-    belief: PoseBelief
-    lag: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
     """What a search found.
 
-    registration: of the best pose. rounds: in which another pose was taken, 0: none. rivals: poses that the frame does
+    registration: of the best pose; taken: whether it is another one than was given. rivals: poses that the frame does
     not decide against.
     """
 
     registration: Registration
-    rounds: int
+    taken: bool
     rivals: tuple[Rival, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Tried:
+class Tried:
+    """A pose; images: what they and the body say of it, moved: what it costs to be elsewhere than expected; nats."""
+
     pose: Pose
-    log: float
+    images: float
+    moved: float
+
+    @property
+    def log(self) -> float:
+        """How probable it is, nats."""
+        return self.images - self.moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,8 +75,8 @@ class Expected:
     joints_m: np.ndarray
     sigma_m: np.ndarray
 
-    def log_probability(self, pose: Pose, evidence: Evidence) -> float:
-        """By the images, and by how far each limb, or the trunk, has left its expected place; nats.
+    def tried(self, pose: Pose, evidence: Evidence) -> Tried:
+        """How probable a pose is by the images, and by how far each limb, or the trunk, has left its expected place.
 
         Cauchy's tails: a limb that was lost may be anywhere, but one that was known does not turn round between two
         frames, and a body that does has five limbs to explain.
@@ -87,7 +84,7 @@ class Expected:
         away = np.linalg.norm(self.body.joints(pose) - self.joints_m, axis=1) / self.sigma_m
         farthest = np.zeros(PARTS)
         np.maximum.at(farthest, LIMB_OF_JOINTS, away)
-        return log_probability(self.body, pose, evidence) - float(np.log1p(farthest**2).sum())
+        return Tried(pose, log_probability(self.body, pose, evidence), float(np.log1p(farthest**2).sum()))
 
 
 def expected_joints(body: Body, belief: PoseBelief) -> Expected:
@@ -120,25 +117,52 @@ def search_limbs(
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
-    pose, rounds, best = found.belief.pose, 0, list[_Tried]()
+    now, best = expected.tried(found.belief.pose, evidence), list[Tried]()
+    pose = now.pose
     for number in range(ROUNDS):
         proposed = _proposals(body, pose, evidence, seen, whole_body=number == 0)
         tried = _register_all(expected, _distinct(body, [pose, *proposed]), uncertain, evidence, trial)
-        best = _best_few(expected, tried, uncertain, evidence, config)
-        if best[0] is tried[0] or best[0].log <= tried[0].log + LEAST_GAIN:
+        best += _best_few(expected, tried, uncertain, evidence, config)
+        most = max(best, key=lambda one: one.log)
+        if most.log <= tried[0].log + LEAST_GAIN:
             break
-        pose, rounds = best[0].pose, rounds + 1
+        pose = most.pose
         if not needs_search(explain(body.points, pose_points(body, pose), evidence)):
             break
-    if rounds:
-        other = posterior(body, pose, replace(uncertain, pose=pose), evidence, config)
-        found, rounds = (other, rounds) if other.found else (found, 0)
-    return Search(found, rounds, tuple(_rivals(expected, found, best, uncertain, evidence, config)))
+    return _decided(body, found, now, best, uncertain, evidence, config)
 
 
-def farthest_joint_m(body: Body, one: Pose, other: Pose) -> float:
-    """The distance of the joint that is farthest from its place in another pose."""
-    return float(np.linalg.norm(body.joints(one) - body.joints(other), axis=1).max())
+def _decided(
+    body: Body,
+    found: Registration,
+    now: Tried,
+    others: Sequence[Tried],
+    uncertain: PoseBelief,
+    evidence: Evidence,
+    config: RegistrationConfig,
+) -> Search:
+    """What one frame decides between the pose that was found, ``now``, and others."""
+    ways, poses = list[tuple[Registration, Rival]](), list[Pose]()
+    for one, lag in sorted(_compared(body, now, others), key=lambda way: way[1] + way[0].moved):
+        if len(ways) > MOST or not all(parts_apart(body, one.pose, pose) for pose in poses):
+            continue
+        way = posterior(body, one.pose, replace(uncertain, pose=one.pose), evidence, config)
+        if way.found:
+            ways.append((way, Rival(way.belief, lag, one.moved - now.moved)))
+            poses.append(one.pose)
+    rivals = [rival for _, rival in ways]
+    if not ways or rivals[0].behind >= -LEAST_GAIN:
+        return Search(found, False, rivals_of(body, found.belief, rivals))
+    gain, taken = -rivals[0].behind, ways[0][0]
+    left = [replace(rival, lag=rival.lag + gain) for rival in rivals[1:]]
+    return Search(taken, True, rivals_of(body, taken.belief, [*left, Rival(found.belief, gain)]))
+
+
+def _compared(body: Body, now: Tried, others: Sequence[Tried]) -> Iterator[tuple[Tried, float]]:
+    """The other poses, each with how much worse it explains the images, believed nats."""
+    for one in others:
+        if one.pose is not now.pose:
+            yield one, -believed(one.images - now.images, parts_apart(body, one.pose, now.pose))
 
 
 def _proposals(
@@ -158,10 +182,12 @@ def _proposals(
 
 
 def _by_matches(body: Body, evidence: Evidence) -> Iterator[Pose]:
-    """The pose of the whole body by the learnt descriptor alone; none where it matches too few of the pixels."""
+    """The pose of the whole body by the learnt descriptor alone, and the same if it mistakes front and back; none where
+    it matches too few of the pixels."""
     matches = matches_of(evidence.views, evidence.cameras, PixelLabel.PATIENT)
     if len(matches) >= LEAST_MATCHES:
         yield fit_matches(body, matches)
+        yield fit_matches(body, matches.turned)
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
@@ -177,13 +203,13 @@ def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
 
 def _register_all(
     expected: Expected, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
-) -> list[_Tried]:
+) -> list[Tried]:
     """The first pose as it is, then all after a short registration, and how probable each is.
 
     The first one too: limbs that only lag behind must not make a body that is turned round the better one.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
-    return each(lambda pose: _Tried(pose, expected.log_probability(pose, evidence)), [poses[0], *settled])
+    return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])
 
 
 def rarity(body: Body, pose: Pose) -> float:
@@ -196,78 +222,11 @@ def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, 
 
 
 def _best_few(
-    expected: Expected, tried: Sequence[_Tried], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
-) -> list[_Tried]:
+    expected: Expected, tried: Sequence[Tried], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
+) -> list[Tried]:
     """The first pose and the best of the others, drawn onto the surface as the first one is; the best of them first."""
     body, refining = expected.body, replace(config, reaches_m=REFINED_REACHES_M)
     others = sorted(tried[1:], key=lambda one: -one.log)[:BEST]
     refined = each(lambda one: _settled(body, one.pose, uncertain, evidence, refining), others)
-    others = each(lambda pose: _Tried(pose, expected.log_probability(pose, evidence)), refined)
+    others = each(lambda pose: expected.tried(pose, evidence), refined)
     return sorted([tried[0], *others], key=lambda one: -one.log)
-
-
-def _rivals(
-    expected: Expected,
-    found: Registration,
-    best: Sequence[_Tried],
-    uncertain: PoseBelief,
-    evidence: Evidence,
-    config: RegistrationConfig,
-) -> Iterator[Rival]:
-    """Other poses among the best that the frame does not decide against."""
-    body, most = expected.body, expected.log_probability(found.belief.pose, evidence)
-    others = [found.belief.pose]
-    for one in best:
-        lag = most - one.log
-        if lag > MOST_LAG or any(farthest_joint_m(body, one.pose, other) <= APART_M for other in others):
-            continue
-        others.append(one.pose)
-        belief = posterior(body, one.pose, replace(uncertain, pose=one.pose), evidence, config).belief
-        yield Rival(belief, max(lag, 0.0))
-
-
-MEMORY: Final = 0.8  # share of the lag that a frame passes on: three frames later half is forgotten
-DECIDED: Final = 6.0  # nats: a pose that is e^6 times less likely than the best
-
-
-def follow_rivals(
-    body: Body,
-    best: Registration,
-    rivals: Sequence[Rival],
-    evidence: Evidence,
-    elapsed_s: float,
-    config: RegistrationConfig,
-) -> tuple[Registration, tuple[Rival, ...]]:
-    """The best registration of a frame and what is left of its rivals: one that explains more takes its place."""
-    if not rivals:
-        return best, ()
-    most = log_probability(body, best.belief.pose, evidence)
-    followed = [(best, 0.0)]
-    for rival in rivals:
-        expected = rival.belief.later(rival.belief.pose, elapsed_s)
-        found = register(body, expected, evidence, no_constraints(), config)
-        if found.found and _is_another(body, found, followed):
-            lag = most - log_probability(body, found.belief.pose, evidence)
-            followed.append((found, MEMORY * rival.lag + lag))
-    followed.sort(key=lambda one: one[1])  # stable: of equals the reported one stays
-    first, lead = followed[0]
-    left = [Rival(one.belief, lag - lead) for one, lag in followed[1:] if lag - lead < DECIDED]
-    return first, tuple(left)
-
-
-def _is_another(body: Body, found: Registration, followed: Sequence[tuple[Registration, float]]) -> bool:
-    """Whether a pose has not become one of the others."""
-    return all(farthest_joint_m(body, found.belief.pose, one.belief.pose) > APART_M for one, _ in followed)
-
-
-def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: Sequence[Rival]) -> np.ndarray:
-    """(21,) sigma of the joints (21, 3) of the best pose, of the mixture with its rivals, per axis.
-
-    A rival's weight is its likelihood by its lag. Its own spread is taken to be that of the best pose.
-    """
-    weight = np.exp(-np.array([0.0, *(rival.lag for rival in rivals)]))
-    weight /= weight.sum()
-    variance = sigma_m**2
-    for share, rival in zip(weight[1:], rivals, strict=True):
-        variance = variance + share * ((body.joints(rival.belief.pose) - joints_m) ** 2).sum(axis=1) / 3.0
-    return np.asarray(np.sqrt(variance))

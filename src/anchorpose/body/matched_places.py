@@ -7,7 +7,7 @@ itself, so that a single frame has matches all over the body, and the pose needs
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import Final, NamedTuple
 
@@ -50,6 +50,11 @@ class Matches:
 
     def __len__(self) -> int:
         return len(self.place)
+
+    @property
+    def turned(self) -> Matches:
+        """With the places that the pixels show if the person faces the other way: what the network mistakes most."""
+        return replace(self, place=self.place * [-1.0, 1.0, -1.0])
 
 
 def matches_of(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Matches:

@@ -13,9 +13,9 @@ from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.kinematics import missing_joints
-from anchorpose.body.limb_search import Rival, with_rivals
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
+from anchorpose.body.rivals import Rival, with_rivals
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_points
 from anchorpose.body.uncertainty import (
     before_lost_ends,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 from anchorpose.body.belief import PoseBelief
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.limb_proposals import CHAINS, Chain, contradicted_by, end_points
-from anchorpose.body.limb_search import Rival, needs_search, search_limbs
+from anchorpose.body.limb_search import Search, needs_search, search_limbs
 from anchorpose.body.pose_probability import named_nats
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import Body, pose_points
@@ -21,19 +21,6 @@ MISNAMED: Final = -1.0  # nats of a limb: real and simulated people rightly trac
 MORE: Final = 1.5  # times the uncovered area that a search left: so much more is worth another search at once
 ELSEWHERE_M: Final = 0.25  # a hand on a bar ends at the bar: its anchor may be at the wrist, or at the elbow's bend
 LIMB_ENDS: Final = slice(1, None)  # of the anchors: hands and feet
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Watched:
-    """A frame's registration after the watch.
-
-    moved: limbs are elsewhere than the frames before said, so that their movement so far is not their own. rivals:
-    poses that a search could not decide against, None where nothing was searched.
-    """
-
-    registration: Registration
-    moved: bool = False
-    rivals: tuple[Rival, ...] | None = None
 
 
 class LimbWatch:
@@ -53,13 +40,15 @@ class LimbWatch:
 
     def look(
         self, body: Body, found: Registration, explanation: Explanation, predicted: PoseBelief, seen: Observation
-    ) -> Watched:
-        """The registration of a frame, with limbs found again where it leaves seen skin uncovered or a limb is named
-        otherwise by the descriptor. explanation: of that frame, by the registered pose."""
+    ) -> Search | None:
+        """Search where the registration leaves seen skin uncovered or the descriptor names a limb otherwise; else None.
+
+        explanation: of that frame, by the registered pose.
+        """
         self.search_wait -= 1
         waiting = self.search_wait >= 0 and explanation.uncovered_m2 < MORE * self.left_uncovered_m2
         if waiting or not (is_doubtful(body, found, explanation, seen) or self._misnamed(body, found, seen)):
-            return Watched(found)
+            return None
         return self._search(body, found, predicted, explanation, seen)
 
     def _misnamed(self, body: Body, found: Registration, seen: Observation) -> bool:
@@ -70,31 +59,31 @@ class LimbWatch:
         self.named_wait = NAMED_PAUSE
         return bool(named_nats(body, found.belief.pose, seen.evidence).sum(axis=1).min() < MISNAMED)
 
-    def look_for_whole(self, body: Body, lost: Registration, predicted: PoseBelief, seen: Observation) -> Watched:
-        """A body that explains nothing where it is expected may be turned round, or have other limbs."""
+    def look_for_whole(self, body: Body, lost: Registration, predicted: PoseBelief, seen: Observation) -> Search | None:
+        """Search where a body explains nothing: it may be turned round, or have other limbs; else None."""
         self.search_wait -= 1
         config = self.run.config.registration
         if self.search_wait >= 0 or len(seen.surface) < config.least_nodes:
-            return Watched(lost)
+            return None
         assumed = replace(lost, belief=predicted, found=True)
         search = search_limbs(body, assumed, predicted, seen.evidence, config, seen.seen_anchors)
-        if not search.rounds:
-            self.search_wait = SEARCH_PAUSE
-            return Watched(lost)
-        return Watched(search.registration, moved=True)
+        if search.taken:
+            return search
+        self.search_wait = SEARCH_PAUSE
+        return None
 
     def _search(
         self, body: Body, found: Registration, predicted: PoseBelief, explanation: Explanation, seen: Observation
-    ) -> Watched:
-        """Limbs found again; a search that finds nothing waits longer before the next."""
+    ) -> Search:
+        """A search; one that finds nothing waits longer before the next."""
         config = self.run.config.registration
         search = search_limbs(body, found, predicted, seen.evidence, config, seen.seen_anchors)
-        if search.rounds:
+        if search.taken:
             self.search_wait, self.search_pause = 0, SEARCH_PAUSE
         else:
             self.search_wait, self.search_pause = self.search_pause, min(2 * self.search_pause, LONGEST_PAUSE)
             self.left_uncovered_m2 = explanation.uncovered_m2
-        return Watched(search.registration, search.rounds > 0, search.rivals)
+        return search
 
 
 HIDDEN_SHARE: Final = 0.15  # a limb with less of its end's skin on seen nodes is nowhere seen

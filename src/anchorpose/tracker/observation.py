@@ -8,7 +8,7 @@ import numpy as np
 
 from anchorpose.body.belief import PoseBelief
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.limb_search import Rival
+from anchorpose.body.rivals import Rival
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.geodesics.anchors import Anchors, SeenAnchors, anchor_descriptor
 from anchorpose.geodesics.trusted_anchors import trusted_anchors

@@ -20,9 +20,9 @@ from anchorpose.body.inverse_kinematics import (
     relax_limbs,
 )
 from anchorpose.body.likelihood import likelihood
-from anchorpose.body.limb_search import Rival, follow_rivals
 from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, Pose
 from anchorpose.body.registration import Registration, posterior, register
+from anchorpose.body.rivals import Rival, follow_rivals, rivals_of
 from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
@@ -305,22 +305,22 @@ class PatientTracker:
         """All parts at once, joined, on the learnt body; held by the tree's matches where a user asks for them."""
         hypothesis = self._search_tree() if self.config.hypotheses.always else None
         found = self._fit(predicted, no_constraints() if hypothesis is None else self._held(hypothesis, poses[0]))
-        explanation = explained_by(self.body, found, self.window[1])
-        if not found.found:
-            watched = self.watch.look_for_whole(self.body, found, predicted, self.window[1])
-        else:
+        best, seen = found, self.window[1]
+        if found.found:
             best, self.rivals = follow_rivals(
-                self.body, found, self.rivals, self.window[1].evidence, elapsed_s, self.config.registration
+                self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration
             )
-            if best is not found:
-                explanation = explained_by(self.body, best, self.window[1])
-            watched = self.watch.look(self.body, best, explanation, predicted, self.window[1])
-            watched = replace(watched, moved=watched.moved or best is not found)
-        self.moved = watched.moved
-        if watched.moved:
+            explanation = explained_by(self.body, best, seen)
+            search = self.watch.look(self.body, best, explanation, predicted, seen)
+        else:
+            search = self.watch.look_for_whole(self.body, found, predicted, seen)
+        self.moved = best is not found
+        if search is not None:
+            best, self.moved = search.registration, self.moved or search.taken
+            self.rivals = rivals_of(self.body, best.belief, [*search.rivals, *self.rivals])
+        if self.moved:
             self.history.clear()  # the limbs moved as other ones
-        self.rivals = self.rivals if watched.rivals is None else watched.rivals
-        return watched.registration, hypothesis
+        return best, hypothesis
 
     def _fit(self, predicted: PoseBelief, held: Constraints) -> Registration:
         """The body registered to what the next frame shows, and at first to some held places."""

@@ -6,7 +6,7 @@ patient is alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from typing import Final, NamedTuple
@@ -16,11 +16,12 @@ import numpy as np
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.explanation import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
-from anchorpose.body.limb_search import Rival, rarity, search_limbs
+from anchorpose.body.limb_search import rarity, search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_person, matches_of
-from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
+from anchorpose.body.pose import LIMB_OF_BONES, PARTS, TRUNK
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.registration import posterior
+from anchorpose.body.rivals import Rival, believed, rivals_of
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.other_place import without_other_places
@@ -92,11 +93,19 @@ def find_start(
     if found.found:  # sides that the descriptor exchanged, and limbs that it left out
         before = expected or vague_belief(found.belief.pose)
         search = search_limbs(body, found, before, observation.evidence, config.registration)
-        found, rivals = search.registration, search.rivals
+        found = search.registration
+        rivals = rivals_of(body, found.belief, [*search.rivals, *_turned(first)])
     start = Start(observation, first.shape, found.belief, found.explained, rivals)
     if not found.found or found.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
     return _why_not(start, run) or start
+
+
+def _turned(first: FirstPose) -> Iterator[Rival]:
+    """The person facing the other way, as the frame has it."""
+    if first.other is not None:
+        pose = first.other.pose
+        yield Rival(vague_belief(pose), believed(first.log - first.other.log, PARTS))
 
 
 def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: FittedShape | None) -> FirstPose:
@@ -181,9 +190,7 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
 
 CROWDED_M: Final = 1.0  # from axis to axis: an outstretched arm and half a trunk
 MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be taken for one
-WELL: Final = 0.92  # of the surface explained, all limbs seen: 95 to 100 % when alone, 70 with a therapist's arm
-WHOLE: Final = 0.8  # of the patient's usual visible surface: a sliver behind a therapist is explained by anything
-TRIES: Final = 8  # frames; each takes a second or two to fit
+TRIES: Final = 4  # frames; each takes a second or two to fit
 APART: Final = 0.25  # of the frames' span: what spoils a frame spoils those around it
 
 
@@ -256,37 +263,38 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
     found = dict[int, Start]()
 
-    def explained(candidate: InitialFrame) -> tuple[float, float]:
+    def nats(candidate: InitialFrame) -> float:
         frame_set = without_other_places(read_frame(room.recording, candidate.frame), room.scenes)
         start = find_start(frame_set, Run(room, config), candidate.choice, None, candidate.crowd)
         if isinstance(start, NoStart):
-            return 0.0, -np.inf
+            return -np.inf
         found[candidate.frame] = start
-        body = build_body(body_points(), start.shape)
-        return quality(start), log_probability(body, start.belief.pose, start.observation.evidence)
+        return _log_probability(start, room.recording.subject, config)
 
-    best = best_of(candidates, explained)
+    best = best_of(candidates, nats)
     others = (replace(one, crowd=None) for one in candidates if one is not best)
     return replace(room, initial_frames=(replace(best, crowd=None, start=found.get(best.frame)), *others))
 
 
-def best_of(
-    candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], tuple[float, float]]
-) -> InitialFrame:
-    """The first that shows the whole patient and is explained well, or the most probable of ``TRIES``.
+def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> float:
+    """How probable pose and shape of a start are by the images and by what is known of bodies, nats."""
+    points = body_points()
+    shape = likeliest(known_beliefs(subject, config), start.shape).common(points.asset).cost(start.shape)
+    readings = log_probability(build_body(points, start.shape), start.belief.pose, start.observation.evidence)
+    return readings - 0.5 * shape
 
-    explained: 0 to 1, how well a body explains the patient there, and ``log_probability``: a body that is turned round
-    covers as much, but makes the readings less probable than the right one makes those of other frames. After the best
-    by score come those that are far from all that were tried.
+
+def best_of(candidates: Sequence[InitialFrame], nats: Callable[[InitialFrame], float]) -> InitialFrame:
+    """The most probable of ``TRIES``, the best by score first, then those that are far from all that were tried.
+
+    nats: how probable the body of the patient there is. One that is turned round covers as much, but makes the readings
+    less probable than the right one makes those of other frames, or has a shape that few people have.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:
         candidate = max(left, key=lambda one: _worth(one, [other for _, other in tried], candidates))
         left.remove(candidate)
-        share, nats = explained(candidate)
-        if share >= WELL and candidate.whole >= WHOLE:
-            return candidate
-        tried.append((nats, candidate))
+        tried.append((nats(candidate), candidate))
     return max(tried, key=lambda one: one[0])[1]
 
 
