@@ -26,6 +26,8 @@ def run_probe(probe: Probe, ready: Ready, version: Version, cache: Path, again: 
     arguments = [str(ready.recording), str(ready.truth), *probe.options]
     if ready.config is not None:
         arguments += ["--config", TypeAdapter(SimulationConfig).dump_json(ready.config).decode()]
+    if version.settings:
+        arguments += ["--settings", json.dumps(version.settings)]
     sources = (path.read_text(encoding="utf-8") for path in sorted(script.parent.glob("*.py")))
     key = digest_of(version.digest, ready.digest, *arguments, *sources)
     out = cache / "answers" / f"{probe.script}-{ready.name}-{key}.json"

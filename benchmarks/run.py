@@ -8,8 +8,9 @@ with the worst in brackets; coverage is the share of axes with the truth within 
 joints called observed and of those called hidden; a confident error is over 100 mm and four sigma off. Times are
 processor seconds without compiling: compare them only within one run, best of suite ``speed``, which runs alone.
 --against: the same recordings by the code of a commit as well, and the differences with 95 % intervals over the
-recordings. --quick: what a developer runs before every merge that touches tracking; it takes under 20 minutes on two
-idle cores. --use held-out: for the last look only.
+recordings. --without SOURCE: in place of a commit, the same code with one source of proposals switched off. --quick:
+what a developer runs before every merge that touches tracking; it takes under 20 minutes on two idle cores. --use
+held-out: for the last look only.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ from suite import Case, Use
 from suites import SUITES, cases_of
 from table import differences, table
 from tracking import COST_FILE, Cost, read_cost, track
-from versions import Version, at_commit, working_tree
+from versions import Version, at_commit, without, working_tree
+
+from anchorpose.body.config import Source
 
 CACHE: Final = Path.home() / ".cache" / "anchorpose-benchmarks"
 QUICK_SUITES: Final = ("easy", "hard", "bodies", "rooms", "starts", "real", "contacts", "kidnapped")
@@ -67,6 +70,7 @@ def _measure(
     if case.probe is not None:
         found = run_probe(case.probe, ready, version, plan.cache, plan.again)
         return [(f"{case.row}: {part}" if part else case.row, scores) for part, scores in found]
+    named = named | version.settings
     key = digest_of(version.digest, ready.digest, json.dumps(named))
     results = plan.cache / "results" / f"{ready.name}-{key}"
     cost = _tracked(results, ready, named, version, plan.again)
@@ -132,7 +136,11 @@ def main() -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("suites", nargs="*", metavar="SUITE", help=f"with --quick: {', '.join(QUICK_SUITES)}")
-    parser.add_argument("--against", metavar="COMMIT")
+    other = parser.add_mutually_exclusive_group()
+    other.add_argument("--against", metavar="COMMIT")
+    other.add_argument(
+        "--without", choices=[str(source) for source in Source], help="a source of proposals, to compare"
+    )
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--use", choices=get_args(Use), default="tuning")
     parser.add_argument("--processes", type=int, default=2)
@@ -141,14 +149,18 @@ def main() -> None:
     chosen = parser.parse_args()
     names = chosen.suites or (QUICK_SUITES if chosen.quick else parser.error("name a suite, or give --quick"))
     cases_of(names, chosen.use, chosen.quick)
-    versions = [working_tree(), *([at_commit(chosen.against, chosen.cache)] if chosen.against else [])]
+    versions = [working_tree()]
+    if chosen.against:
+        versions.append(at_commit(chosen.against, chosen.cache))
+    if chosen.without:
+        versions.append(without(chosen.without))
     document: dict[str, Any] = {}
     print(f"{chosen.use} recordings{', quick' * chosen.quick}; load {os.getloadavg()[0]:.1f} at the start")
     for name in names:
         plan = Plan(chosen.use, chosen.quick, chosen.cache, tuple(versions), again=SUITES[name].alone)
         by_version = run_suite(name, plan, chosen.processes)
         print(f"\n## {name}: {SUITES[name].about}\n\n{table(by_version[0])}", flush=True)
-        if chosen.against:
+        if len(versions) > 1:
             print(f"\n{differences(*by_version, versions[1].title)}", flush=True)
         document[name] = {version.title: rows for version, rows in zip(versions, by_version, strict=True)}
     if chosen.json:

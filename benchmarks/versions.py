@@ -6,11 +6,13 @@ import hashlib
 import io
 import subprocess
 import tarfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from recordings import DIGITS
+from recordings import DIGITS, digest_of
+
+from anchorpose.body.config import Source
 
 REPOSITORY: Final = Path(__file__).resolve().parents[1]
 NOT_MEASURED: Final = ("research/", "simulate/")  # parts of the package that no result depends on
@@ -19,11 +21,15 @@ ARCHIVED: Final = ("src", "benchmarks", "tests/builders")  # a probe may use a b
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """Code in a folder with ``src`` and ``benchmarks``. digest: of everything that results depend on."""
+    """Code in a folder with ``src`` and ``benchmarks``, and how it is set.
+
+    digest: of everything that results depend on; settings: of TrackConfig, that differ from the defaults.
+    """
 
     title: str
     root: Path
     digest: str
+    settings: dict[str, Any] = field(default_factory=dict)
 
     @property
     def source(self) -> Path:
@@ -34,6 +40,13 @@ class Version:
 def working_tree() -> Version:
     """Return the code as it stands."""
     return Version("now", REPOSITORY, _digest(REPOSITORY / "src"))
+
+
+def without(source: str) -> Version:
+    """Return the code as it stands without a source of proposals, and without the doubts that it casts."""
+    settings = {"registration": {"sources": [str(one) for one in Source if one != source]}}
+    now = working_tree()
+    return replace(now, title=f"without {source}", digest=digest_of(now.digest, source), settings=settings)
 
 
 def at_commit(commit: str, cache: Path) -> Version:

@@ -90,7 +90,7 @@ def _read(run: Run, position: int) -> FrameSet:
 
 def passes_through(scene: Scene) -> tuple[TimePass, ...]:
     """Return the passes to the farther end of a recording and back from there; none where nobody is found."""
-    recording, config = open_recording(scene.recording), TrackConfig()
+    recording, config = open_recording(scene.recording), TrackConfig(**scene.settings)
     room = prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
     route = plan_route(room, config, lambda: None)

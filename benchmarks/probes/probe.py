@@ -1,4 +1,6 @@
-"""The command line of every probe: PROBE RECORDING TRUTH [--config JSON] [--OPTION VALUE]... --out JSON.
+"""The command line of every probe:
+
+    PROBE RECORDING TRUTH [--config JSON] [--settings JSON] [--OPTION VALUE]... --out JSON
 
 A probe measures with inner parts of the program, so it runs under the version that is measured and imports nothing but
 that version and its neighbours in this folder. It answers with pairs of a part's name and that part's scores by name.
@@ -23,12 +25,14 @@ Row = tuple[str, dict[str, float]]
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What is measured. config: the settings of a simulated scene; options: the probe's own, by name."""
+    """What is measured. config: the settings of a simulated scene; options: the probe's own, by name; settings: of
+    TrackConfig, that differ from the defaults."""
 
     recording: Path
     truth: Path
     config: SimulationConfig | None
     options: dict[str, Any]
+    settings: dict[str, Any]
 
     @property
     def simulated(self) -> SimulationConfig:
@@ -43,11 +47,13 @@ def answer(measure: Callable[[Scene], Iterable[Row]], **options: float | str) ->
     parser.add_argument("recording", type=Path)
     parser.add_argument("truth", type=Path)
     parser.add_argument("--config", type=TypeAdapter(SimulationConfig).validate_json)
+    parser.add_argument("--settings", type=json.loads, default={})
     parser.add_argument("--out", type=Path, required=True)
     for name, default in options.items():
         parser.add_argument(f"--{name}", type=type(default), default=default)
     chosen = parser.parse_args()
-    scene = Scene(chosen.recording, chosen.truth, chosen.config, {name: getattr(chosen, name) for name in options})
+    own = {name: getattr(chosen, name) for name in options}
+    scene = Scene(chosen.recording, chosen.truth, chosen.config, own, chosen.settings)
     with one_thread():
         rows = list(measure(scene))
     chosen.out.write_text(json.dumps(rows), encoding="utf-8")

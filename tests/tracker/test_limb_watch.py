@@ -8,6 +8,7 @@ import pytest
 from body_builder import adult_body, standing
 
 from anchorpose.body.belief import vague_belief
+from anchorpose.body.config import RegistrationConfig, Source
 from anchorpose.body.constraints import anchor_points
 from anchorpose.body.limb_search import LOOK_AGAIN_M2, Search
 from anchorpose.body.registration import Registration
@@ -35,16 +36,16 @@ def seen(places_m: np.ndarray = TIPS) -> SimpleNamespace:
 
 
 def test_a_covered_frame_whose_anchors_are_where_the_body_has_them_is_in_no_doubt():
-    assert not is_doubtful(BODY, FOUND, explained(0.9 * LOOK_AGAIN_M2), seen())
-    assert not is_doubtful(BODY, FOUND, explained(0.0), seen(np.full((5, 3), np.nan)))
+    assert not is_doubtful(BODY, FOUND, explained(0.9 * LOOK_AGAIN_M2), seen(), tuple(Source))
+    assert not is_doubtful(BODY, FOUND, explained(0.0), seen(np.full((5, 3), np.nan)), tuple(Source))
 
 
 def test_uncovered_skin_is_a_doubt_and_less_of_it_where_a_limb_is_hidden():
-    assert is_doubtful(BODY, FOUND, explained(1.1 * LOOK_AGAIN_M2), seen())
+    assert is_doubtful(BODY, FOUND, explained(1.1 * LOOK_AGAIN_M2), seen(), tuple(Source))
     hidden = explained(0.6 * LOOK_AGAIN_M2)
-    assert not is_doubtful(BODY, FOUND, hidden, seen())
+    assert not is_doubtful(BODY, FOUND, hidden, seen(), tuple(Source))
     hidden.covering[:] = False
-    assert is_doubtful(BODY, FOUND, hidden, seen())
+    assert is_doubtful(BODY, FOUND, hidden, seen(), tuple(Source))
 
 
 @pytest.mark.parametrize("name", ANCHOR_NAMES)
@@ -52,7 +53,17 @@ def test_a_hand_or_foot_that_is_elsewhere_is_a_doubt(name):
     """The head moves little, and its anchor is a cap on hair: it has no say."""
     places = TIPS.copy()
     places[ANCHOR_NAMES.index(name), 0] += 0.3
-    assert is_doubtful(BODY, FOUND, explained(0.0), seen(places)) == (name != "Head")
+    assert is_doubtful(BODY, FOUND, explained(0.0), seen(places), tuple(Source)) == (name != "Head")
+
+
+def test_a_source_that_is_switched_off_casts_no_doubt():
+    without = {off: [source for source in Source if source is not off] for off in Source}
+    places = TIPS.copy()
+    places[ANCHOR_NAMES.index("HandLeft"), 0] += 0.3
+    assert not is_doubtful(BODY, FOUND, explained(1.0), seen(), without[Source.SURFACE])
+    assert not is_doubtful(BODY, FOUND, explained(0.0), seen(places), without[Source.ANCHORS])
+    assert is_doubtful(BODY, FOUND, explained(1.0), seen(places), without[Source.ANCHORS])
+    assert is_doubtful(BODY, FOUND, explained(1.0), seen(places), without[Source.SURFACE])
 
 
 @pytest.fixture
@@ -69,8 +80,8 @@ def searches(monkeypatch) -> list[float]:
     return tried
 
 
-def watch_frames(monkeypatch, areas_m2: list[float]) -> None:
-    watch = LimbWatch(SimpleNamespace(config=TrackConfig()))
+def watch_frames(monkeypatch, areas_m2: list[float], config: TrackConfig = TrackConfig()) -> None:  # noqa: B008
+    watch = LimbWatch(SimpleNamespace(config=config))
     for area in areas_m2:
         monkeypatch.setattr(limb_watch, "explained_by", lambda *_, area=area: explained(area))
         search = watch.look(BODY, FOUND, explained(area), FOUND.belief, seen())
@@ -106,4 +117,7 @@ def test_a_limb_that_the_descriptor_names_otherwise_is_searched_for_and_asked_ab
     assert (len(asked), searches) == (2, [])
     nats[3] = [1.0, 1.1 * MISNAMED - 1.0]
     watch_frames(monkeypatch, [0.0])
+    assert searches == [0.0]
+    blind = TrackConfig(registration=RegistrationConfig(sources=(Source.SURFACE, Source.ANCHORS)))
+    watch_frames(monkeypatch, [0.0], blind)
     assert searches == [0.0]

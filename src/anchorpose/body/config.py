@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Annotated
 
 from pydantic import Field
 
 from anchorpose.settings import Count, Positive, settings
+
+
+class Source(StrEnum):
+    """What proposes other poses where one is in doubt, and casts that doubt (``body.proposals``)."""
+
+    SURFACE = "surface"  # skin that nothing covers
+    ANCHORS = "anchors"  # hands, feet and free ends that the geodesic distances find
+    DESCRIPTOR = "descriptor"  # the learnt one
+    SIDES = "sides"  # limbs exchanged, or the body turned round; casts no doubt of its own
 
 
 @settings
@@ -23,6 +33,7 @@ class RegistrationConfig:
     node_count: Count = 2500  # enough for 60 parameters; more only cost time
     surface_sigma_m: Positive = 0.010  # clothes and sensor together
     rows_per_observation: Positive = 8.0  # neighbouring nodes share their error: so many count as one
+    sources: tuple[Source, ...] = tuple(Source)  # of other poses where one is in doubt; fewer only to compare
 
 
 @settings

@@ -7,26 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import Final
 
 import numpy as np
 
 from anchorpose.body.asset import joint_bones
 from anchorpose.body.belief import UNSEEN_S, PoseBelief
-from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.config import RegistrationConfig, Source
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, explain
-from anchorpose.body.fit import prior_equations
-from anchorpose.body.limb_proposals import anchor_poses, exchanged, limb_poses, uncovered_paths
-from anchorpose.body.matched_places import LEAST_MATCHES, fit_matches, matches_of
 from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, Pose
 from anchorpose.body.pose_probability import log_probability
+from anchorpose.body.proposals import Doubted, proposals
 from anchorpose.body.registration import Registration, descend, posterior
 from anchorpose.body.rivals import LEAST_GAIN, MOST, Rival, believed, parts_apart, rivals_of
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
-from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
 
@@ -37,7 +33,6 @@ TRIAL_NODES: Final = 800  # a third of the nodes tell a good pose from a bad one
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
 SAME_M: Final = 0.04  # poses whose joints are nowhere farther apart lead to the same registration
 BEST: Final = 3  # of the proposals: the present pose drawn onto the surface once more, and two others
-MOST_UNUSUAL: Final = 10.0  # squared deviations of all joint ranges by which a pose may be rarer than before
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,20 +102,21 @@ def search_limbs(
     predicted: PoseBelief,
     evidence: Evidence,
     config: RegistrationConfig,
-    seen: SeenAnchors | None = None,
+    anchors: SeenAnchors | None = None,
 ) -> Search:
     """The registration with limbs moved to where they are seen, as long as that explains the frame better.
 
     predicted: what was expected; a limb found elsewhere shows that it was wrong, so that it counts for as little as
-    after ``UNSEEN_S`` without sight. seen: anchors of the frame, for proposals of limbs along their paths and of the
-    whole body by the learnt descriptor; None: without these.
+    after ``UNSEEN_S`` without sight. anchors: of the frame, None for a first pose.
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
     now, best = expected.tried(found.belief.pose, evidence), list[Tried]()
     pose = now.pose
     for number in range(ROUNDS):
-        proposed = _proposals(body, pose, evidence, seen, whole_body=number == 0)
+        # the descriptor's body has nothing to do with the pose in doubt: once is enough
+        sources = [source for source in config.sources if number == 0 or source is not Source.DESCRIPTOR]
+        proposed = proposals(Doubted(body, pose, evidence, anchors), sources)
         tried = _register_all(expected, _distinct(body, [pose, *proposed]), uncertain, evidence, trial)
         best += _best_few(expected, tried, uncertain, evidence, config)
         most = max(best, key=lambda one: one.log)
@@ -165,31 +161,6 @@ def _compared(body: Body, now: Tried, others: Sequence[Tried]) -> Iterator[tuple
             yield one, -believed(one.images - now.images, parts_apart(body, one.pose, now.pose))
 
 
-def _proposals(
-    body: Body, pose: Pose, evidence: Evidence, seen: SeenAnchors | None, whole_body: bool
-) -> Iterator[Pose]:
-    """Poses that the picture suggests, but for those that are much rarer than the present one: a leg that nobody sees
-    could be laid along an arm. whole_body: those of the whole body too, which the pose has little part in."""
-    most = rarity(body, pose) + MOST_UNUSUAL
-    explanation = explain(body.points, pose_points(body, pose), evidence)
-    suggested = [limb_poses(body, pose, path) for path in uncovered_paths(evidence, explanation)]
-    if seen is not None:
-        suggested.append(anchor_poses(body, pose, seen))
-        if whole_body:
-            suggested.append(_by_matches(body, evidence))
-    yield from (proposed for proposed in chain.from_iterable(suggested) if rarity(body, proposed) <= most)
-    yield from exchanged(body, pose)
-
-
-def _by_matches(body: Body, evidence: Evidence) -> Iterator[Pose]:
-    """The pose of the whole body by the learnt descriptor alone, and the same if it mistakes front and back; none where
-    it matches too few of the pixels."""
-    matches = matches_of(evidence.views, evidence.cameras, PixelLabel.PATIENT)
-    if len(matches) >= LEAST_MATCHES:
-        yield fit_matches(body, matches)
-        yield fit_matches(body, matches.turned)
-
-
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
     """The poses without those that are the same as one before: registration would lead to the same place."""
     kept, joints = list[Pose](), np.empty((len(poses), JOINT_COUNT, 3))
@@ -210,11 +181,6 @@ def _register_all(
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
     return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])
-
-
-def rarity(body: Body, pose: Pose) -> float:
-    """How far the joints are bent: the sum of squared deviations from their usual range."""
-    return prior_equations(body.points, pose, None).cost
 
 
 def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig) -> Pose:

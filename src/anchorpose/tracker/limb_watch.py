@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 from anchorpose.body.belief import PoseBelief
+from anchorpose.body.config import Source
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.limb_proposals import CHAINS, Chain, contradicted_by, end_points
 from anchorpose.body.limb_search import Search, needs_search, search_limbs
@@ -47,14 +49,17 @@ class LimbWatch:
         """
         self.search_wait -= 1
         waiting = self.search_wait >= 0 and explanation.uncovered_m2 < MORE * self.left_uncovered_m2
-        if waiting or not (is_doubtful(body, found, explanation, seen) or self._misnamed(body, found, seen)):
+        sources = self.run.config.registration.sources
+        if waiting or not (
+            is_doubtful(body, found, explanation, seen, sources) or self._misnamed(body, found, seen, sources)
+        ):
             return None
         return self._search(body, found, predicted, explanation, seen)
 
-    def _misnamed(self, body: Body, found: Registration, seen: Observation) -> bool:
+    def _misnamed(self, body: Body, found: Registration, seen: Observation, sources: Sequence[Source]) -> bool:
         """Whether the descriptor names a limb's skin otherwise than the pose does; asked now and then."""
         self.named_wait -= 1
-        if self.named_wait >= 0:
+        if self.named_wait >= 0 or Source.DESCRIPTOR not in sources:
             return False
         self.named_wait = NAMED_PAUSE
         return bool(named_nats(body, found.belief.pose, seen.evidence).sum(axis=1).min() < MISNAMED)
@@ -99,8 +104,11 @@ def explained_by(body: Body, found: Registration, seen: Observation) -> Explanat
     return explain(body.points, pose_points(body, found.belief.pose), seen.evidence)
 
 
-def is_doubtful(body: Body, found: Registration, explanation: Explanation, seen: Observation) -> bool:
+def is_doubtful(
+    body: Body, found: Registration, explanation: Explanation, seen: Observation, sources: Sequence[Source]
+) -> bool:
     """Whether the frame shows that a limb may be elsewhere: by skin that nothing covers, or by an anchor."""
-    if needs_search(explanation, bool(hidden_limbs(body, explanation))):
+    if Source.SURFACE in sources and needs_search(explanation, bool(hidden_limbs(body, explanation))):
         return True
-    return bool(contradicted_by(body, found.belief.pose, seen.anchors, ELSEWHERE_M)[LIMB_ENDS].any())
+    away = contradicted_by(body, found.belief.pose, seen.anchors, ELSEWHERE_M)[LIMB_ENDS]
+    return Source.ANCHORS in sources and bool(away.any())

@@ -16,10 +16,11 @@ import numpy as np
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.explanation import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
-from anchorpose.body.limb_search import rarity, search_limbs
+from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_person, matches_of
 from anchorpose.body.pose import LIMB_OF_BONES, PARTS, TRUNK
 from anchorpose.body.pose_probability import log_probability
+from anchorpose.body.proposals import rarity
 from anchorpose.body.registration import posterior
 from anchorpose.body.rivals import Rival, believed, rivals_of
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
