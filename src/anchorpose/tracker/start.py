@@ -14,8 +14,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.body.belief import PoseBelief, vague_belief
-from anchorpose.body.explanation import explain
+from anchorpose.body.explanation import explain, node_area_m2
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
+from anchorpose.body.likelihood import most_nats
 from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_person, matches_of
 from anchorpose.body.pose import LIMB_OF_BONES, PARTS, TRUNK
@@ -191,7 +192,9 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
 
 CROWDED_M: Final = 1.0  # from axis to axis: an outstretched arm and half a trunk
 MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be taken for one
-TRIES: Final = 4  # frames; each takes a second or two to fit
+WELL: Final = 0.92  # of the surface explained, all limbs seen: 95 to 100 % when alone, 70 with a therapist's arm
+WHOLE: Final = 0.8  # of the patient's usual visible surface: a sliver behind a therapist is explained by anything
+TRIES: Final = 8  # frames; each takes a second or two to fit
 APART: Final = 0.25  # of the frames' span: what spoils a frame spoils those around it
 
 
@@ -264,15 +267,17 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
     found = dict[int, Start]()
 
-    def nats(candidate: InitialFrame) -> float:
+    def explained(candidate: InitialFrame) -> tuple[float, float]:
         frame_set = without_other_places(read_frame(room.recording, candidate.frame), room.scenes)
         start = find_start(frame_set, Run(room, config), candidate.choice, None, candidate.crowd)
         if isinstance(start, NoStart):
-            return -np.inf
+            return 0.0, -np.inf
         found[candidate.frame] = start
-        return _log_probability(start, room.recording.subject, config)
+        evidence, nats = start.observation.evidence, _log_probability(start, room.recording.subject, config)
+        seen_m2 = float(node_area_m2(evidence)[evidence.surface.camera].sum())
+        return min(quality(start), nats / most_nats(seen_m2)), nats
 
-    best = best_of(candidates, nats)
+    best = best_of(candidates, explained)
     others = (replace(one, crowd=None) for one in candidates if one is not best)
     return replace(room, initial_frames=(replace(best, crowd=None, start=found.get(best.frame)), *others))
 
@@ -285,17 +290,23 @@ def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> flo
     return readings - 0.5 * shape
 
 
-def best_of(candidates: Sequence[InitialFrame], nats: Callable[[InitialFrame], float]) -> InitialFrame:
-    """The most probable of ``TRIES``, the best by score first, then those that are far from all that were tried.
+def best_of(
+    candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], tuple[float, float]]
+) -> InitialFrame:
+    """The first that shows the whole patient and is explained well, or the most probable of ``TRIES``.
 
-    nats: how probable the body of the patient there is. One that is turned round covers as much, but makes the readings
-    less probable than the right one makes those of other frames, or has a shape that few people have.
+    explained: 0 to 1, how well a body explains the patient there, and how probable it is, nats. A body that is turned
+    round covers as much, but makes the readings less probable than the right one makes those of other frames, or has a
+    shape that few people have. After the best by score come those that are far from all that were tried.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:
         candidate = max(left, key=lambda one: _worth(one, [other for _, other in tried], candidates))
         left.remove(candidate)
-        tried.append((nats(candidate), candidate))
+        share, nats = explained(candidate)
+        if share >= WELL and candidate.whole >= WHOLE:
+            return candidate
+        tried.append((nats, candidate))
     return max(tried, key=lambda one: one[0])[1]
 
 
