@@ -244,6 +244,25 @@ def kidnapped(use: Use, quick: bool) -> Iterator[Case]:
         yield Case(row, Simulated(name, config), probe=Probe("kidnapped", ("--trials", "2" if quick else "24")))
 
 
+# facings: how far the likelihood is to be believed
+
+FACINGS: Final = (
+    0,
+    7,
+    14,
+    2,
+    12,
+)  # of the hard scenes: three that show little more than head and arms, two that show more
+
+
+def facings(use: Use, quick: bool) -> Iterator[Case]:
+    """Yield hard scenes by the front camera alone, each a row."""
+    scenes = list(hard_scenes(use, 3.0 if quick else 10.0).items())
+    for name, config in [scenes[number] for number in FACINGS[: 1 if quick else None]]:
+        recording = FrontAlone(Simulated(f"hard-{name}-{config.seconds:g}", config))
+        yield Case(name, recording, probe=Probe("facings"))
+
+
 # speed: every scene class, one run after the other
 
 
@@ -281,6 +300,7 @@ SUITES: Final[dict[str, Suite]] = {
     "contacts": Suite("contacts with people, by body part", contacts),
     "sensors": Suite("every camera, lens and size of hole that can be simulated", sensors),
     "kidnapped": Suite("wrong poses in mid-recording that the tracker must leave", kidnapped),
+    "facings": Suite("the right body and the same turned round, followed side by side", facings),
     "tasks": Suite("clinical measures, angles and centre of mass against those of the true joints", tasks),
     "descriptor": Suite("people and places on the body by the learnt descriptor", descriptor),
     "isolation": Suite("person labels, pixel by pixel", isolation),
