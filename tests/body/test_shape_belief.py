@@ -258,7 +258,7 @@ def test_bone_lengths_and_their_sigma_are_those_of_many_drawn_bodies():
     belief = replace(ADULT, shape=shape, prior=information, soft=np.zeros(SIZE, bool))
     found = bone_lengths(asset(), belief)
     np.testing.assert_allclose([bone.length_m for bone in found], lengths_m(shape), atol=1e-12)
-    drawn = rng.multivariate_normal(np.append(shape.coefficients, np.zeros(OFFSETS)), np.linalg.inv(information), 2000)
+    drawn = rng.multivariate_normal(np.append(shape.coefficients, np.zeros(OFFSETS)), np.linalg.inv(information), 600)
     spread = np.std([lengths_m(shape_at(vector)) for vector in drawn], axis=0)
     of_shape = [np.sqrt(bone.sigma_m**2 - SYSTEMATIC_M[bone.bone.rsplit("_", 1)[0]] ** 2) for bone in found]
-    np.testing.assert_allclose(of_shape, spread, rtol=0.08)  # 2,000 draws: 1.6 % each
+    np.testing.assert_allclose(of_shape, spread, rtol=0.1)  # 600 draws: 2.9 % each
