@@ -27,9 +27,9 @@ LIMB_ERROR: Final = 4.0
 """Nats by which errors of shape and clothes change a comparison of poses, for each limb, or the trunk, that differs.
 
 Followed side by side where a body is hidden but for head and arms, the right body and the same turned round differed by
--2, -1 and 7 nats in the median, with a standard deviation of 20, 20 and 16 (three hard scenes, front camera alone)."""
+3 and 5 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
 
-MEMORY: Final = 0.8  # share of the lag that a frame passes on: so alike are those differences from frame to frame
+MEMORY: Final = 0.8  # share of the lag that a frame passes on: those differences are as alike from frame to frame
 LEAST_GAIN: Final = 3.0  # nats: another pose must be twenty times as likely
 DECIDED: Final = 6.0  # nats: a pose that is e^6 times less likely than the best
 MOST: Final = 3  # rivals: each costs as much as the registration
