@@ -11,9 +11,8 @@ from anchorpose.body.pose import PARTS, Pose
 from anchorpose.body.registration import Registration
 from anchorpose.body.rivals import (
     DECIDED,
-    LEAST_GAIN,
     LIMB_ERROR,
-    MEMORY,
+    MEMORY_S,
     MOST,
     Rival,
     believed,
@@ -79,7 +78,7 @@ def test_what_a_rival_lost_before_counts_less_with_every_frame():
     for before in (0.0, 1.0):
         _, left = follow_rivals(BODY, registered(TRUTH), (Rival(sure(low), before),), hidden, 0.02, CONFIG)
         lags.append(left[0].lag)
-    assert lags[1] - lags[0] == pytest.approx(MEMORY)
+    assert lags[1] - lags[0] == pytest.approx(np.exp(-0.02 / MEMORY_S))
 
 
 def test_a_lead_is_believed_by_its_own_error():
@@ -94,16 +93,14 @@ def test_a_lead_is_believed_by_its_own_error():
 
 def test_parts_that_lie_elsewhere_are_counted():
     _, legs, turned = exchanged(BODY, TRUTH)
-    assert parts_apart(BODY, TRUTH, TRUTH) == 0
-    assert parts_apart(BODY, TRUTH, WRONG) == 1
-    assert parts_apart(BODY, TRUTH, legs) == 2
-    assert parts_apart(BODY, TRUTH, turned) == PARTS
+    for pose, apart in ((TRUTH, 0), (WRONG, 1), (legs, 2), (turned, PARTS)):
+        assert parts_apart(joints_of(BODY, TRUTH), joints_of(BODY, pose)) == apart
 
 
 def test_a_rival_that_was_found_elsewhere_must_make_up_for_that_first():
     found = (Rival(sure(TRUTH), -40.0, 200.0),)
     best, left, frames = registered(WRONG), found, 0
-    while left and left[0].behind >= -LEAST_GAIN and frames < 20:
+    while left and left[0].behind > -DECIDED and frames < 20:
         first, left = follow_rivals(BODY, best, left, SEEN, 0.02, CONFIG)
         if first is not best:
             break
@@ -113,12 +110,35 @@ def test_a_rival_that_was_found_elsewhere_must_make_up_for_that_first():
 
 
 def test_few_rivals_are_kept_and_none_twice():
-    poses = [standing(LeftArm=(angle, 0.0, 0.0)) for angle in (60.0, 61.0, 20.0, -10.0, -35.0, -60.0)]
-    others = [Rival(sure(pose), 0.1 * k) for k, pose in enumerate(poses)]
-    kept = rivals_of(BODY, sure(TRUTH), others)
-    assert [rival.lag for rival in kept] == pytest.approx([0.1 * k for k in (0, 2, 3)])
+    poses = [standing(LeftArm=(angle, 0.0, 0.0)) for angle in (-60.0, -59.0, -35.0, -10.0, 20.0)]
+    kept = rivals_of(BODY, sure(TRUTH), [Rival(sure(pose), 0.1 * k) for k, pose in enumerate(poses)])
+    assert sorted(rival.lag for rival in kept) == pytest.approx([0.1 * k for k in (0, 2, 3)])
     assert len(kept) == MOST
     assert rivals_of(BODY, sure(TRUTH), [Rival(sure(WRONG), 1.1 * DECIDED)]) == ()
+
+
+def test_a_body_that_is_turned_round_is_kept_before_likelier_places_of_a_hand():
+    hands = [standing(LeftArm=(60.0, 0.0, 0.0), RightArm=(-20.0, 0.0, angle)) for angle in (15.0, 30.0, 45.0, 60.0)]
+    *_, turned = exchanged(BODY, TRUTH)
+    kept = rivals_of(BODY, sure(TRUTH), [*(Rival(sure(pose), 0.0) for pose in hands), Rival(sure(turned), 1.5)])
+    assert turned in [rival.belief.pose for rival in kept]
+
+
+def test_a_rival_with_a_body_of_its_own_is_part_of_sigma_and_never_the_best():
+    tall = adult_body(height_m=1.9)
+    first, left = follow_rivals(BODY, registered(WRONG), (Rival(sure(TRUTH), -12.0, body=tall),), SEEN, 0.1, CONFIG)
+    np.testing.assert_array_equal(first.belief.pose.rotations, WRONG.rotations)
+    (rival,) = left
+    assert rival.body is tall
+    assert rival.behind < -DECIDED
+    np.testing.assert_array_equal(rival.joints_m(BODY), tall.joints(rival.belief.pose))
+
+
+def test_leads_between_rivals_stay_what_they_are_when_one_becomes_the_best():
+    one, other = Rival(sure(WRONG), -8.0, 1.0), Rival(sure(TRUTH), 2.0, 3.0)
+    moved = other.beside(one)
+    assert (moved.lag, moved.moved) == (10.0, 2.0)
+    assert moved.behind == other.behind - one.behind
 
 
 def test_sigma_is_that_of_the_mixture():

@@ -17,7 +17,7 @@ from anchorpose.body.skin_points import FittedShape, even_clothes
 from anchorpose.recording.recording import UNKNOWN
 from anchorpose.tracker import learning_pass
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.learning_pass import LearntPatient, Stretch, learn_patient
+from anchorpose.tracker.learning_pass import LearntPatient, Stretch, learn_patient, likelier
 from anchorpose.tracker.room import NO_REVIEW, Review, Run
 
 ROOM = SimpleNamespace(recording=SimpleNamespace(subject=UNKNOWN), initial_frame=None, review=NO_REVIEW)
@@ -48,7 +48,7 @@ class Pass:
     def follow(self, *given: object) -> Iterator[tuple[SimpleNamespace, SimpleNamespace]]:
         *_, known, _start = given
         self.begun.append(known)
-        there = self.found[len(self.begun) - 1]
+        there, tracker = self.found[len(self.begun) - 1], SimpleNamespace(use_shape=self.worn.append, rivals=())
         for number in range(1000):
             self.read = number + 1
             time_s = 50.0 + number * self.step_s
@@ -58,10 +58,11 @@ class Pass:
                     frame_set=SimpleNamespace(frame=number, time_s=time_s),
                     belief=SimpleNamespace(pose=self.pose(number)) if there else None,
                     shape=START,
+                    moved=False,
                     explained=self.explained,
                     observation=seen,
                 ),
-                SimpleNamespace(use_shape=self.worn.append),
+                tracker,
             )
 
     def learn(self, *given: Any) -> LearnedBody:
@@ -87,7 +88,7 @@ class Pass:
         monkeypatch.setattr(learning_pass, "follow_openly", self.follow)
         monkeypatch.setattr(learning_pass, "learn_body", self.learn)
         run = Run(room, replace(TrackConfig(), learning=config or LearningConfig()))
-        return learn_patient(run, [Stretch(None, None, [])] * stretches)
+        return learn_patient(run, [Stretch(None, None, list)] * stretches)
 
 
 @pytest.mark.parametrize("step_s", [0.1, -0.1])
@@ -205,3 +206,33 @@ def test_where_nothing_is_to_be_learnt_the_first_body_is_kept_and_unexplained_fr
     assert learnt.belief is learnt.first
     assert learnt.seconds == 0.0
     assert Pass(explained=0.2).run(monkeypatch) is None
+
+
+@pytest.mark.parametrize(
+    ("mine", "theirs", "moved", "shape", "wins"),
+    [
+        ([500.0], [400.0], 0.0, 0.0, "mine"),
+        ([500.0, 400.0], [500.0, 470.0], 0.0, 0.0, "theirs"),  # later windows decide where the first one does not
+        ([505.0, 505.0], [500.0, 500.0], 20.0, 0.0, "theirs"),  # who turned round between two frames
+        ([505.0, 505.0], [500.0, 500.0], 0.0, 12.0, "theirs"),  # whose body few people have
+        ([500.0, 500.0], [], 0.0, 0.0, "mine"),  # who faces the other way is not found
+        ([500.0, 480.0], [501.0], 0.0, 0.0, "mine"),  # or not as long
+    ],
+)
+def test_all_windows_together_decide_on_the_facing(monkeypatch, mine, theirs, moved, shape, wins):
+    monkeypatch.setattr(learning_pass, "frames_nats", lambda learnt, window, run: window.nats)
+    monkeypatch.setattr(learning_pass, "shape_nats", lambda learnt, run: -shape if learnt == "mine" else 0.0)
+    one = iter([("mine", SimpleNamespace(nats=nats, moved=moved)) for nats in mine])
+    other = iter([("theirs", SimpleNamespace(nats=nats, moved=0.0)) for nats in theirs])
+    chosen = list(likelier(one, other, None))
+    assert {name for name, _ in chosen} == {wins}
+    assert chosen[-1][1].nats == (mine if wins == "mine" else theirs)[-1]
+
+
+def test_what_is_decided_is_not_followed_on(monkeypatch):
+    monkeypatch.setattr(learning_pass, "frames_nats", lambda learnt, window, run: window.nats)
+    monkeypatch.setattr(learning_pass, "shape_nats", lambda learnt, run: 0.0)
+    other = iter([("theirs", SimpleNamespace(nats=100.0, moved=0.0))] * 3)
+    one = iter([("mine", SimpleNamespace(nats=500.0, moved=0.0))] * 3)
+    assert len(list(likelier(one, other, None))) == 3
+    assert len(list(other)) == 2

@@ -32,13 +32,13 @@ _ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
 class FirstPose:
     """The best of several bodies; log: how probable pose and shape are by the images and the prior, nats.
 
-    other: the same turned round.
+    others: the person facing the other way, with the same body first, then with a body of its own.
     """
 
     pose: Pose
     belief: ShapeBelief
     log: float
-    other: FirstPose | None = None
+    others: tuple[FirstPose, ...] = ()
 
     @property
     def shape(self) -> FittedShape:
@@ -61,12 +61,20 @@ class FirstShape:
 def find_first_pose(
     evidence: Evidence, person: MatchedPerson, shape: FirstShape, config: RegistrationConfig
 ) -> FirstPose:
-    """Fit each body to the matches, settle it on the surface, and keep the most probable, and turn that round."""
+    """Fit each body to the matches, settle it on the surface, and keep the most probable, and turn that round.
+
+    A learnt body was learnt with one facing: who faces the other way has another one.
+    """
     found = [_fitted(evidence, person.matches, tried, person.pose, shape, config) for tried in shape.tried]
     number = max(range(len(found)), key=lambda k: found[k].log)
-    turned = _fitted(evidence, person.matches.turned, shape.tried[number], None, shape, config)
-    other, best = sorted((turned, found[number]), key=lambda first: first.log)
-    return replace(best, other=other)
+    right, tried = found[number], shape.tried[number]
+    turned = _fitted(evidence, person.matches.turned, tried, None, shape, config)
+    other, best = sorted((turned, right), key=lambda first: first.log)
+    if shape.may_change:
+        return replace(best, others=(other,))
+    matches = person.matches.turned if best is right else person.matches
+    free = _fitted(evidence, matches, tried, None, replace(shape, may_change=True), config)
+    return replace(best, others=(other, free))
 
 
 def _fitted(

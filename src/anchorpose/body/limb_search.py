@@ -71,15 +71,19 @@ class Expected:
     sigma_m: np.ndarray
 
     def tried(self, pose: Pose, evidence: Evidence) -> Tried:
-        """How probable a pose is by the images, and by how far each limb, or the trunk, has left its expected place.
+        """How probable a pose is by the images, and by how far each limb, or the trunk, has left its expected place."""
+        return Tried(pose, log_probability(self.body, pose, evidence), self.moved(self.body.joints(pose)))
+
+    def moved(self, joints_m: np.ndarray) -> float:
+        """What it costs joints (21, 3) to be elsewhere than expected, nats.
 
         Cauchy's tails: a limb that was lost may be anywhere, but one that was known does not turn round between two
         frames, and a body that does has five limbs to explain.
         """
-        away = np.linalg.norm(self.body.joints(pose) - self.joints_m, axis=1) / self.sigma_m
+        away = np.linalg.norm(joints_m - self.joints_m, axis=1) / self.sigma_m
         farthest = np.zeros(PARTS)
         np.maximum.at(farthest, LIMB_OF_JOINTS, away)
-        return Tried(pose, log_probability(self.body, pose, evidence), float(np.log1p(farthest**2).sum()))
+        return float(np.log1p(farthest**2).sum())
 
 
 def expected_joints(body: Body, belief: PoseBelief) -> Expected:
@@ -138,27 +142,28 @@ def _decided(
     config: RegistrationConfig,
 ) -> Search:
     """What one frame decides between the pose that was found, ``now``, and others."""
-    ways, poses = list[tuple[Registration, Rival]](), list[Pose]()
+    ways, places_m = list[tuple[Registration, Rival]](), list[np.ndarray]()
     for one, lag in sorted(_compared(body, now, others), key=lambda way: way[1] + way[0].moved):
-        if len(ways) > MOST or not all(parts_apart(body, one.pose, pose) for pose in poses):
+        joints_m = body.joints(one.pose)
+        if len(ways) > MOST or not all(parts_apart(joints_m, other_m) for other_m in places_m):
             continue
         way = posterior(body, one.pose, replace(uncertain, pose=one.pose), evidence, config)
         if way.found:
             ways.append((way, Rival(way.belief, lag, one.moved - now.moved)))
-            poses.append(one.pose)
+            places_m.append(joints_m)
     rivals = [rival for _, rival in ways]
     if not ways or rivals[0].behind >= -LEAST_GAIN:
         return Search(found, False, rivals_of(body, found.belief, rivals))
-    gain, taken = -rivals[0].behind, ways[0][0]
-    left = [replace(rival, lag=rival.lag + gain) for rival in rivals[1:]]
-    return Search(taken, True, rivals_of(body, taken.belief, [*left, Rival(found.belief, gain)]))
+    taken, left = ways[0][0], [rival.beside(rivals[0]) for rival in (*rivals[1:], Rival(found.belief, 0.0))]
+    return Search(taken, True, rivals_of(body, taken.belief, left))
 
 
 def _compared(body: Body, now: Tried, others: Sequence[Tried]) -> Iterator[tuple[Tried, float]]:
     """The other poses, each with how much worse it explains the images, believed nats."""
     for one in others:
         if one.pose is not now.pose:
-            yield one, -believed(one.images - now.images, parts_apart(body, one.pose, now.pose))
+            parts = parts_apart(body.joints(one.pose), body.joints(now.pose))
+            yield one, -believed(one.images - now.images, parts)
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:

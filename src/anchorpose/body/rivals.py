@@ -6,6 +6,7 @@ clearly better is reported; until then each rival is part of sigma.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -17,7 +18,7 @@ from anchorpose.body.belief import PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.pose import LIMB_OF_JOINTS, Pose
+from anchorpose.body.pose import LIMB_OF_JOINTS
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
@@ -29,7 +30,7 @@ LIMB_ERROR: Final = 4.0
 Followed side by side where a body is hidden but for head and arms, the right body and the same turned round differed by
 3 and 5 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
 
-MEMORY: Final = 0.8  # share of the lag that a frame passes on: those differences are as alike from frame to frame
+MEMORY_S: Final = 0.3  # after which what frames said counts by a third: limbs were elsewhere then
 LEAST_GAIN: Final = 3.0  # nats: another pose must be twenty times as likely
 DECIDED: Final = 6.0  # nats: a pose that is e^6 times less likely than the best
 MOST: Final = 3  # rivals: each costs as much as the registration
@@ -40,17 +41,27 @@ class Rival:
     """A pose besides the best.
 
     lag: by how much it explains the last frames worse, believed nats, a mean of them; moved: what is left of the nats
-    that it costs to be elsewhere than expected.
+    that it costs to be elsewhere than expected. body: its own, None where it has that of the best. One with a body of
+    its own never becomes the best, for bones keep their length: it is part of sigma.
     """
 
     belief: PoseBelief
     lag: float
     moved: float = 0.0
+    body: Body | None = None
 
     @property
     def behind(self) -> float:
         """How much less likely it is than the best pose, nats."""
         return self.lag + self.moved
+
+    def joints_m(self, body: Body) -> np.ndarray:
+        """(21, 3) joints; body: that of the best pose."""
+        return (self.body or body).joints(self.belief.pose)
+
+    def beside(self, best: Rival) -> Rival:
+        """The same once another rival is the best pose."""
+        return replace(self, lag=self.lag - best.lag, moved=self.moved - best.moved)
 
 
 def believed(lead: float, parts: int) -> float:
@@ -63,9 +74,9 @@ def believed(lead: float, parts: int) -> float:
     return float(np.copysign(min(abs(lead), odds), lead))
 
 
-def parts_apart(body: Body, one: Pose, other: Pose) -> int:
-    """How many limbs, or the trunk, are not in one place."""
-    away_m = np.linalg.norm(body.joints(one) - body.joints(other), axis=1)
+def parts_apart(one_m: np.ndarray, other_m: np.ndarray) -> int:
+    """How many limbs, or the trunk, are not in one place by two poses' joints (21, 3)."""
+    away_m = np.linalg.norm(one_m - other_m, axis=1)
     return len(np.unique(LIMB_OF_JOINTS[away_m > APART_M]))
 
 
@@ -81,30 +92,40 @@ def follow_rivals(
     if not rivals:
         return best, ()
     most, followed = log_probability(body, best.belief.pose, evidence), list[tuple[Registration, Rival]]()
+    old = math.exp(-elapsed_s / MEMORY_S)
     for rival in rivals:
-        found = register(body, rival.belief.later(rival.belief.pose, elapsed_s), evidence, no_constraints(), config)
+        own, expected = rival.body or body, rival.belief.later(rival.belief.pose, elapsed_s)
+        found = register(own, expected, evidence, no_constraints(), config)
         if not found.found:
             continue
-        lead = most - log_probability(body, found.belief.pose, evidence)
-        lead = believed(lead, parts_apart(body, best.belief.pose, found.belief.pose))
-        lag = MEMORY * rival.lag + (1.0 - MEMORY) * lead
-        followed.append((found, Rival(found.belief, lag, MEMORY * rival.moved)))
-    first = min(followed, key=lambda one: one[1].behind, default=None)
-    if first is None or first[1].behind >= -LEAST_GAIN:
+        lead = most - log_probability(own, found.belief.pose, evidence)
+        lead = believed(lead, parts_apart(body.joints(best.belief.pose), own.joints(found.belief.pose)))
+        followed.append(
+            (found, Rival(found.belief, old * rival.lag + (1.0 - old) * lead, old * rival.moved, rival.body))
+        )
+    able = (one for one in followed if one[1].body is None)
+    first = min(able, key=lambda one: one[1].behind, default=None)
+    if first is None or first[1].behind >= -DECIDED:
         return best, rivals_of(body, best.belief, [rival for _, rival in followed])
     found, taken = first
-    others = [replace(rival, lag=rival.lag - taken.behind) for one, rival in followed if one is not found]
-    return found, rivals_of(body, found.belief, [*others, Rival(best.belief, -taken.behind)])
+    others = [rival for one, rival in followed if one is not found]
+    return found, rivals_of(body, found.belief, [rival.beside(taken) for rival in (*others, Rival(best.belief, 0.0))])
 
 
 def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Rival, ...]:
-    """The likeliest few of others that are neither the best pose nor each other, and not decided against."""
-    kept = list[Rival]()
+    """The few of others that matter most and are neither the best pose nor each other, and not decided against.
+
+    What matters is their part of sigma: a body that is turned round counts for more than a likelier place of a hand.
+    """
+    kept, places_m = list[Rival](), [body.joints(best.pose)]
     for rival in sorted(others, key=lambda one: one.behind):
-        poses = [best.pose, *(one.belief.pose for one in kept)]
-        if rival.lag < DECIDED and all(parts_apart(body, rival.belief.pose, pose) for pose in poses):
+        joints_m = rival.joints_m(body)
+        if rival.lag < DECIDED and all(parts_apart(joints_m, other_m) for other_m in places_m):
             kept.append(rival)
-    return tuple(kept[:MOST])
+            places_m.append(joints_m)
+    away2 = [float(((joints_m - places_m[0]) ** 2).sum()) for joints_m in places_m[1:]]
+    order = sorted(range(len(kept)), key=lambda k: kept[k].behind - np.log(away2[k]))
+    return tuple(kept[k] for k in order[:MOST])
 
 
 def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: Sequence[Rival]) -> np.ndarray:
@@ -116,5 +137,5 @@ def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: S
     weight /= weight.sum()
     variance = sigma_m**2
     for share, rival in zip(weight[1:], rivals, strict=True):
-        variance = variance + share * ((body.joints(rival.belief.pose) - joints_m) ** 2).sum(axis=1) / 3.0
+        variance = variance + share * ((rival.joints_m(body) - joints_m) ** 2).sum(axis=1) / 3.0
     return np.asarray(np.sqrt(variance))

@@ -46,7 +46,8 @@ class Estimate:
     match in this frame, None where nothing was matched (the first frame, nothing seen). explanation: how well the pose
     explains the depth images, None where lost. why_lost: why every joint is lost, empty where one is not. poor: why
     cameras' depth images are too poor for joints, none where they are not. moved: limbs are elsewhere than the frames
-    before said. ends: hands and feet that are lost, as in ``lost_ends``.
+    before said. ends: hands and feet that are lost, as in ``lost_ends``. rivals: poses that explain the images almost
+    as well.
     """
 
     frame_set: FrameSet
@@ -63,6 +64,7 @@ class Estimate:
     poor: tuple[PoorDepth, ...] = ()
     moved: bool = False
     ends: frozenset[int] = frozenset()
+    rivals: tuple[Rival, ...] = ()
 
 
 class Earlier(NamedTuple):
@@ -149,6 +151,7 @@ def estimate_of(
         TOO_UNCERTAIN if lost.all() else "",
         tuple(one for one in poor if one is not None),
         ends=ends,
+        rivals=tuple(earlier.rivals),
     )
 
 

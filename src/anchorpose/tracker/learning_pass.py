@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, dropwhile
 from typing import Final, NamedTuple
 
+import numpy as np
+
+from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.learning import REACHES_M, REFINING_M, learn_body, most_different
-from anchorpose.body.pose import Pose
+from anchorpose.body.limb_search import expected_joints
+from anchorpose.body.pose import PARTS, Pose
+from anchorpose.body.pose_probability import log_probability
+from anchorpose.body.registration import descend
+from anchorpose.body.rivals import DECIDED, believed
 from anchorpose.body.shape_prior import ShapeBelief
-from anchorpose.body.skin_points import FittedShape, body_points
+from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
 from anchorpose.body.standing_off import standing_off
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet, Subject
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.observation import Start
-from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likeliest
+from anchorpose.tracker.patient import PatientTracker
+from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likeliest, shape_cost
 from anchorpose.tracker.room import Run
-from anchorpose.tracker.start import LEAST_EXPLAINED
+from anchorpose.tracker.start import LEAST_EXPLAINED, starts_turned
 
 CANDIDATES: Final = 2  # times as many frames are kept of a window as it is learnt from: those with different poses are
 
@@ -29,9 +39,19 @@ class _Seen:
     """What is kept of a frame until its window is learnt from: a whole estimate is three times as large."""
 
     time_s: float
-    pose: Pose
+    belief: PoseBelief
     shape: FittedShape
     evidence: Evidence
+
+    @property
+    def pose(self) -> Pose:
+        """The body's pose."""
+        return self.belief.pose
+
+    @property
+    def body(self) -> Body:
+        """The body as known so far."""
+        return build_body(body_points(), self.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,12 +76,12 @@ class Stretch(NamedTuple):
     """A part of the recording that the body is learnt from: where the patient is in its first frame, and its frames.
 
     choice: None where nobody is to be looked for. start: the patient as already found in the first frame, if so.
-    frames: in the order of time or against it.
+    frames: reads them in the order of time or against it, from the first one at each call.
     """
 
     choice: PatientChoice | None
     start: Start | None
-    frames: Iterable[FrameSet]
+    frames: Callable[[], Iterable[FrameSet]]
 
 
 def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | None:
@@ -77,14 +97,104 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
     return learnt
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Window:
+    """Frames to learn from at once, and how long the patient was followed by their end, seconds.
+
+    tracker: as it stands after them, None where it ends there. turned: starts of the person facing the other way, which
+    the first frame does not decide against; frame: that frame. moved: what it costs that limbs, or the whole body, were
+    found elsewhere than the frames before said, nats.
+    """
+
+    kept: list[_Seen]
+    seconds: float
+    moved: float
+    tracker: PatientTracker | None
+    turned: tuple[Start, ...]
+    frame: int
+
+
 def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, run: Run) -> LearntPatient | None:
     """What is known after one more stretch; before: after those before it."""
-    learning, learnt = run.config.learning, before
+    windows = _windows(run, stretch, before, longest_s)
+    first = next(windows, None)
+    if first is None:
+        return before
+    if not run.config.learning.own_shape:
+        return before or _fixed(first.kept[0].shape, run)
+    learning = _window_by_window(chain([first], windows), before, run)
+    for turned in first.turned if before is None else ():
+        others = _windows(run, _from_frame(stretch, first.frame, turned), None, longest_s)
+        learning = likelier(learning, _window_by_window(others, None, run), run)
+    return deque(learning, maxlen=1)[0][0]
+
+
+def _from_frame(stretch: Stretch, frame: int, start: Start) -> Stretch:
+    """The rest of a stretch from a frame on, with the patient as found there."""
+
+    def frames() -> Iterator[FrameSet]:
+        return dropwhile(lambda frame_set: frame_set.frame != frame, stretch.frames())
+
+    return Stretch(stretch.choice, start, frames)
+
+
+_Learning = Iterator[tuple[LearntPatient, _Window]]
+
+
+def _window_by_window(windows: Iterator[_Window], before: LearntPatient | None, run: Run) -> _Learning:
+    """What is known after each window, and this window."""
+    learnt, so_far_s = before, 0.0 if before is None else before.seconds
+    for window in windows:
+        learnt = _learn_more(learnt, window.kept, so_far_s + window.seconds, run)
+        yield learnt, window
+        if window.tracker is not None:
+            window.tracker.use_shape(learnt.shape)
+
+
+def likelier(one: _Learning, other: _Learning, run: Run) -> _Learning:
+    """The learning with the facing that is more probable, from where that is decided.
+
+    A frame may show too little of the person to decide. One body has to explain all windows, and its shape has to be
+    one that people have; and who was taken for facing the other way turns round at some time.
+    """
+    lead, chosen = 0.0, one
+    for mine in one:
+        theirs = next(other, None)
+        if theirs is None:
+            return chain([mine], one)
+        lead += believed(frames_nats(*mine, run) - frames_nats(*theirs, run), PARTS) + theirs[1].moved - mine[1].moved
+        shape = shape_nats(mine[0], run) - shape_nats(theirs[0], run)
+        chosen = chain([mine], one) if lead + shape >= 0.0 else chain([theirs], other)
+        if abs(lead + shape) >= DECIDED:
+            break
+    return chosen
+
+
+def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
+    """How probable the frames of a window are with the body learnt from them, in the mean: their errors are alike."""
+    body, config = build_body(body_points(), learnt.shape), run.config.registration
+    frames = most_different(body_points(), [seen.pose for seen in window.kept], run.config.learning.frame_count)
+    nats = list[float]()
+    for seen in (window.kept[place] for place in frames):
+        pose = descend(body, seen.pose, vague_belief(seen.pose), seen.evidence, config)
+        nats.append(log_probability(body, pose, seen.evidence))
+    return float(np.mean(nats))
+
+
+def shape_nats(learnt: LearntPatient, run: Run) -> float:
+    """How probable the body itself is."""
+    return -0.5 * shape_cost(learnt.shape, run.room.recording.subject, run.config)
+
+
+def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s: float) -> Iterator[_Window]:
+    """The frames of a stretch that are learnt from, window by window; before the next one tracking goes on."""
+    learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
-    kept, began_s = list[_Seen](), None
-    known, so_far_s = (None, 0.0) if before is None else (before.shape, before.seconds)
+    known = None if before is None else before.shape
     begin = stretch.start if before is None else None  # with the body of the first pose, not with the learnt one
-    for estimate, tracker in follow_openly(run, stretch.frames, stretch.choice, known, begin):
+    kept, began_s, frame, turned = list[_Seen](), None, 0, tuple[Start, ...]()
+    moved, last, by = 0.0, None, None
+    for estimate, tracker in follow_openly(run, stretch.frames(), stretch.choice, known, begin):
         time_s = estimate.frame_set.time_s
         began_s = time_s if began_s is None and before is not None else began_s  # who is not found is not waited for
         if began_s is not None and abs(time_s - began_s) > longest_s:
@@ -92,18 +202,27 @@ def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, 
         seen = _seen(estimate, run)
         if seen is None:
             continue
-        if not learning.own_shape:
-            return before or _fixed(seen.shape, run)
-        began_s = time_s if began_s is None else began_s
+        if began_s is None:
+            began_s, frame = time_s, estimate.frame_set.frame
+            turned = () if tracker is None else tuple(starts_turned(estimate, tracker.rivals, run.config))
         if kept and _apart_s(kept[0], seen) > learning.window_s:
-            learnt, kept = _learn_more(learnt, kept, so_far_s + abs(kept[-1].time_s - began_s), run), []
-            if tracker is not None:
-                tracker.use_shape(learnt.shape)
+            yield _Window(kept, abs(kept[-1].time_s - began_s), moved, tracker, turned, frame)
+            kept, moved = [], 0.0
+        if last is not None and (estimate.moved or tracker is not by):  # by: who found the patient again, once lost
+            moved += _moved(last, seen)
+        last, by = seen, tracker
         if not kept or _apart_s(kept[-1], seen) >= interval_s - 1e-6:
             kept.append(seen)
-    if began_s is None or not kept:
-        return learnt
-    return _learn_more(learnt, kept, so_far_s + abs(kept[-1].time_s - began_s), run)
+        if not learning.own_shape:
+            break
+    if kept and began_s is not None:
+        yield _Window(kept, abs(kept[-1].time_s - began_s), moved, None, turned, frame)
+
+
+def _moved(before: _Seen, after: _Seen) -> float:
+    """What it costs limbs to be elsewhere than a frame before had them, nats."""
+    expected = before.belief.later(before.pose, _apart_s(before, after))
+    return expected_joints(before.body, expected).moved(after.body.joints(after.pose))
 
 
 def _seen(estimate: Estimate, run: Run) -> _Seen | None:
@@ -112,7 +231,7 @@ def _seen(estimate: Estimate, run: Run) -> _Seen | None:
         return None
     if estimate.explained < LEAST_EXPLAINED or run.room.review.why_unusable(estimate.frame_set.frame) is not None:
         return None
-    return _Seen(estimate.frame_set.time_s, estimate.belief.pose, estimate.shape, estimate.observation.evidence)
+    return _Seen(estimate.frame_set.time_s, estimate.belief, estimate.shape, estimate.observation.evidence)
 
 
 def _fixed(shape: FittedShape, run: Run) -> LearntPatient:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from typing import Any, Final
 
@@ -70,8 +71,9 @@ class Route:
             if tracked and len(chosen) < STRETCHES and min(away_s) > STRETCHES_APART_S:
                 chosen.append(other)
         if not chosen:
-            return (Stretch(None, None, self.frames(max(self.forward, self.backward, key=len))),)
-        return tuple(Stretch(one.choice, one.start, self.frames(self._longer_side(one.frame))) for one in chosen)
+            return (Stretch(None, None, partial(self.frames, max(self.forward, self.backward, key=len))),)
+        sides = [partial(self.frames, self._longer_side(one.frame)) for one in chosen]
+        return tuple(Stretch(one.choice, one.start, frames) for one, frames in zip(chosen, sides, strict=True))
 
     def _longer_side(self, position: int) -> Sequence[int]:
         """Positions from one to the end that is farther away."""

@@ -311,7 +311,8 @@ class PatientTracker:
                 self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration
             )
             explanation = explained_by(self.body, best, seen)
-            search = self.watch.look(self.body, best, explanation, predicted, seen)
+            expected = predicted if best is found else best.belief  # a rival was expected where it was
+            search = self.watch.look(self.body, best, explanation, expected, seen)
         else:
             search = self.watch.look_for_whole(self.body, found, predicted, seen)
         self.moved = best is not found

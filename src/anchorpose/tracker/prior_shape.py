@@ -119,6 +119,12 @@ def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief
     return min(beliefs, key=lambda belief: belief.common(asset).cost(shape))
 
 
+def shape_cost(shape: FittedShape, subject: Subject, config: TrackConfig) -> float:
+    """Squared deviations of a shape from the people whom it most likely belongs to: twice what it costs in nats."""
+    likely = likeliest(known_beliefs(subject, config), shape)
+    return float(likely.common(body_points().asset).cost(shape))
+
+
 def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> FirstShape:
     """Return the bodies to begin with, of the stature that is stated or seen, and of what is stated about the patient.
 

@@ -23,7 +23,7 @@ from anchorpose.body.pose import LIMB_OF_BONES, PARTS, TRUNK
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.proposals import rarity
 from anchorpose.body.registration import posterior
-from anchorpose.body.rivals import Rival, believed, rivals_of
+from anchorpose.body.rivals import DECIDED, Rival, believed, rivals_of
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.other_place import without_other_places
@@ -40,7 +40,14 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation, Start
 from anchorpose.tracker.observing import observe_first
 from anchorpose.tracker.patient_choice import GIVEN_M, Patient, choose_patient, distance_m
-from anchorpose.tracker.prior_shape import is_human, known_beliefs, likeliest, ordinary_height_m, shapes_to_try
+from anchorpose.tracker.prior_shape import (
+    is_human,
+    known_beliefs,
+    likeliest,
+    ordinary_height_m,
+    shape_cost,
+    shapes_to_try,
+)
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import Crowd, SeenPerson, Sighting
 
@@ -104,10 +111,24 @@ def find_start(
 
 
 def _turned(first: FirstPose) -> Iterator[Rival]:
-    """The person facing the other way, as the frame has it."""
-    if first.other is not None:
-        pose = first.other.pose
-        yield Rival(vague_belief(pose), believed(first.log - first.other.log, PARTS))
+    """The person facing the other way, with the same body where that explains the frame as well, else with another."""
+    for other in first.others:
+        lag = believed(first.log - other.log, PARTS)
+        if lag < DECIDED:
+            own = None if other.shape is first.shape else build_body(body_points(), other.shape)
+            yield Rival(vague_belief(other.pose), lag, body=own)
+            return
+
+
+def starts_turned(first: Estimate, rivals: Sequence[Rival], config: TrackConfig) -> Iterator[Start]:
+    """The starts with the other bodies among the rivals of a first estimate: the person facing the other way."""
+    seen = first.observation
+    for rival in rivals:
+        if seen is None or rival.body is None:
+            continue
+        found = posterior(rival.body, rival.belief.pose, rival.belief, seen.evidence, config.registration)
+        if found.found:
+            yield Start(seen, rival.body.shape, found.belief, found.explained)
 
 
 def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: FittedShape | None) -> FirstPose:
@@ -187,7 +208,7 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     points = body_points()
     body = build_body(points, shape)
     found = posterior(body, belief.pose, vague_belief(belief.pose), seen.evidence, config.registration)
-    return Start(seen, shape, found.belief, found.explained)
+    return Start(seen, shape, found.belief, found.explained, estimate.rivals)
 
 
 CROWDED_M: Final = 1.0  # from axis to axis: an outstretched arm and half a trunk
@@ -284,10 +305,9 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
 def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> float:
     """How probable pose and shape of a start are by the images and by what is known of bodies, nats."""
-    points = body_points()
-    shape = likeliest(known_beliefs(subject, config), start.shape).common(points.asset).cost(start.shape)
-    readings = log_probability(build_body(points, start.shape), start.belief.pose, start.observation.evidence)
-    return readings - 0.5 * shape
+    body = build_body(body_points(), start.shape)
+    readings = log_probability(body, start.belief.pose, start.observation.evidence)
+    return readings - 0.5 * shape_cost(start.shape, subject, config)
 
 
 def best_of(
