@@ -22,7 +22,7 @@ def begins(
     route = plan_route(room, config or TrackConfig(), lambda: None)
     found = []
     for stretch in route.stretches():
-        frames = iter(stretch.frames)
+        frames = iter(stretch.frames())
         found.append((next(frames), next(frames)))
         assert stretch.choice == (found[-1][0] if seen else None)
     return found

@@ -1,4 +1,4 @@
-"""GMDS: its search against all maps tried out, isometries, mirror images, the paper's two criteria, refusals."""
+"""GMDS and d_PE: their searches against all maps tried out, isometries, mirror images, the paper's two criteria."""
 
 from dataclasses import replace
 from itertools import product
@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from surface_builder import moved
 
+from anchorpose.research.features.distortion import distortion_m, least_distortion, surface_distance
 from anchorpose.research.features.gmds import GmdsConfig, gmds_maps, match_by_gmds
 from anchorpose.research.features.map_search import branch_and_bound, stress_m
 from anchorpose.surface.mesh import keep_nodes
@@ -28,11 +29,6 @@ def some_distances(seed: int, count: int) -> np.ndarray:
 def change(a: np.ndarray, b: np.ndarray, match: np.ndarray) -> np.ndarray:
     """(n, n) change of every distance under a map."""
     return np.abs(a.astype(np.float64) - b[np.ix_(match, match)])
-
-
-def distortion(a: np.ndarray, b: np.ndarray, match: np.ndarray) -> float:
-    """The greatest change of a distance (paper, Eq. distortion)."""
-    return float(change(a, b, match).max())
 
 
 def descriptor_cost(a: np.ndarray, b: np.ndarray, match: np.ndarray) -> float:
@@ -132,7 +128,7 @@ def test_the_cost_of_a_map_lies_between_twice_its_distortion_and_the_bound_of_th
     """Zero distortion and zero cost mean the same, an isometry; this is why the paper calls both equivalent."""
     a, b = some_distances(seed, count_a), some_distances(seed + 1, count_b)
     match = np.random.default_rng(seed).integers(0, count_b, count_a)
-    worst, cost = distortion(a, b, match), descriptor_cost(a, b, match)
+    worst, cost = distortion_m(a, b, match), descriptor_cost(a, b, match)
     assert 2 * worst - 1e-9 <= cost <= count_a * np.sqrt(count_a - 1) * worst + 1e-9
     assert cost <= count_a * np.sqrt(count_a) * worst + 1e-9  # as the paper has it
 
@@ -143,9 +139,47 @@ def test_the_two_criteria_of_the_paper_and_the_stress_may_choose_different_maps(
     for seed in range(20):
         a, b = some_distances(seed, 4), some_distances(seed + 100, 4)
         maps = all_maps(4, 4)
-        by_worst = min(maps, key=lambda match: distortion(a, b, match))
+        by_worst = least_distortion(a, b).match
         by_all = min(maps, key=lambda match: descriptor_cost(a, b, match))
         by_stress = search(a, b, 100.0, 1)[0][0]
-        assert stress_m(a, b[np.ix_(by_stress, by_stress)], 100.0) <= distortion(a, b, by_worst) + 1e-6
+        assert stress_m(a, b[np.ix_(by_stress, by_stress)], 100.0) <= distortion_m(a, b, by_worst) + 1e-6
         differ |= {name for name, other in (("sum", by_all), ("stress", by_stress)) if (other != by_worst).any()}
     assert differ == {"sum", "stress"}
+
+
+@settings(max_examples=60)
+@given(st.integers(1, 5), st.integers(1, 5), st.integers(0, 10_000))
+def test_no_map_distorts_less(count_a, count_b, seed):
+    a, b = some_distances(seed, count_a), some_distances(seed + 1, count_b)
+    found = least_distortion(a, b)
+    every = [distortion_m(a, b, match) for match in all_maps(count_a, count_b)]
+    assert found.proven
+    assert found.distortion_m == pytest.approx(min(every), abs=1e-6)
+    assert found.distortion_m == pytest.approx(distortion_m(a, b, found.match), abs=1e-6)
+    assert found.d_pe_m == found.distortion_m / 2.0
+
+
+def test_it_is_zero_for_isometric_surfaces_and_grows_with_what_is_bent_out_of_its_plane():
+    flat = hill(0.0)
+    apart = [surface_distance(flat, other, 6, len(other)) for other in (moved(flat), hill(0.03), hill(0.06))]
+    assert all(found.proven for found in apart)
+    assert apart[0].d_pe_m < 1e-4
+    assert 1e-4 < apart[1].d_pe_m < apart[2].d_pe_m
+
+
+def test_a_search_for_the_least_distortion_that_must_stop_early_reports_it():
+    a, b = some_distances(3, 6), some_distances(4, 30)
+    hurried, patient = least_distortion(a, b, max_branches=20), least_distortion(a, b)
+    assert not hurried.proven
+    assert patient.proven
+    assert hurried.distortion_m >= patient.distortion_m
+
+
+def test_what_is_no_matrix_of_distances_is_refused():
+    square = some_distances(1, 3)
+    for wrong in (square[:2], square + 1.0, np.where(square > 0.0, np.inf, square), np.triu(square)):
+        with pytest.raises(ValueError, match="distances"):
+            least_distortion(square, wrong)
+    with pytest.raises(ValueError, match="empty"):
+        least_distortion(square, np.zeros((0, 0)))
+    assert least_distortion(np.zeros((0, 0)), square).distortion_m == 0.0
