@@ -4,17 +4,15 @@ import time
 from threading import Barrier, get_ident
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
-from body_builder import true_shape
 
-from anchorpose.recording.reader import open_recording, read_frame
+from anchorpose.joints import JOINT_COUNT
+from anchorpose.pipeline import track_recording
 from anchorpose.simulate.config import clinic
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.threads import each, worker_threads
 from anchorpose.tracker.config import FollowConfig, TrackConfig
-from anchorpose.tracker.following import follow_openly
-from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import Run
 
 FRAMES = 5
 
@@ -49,17 +47,16 @@ def test_an_error_and_arguments_of_unequal_number_are_raised():
 def test_three_cameras_and_two_therapists_give_the_same_bytes_with_one_thread_and_with_four(tmp_path):
     simulate_recording(tmp_path / "out", clinic(7, seconds=FRAMES / 15.0))
     few = TrackConfig(follow=FollowConfig(samples=2))  # looking around takes longer than all the rest
-    room = prepare_room(open_recording(tmp_path / "out/recording"), few)
-    frames = [read_frame(room.recording, k) for k in range(FRAMES)]
-    with np.load(tmp_path / "out/truth/truth.npz") as truth:
-        shape = true_shape(truth["shape_coefficients"], 0.007)
 
-    def joints(threads: int) -> list[bytes]:
-        with worker_threads(threads):
-            followed = follow_openly(Run(room, TrackConfig()), frames, room.initial_frames[0].choice, shape)
-            return [np.concatenate([one.joints_m, one.sigma_m[:, None]], axis=1).tobytes() for one, _ in followed]
+    def tables(threads: int) -> dict[str, bytes]:
+        results = tmp_path / f"results-{threads}"
+        results.mkdir()
+        track_recording(tmp_path / "out/recording", results, few, lambda done, total: None, threads=threads)
+        return {file.name: file.read_bytes() for file in sorted(results.glob("*.parquet"))}
 
-    alone, shared = joints(1), joints(4)
-    assert len(alone) == FRAMES
-    assert np.isfinite(np.frombuffer(alone[-1])).mean() > 0.9
-    assert shared == alone
+    alone = tables(1)
+    joints = pq.read_table(tmp_path / "results-1/joints.parquet")
+    assert {"joints.parquet", "poses.parquet", "contacts.parquet", "explained.parquet"} <= set(alone)
+    assert len(joints) == FRAMES * JOINT_COUNT
+    assert np.isfinite(joints["x_m"].to_numpy()).mean() > 0.9
+    assert tables(4) == alone

@@ -23,7 +23,7 @@ from anchorpose.pages.stage_drawing import draw_model
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording, depths_of
 from anchorpose.results.folder import BEGUN_FILE, begin_journal, clear_beside_journal, end_journal
-from anchorpose.threads import one_thread
+from anchorpose.threads import one_thread, worker_threads
 from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.journal import Journal
@@ -48,6 +48,7 @@ def track_recording(
     progress: Progress,
     calibration: Path | None = None,
     corrections: Path | None = None,
+    threads: int = 1,
 ) -> None:
     """Track the patient through a recording and write everything into an existing results folder.
 
@@ -56,10 +57,11 @@ def track_recording(
 
     progress is called with frames done and frames to do; the frames the body is learnt from count twice. calibration: a
     calibration.json whose poses replace given or found ones. corrections: a reviewer's corrections of earlier results.
-    Linear algebra runs on one thread: on several, sums are added in another order, and the tables get other bytes.
+    threads: share cameras, people and trials of a frame; the tables have the same bytes with any number. Linear algebra
+    runs on one: on several, sums are added in another order.
     Raises InputError where the recording cannot be used.
     """
-    with one_thread():
+    with one_thread(), worker_threads(threads):
         _track(recording, results, config, progress, UserInputs(calibration, corrections))
 
 

@@ -23,6 +23,7 @@ def track_recording(
     progress: Callable[[int, int], None],
     calibration: Path | None = None,
     corrections: Path | None = None,
+    threads: int = 1,
 ) -> None:
     opened = open_recording(recording)
     blank, state = np.full((JOINT_COUNT, 3), np.nan), (JointState.LOST,) * JOINT_COUNT

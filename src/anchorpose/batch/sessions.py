@@ -34,7 +34,9 @@ TABLE_ENDING: Final = ".csv"
 FILES: Final = ("calibration", "corrections", "motions", "config")
 NUMBERS: Final = {"height": float, "start": int, "stop": int}
 YES_OR_NO: Final = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
-SETTINGS: Final = tuple(each.name for each in fields(TrackOptions) if each.name not in ("overwrite", "resume"))
+SETTINGS: Final = tuple(
+    each.name for each in fields(TrackOptions) if each.name not in ("overwrite", "resume", "threads")
+)
 COLUMNS: Final = ("recording", "session", "subject", *SETTINGS)
 
 

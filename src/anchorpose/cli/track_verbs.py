@@ -83,6 +83,9 @@ class TrackOptions(RunOptions):
     """Track backward in time as well and combine both passes: a limb that is lost in one direction is often found in
     the other. Takes about twice as long."""
 
+    threads: Annotated[int, whole(1, MOST_PROCESSES)] = 1
+    """Threads that share the cameras and people of a frame. The results are the same with any number."""
+
     resume: bool = False
     """Go on with a run into the same folder that was stopped or killed; it ends with the same tables. Where there is
     none, tracking begins."""
@@ -138,7 +141,9 @@ def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: st
     recording = as_recording(recording)
     work = unfinished_results(results, recording, given.overwrite, given.resume, go_on or RESUME)
     with work as folder, progress_bar("Tracking") as progress:
-        track_recording(recording, folder, settings, progress, given.calibration, given.corrections)
+        track_recording(
+            recording, folder, settings, progress, given.calibration, given.corrections, threads=given.threads
+        )
     print_outcome(results)
 
 
