@@ -38,6 +38,7 @@ BESIDE_THE_FLOW = (
     "pipeline",
     "writing",
     "track_inputs",
+    "api",
     "cli",
     "live",
     "check",

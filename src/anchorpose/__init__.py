@@ -1,3 +1,67 @@
-"""Markerless clinical motion capture: depth recordings to 21 joints, with what was seen and how sure it is."""
+"""Markerless clinical motion capture: depth recordings to 21 joints, with what was seen and how sure it is.
+
+``track`` a recording, ``open`` its results, or give a ``Tracker`` one frame after another (docs/python.md). Names are
+imported when they are first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from anchorpose.api.arrays import DepthImages
+    from anchorpose.api.frame_by_frame import Pose, Tracker
+    from anchorpose.api.results import Results
+    from anchorpose.api.track import open_results as open
+    from anchorpose.api.track import track
+    from anchorpose.camera import Camera
+    from anchorpose.errors import AnchorposeError, InputError
+    from anchorpose.joints import JOINT_NAMES, JointState
+    from anchorpose.lens import Intrinsics
+    from anchorpose.recording.recording import Subject
+    from anchorpose.tracker.config import TrackConfig
 
 __version__ = "0.2.0"
+
+_PLACES: Final = {
+    "AnchorposeError": "errors",
+    "Camera": "camera",
+    "DepthImages": "api.arrays",
+    "InputError": "errors",
+    "Intrinsics": "lens",
+    "JOINT_NAMES": "joints",
+    "JointState": "joints",
+    "Pose": "api.frame_by_frame",
+    "Results": "api.results",
+    "Subject": "recording.recording",
+    "TrackConfig": "tracker.config",
+    "Tracker": "api.frame_by_frame",
+    "open": "api.track",
+    "track": "api.track",
+}
+
+__all__ = [
+    "JOINT_NAMES",
+    "AnchorposeError",
+    "Camera",
+    "DepthImages",
+    "InputError",
+    "Intrinsics",
+    "JointState",
+    "Pose",
+    "Results",
+    "Subject",
+    "TrackConfig",
+    "Tracker",
+    "open",
+    "track",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_PLACES[name]}"), "open_results" if name == "open" else name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*_PLACES, "__version__"])

@@ -30,10 +30,11 @@ from anchorpose.tracker.learning_pass import LearntPatient, learn_patient
 from anchorpose.tracker.passes import plan_route
 from anchorpose.tracker.preparation import Settled, furnish_room, prepare_room, sample_recording
 from anchorpose.tracker.prior_shape import is_human
-from anchorpose.tracker.room import Room, Run
+from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.start import with_best_initial_frame
 
 FIRST_WAIT_S: Final = 10.0  # for the first image of a source
+NEARLY_AS_GOOD: Final = 0.5  # of the best score: a later frame to begin with saves waiting
 
 Say = Callable[[str], None]
 
@@ -138,14 +139,27 @@ class FirstSeconds:
         return self._learn_in(furnished, inputs)
 
     def _learn_in(self, room: Room, inputs: TrackInputs) -> Prepared | None:
-        """The patient of a room, with the body; None where nobody is found."""
-        config = inputs.config
-        run = Run(room, config, load_motions(config.motion_file, room.recording.rate_hz, config.motion))
-        learnt = learn_patient(run, plan_route(room, config, lambda: None).stretches()) if room.initial_frames else None
-        if learnt is None or not (room.recording.subject.height_m or is_human(learnt.shape)):
-            return None
-        self.user.say(f"The patient was found: who {room.initial_frames[0].choice.reason}.")
-        return Prepared(inputs, run, learnt)
+        """As ``learn_in``; the user is told who was found."""
+        found = learn_in(room, inputs)
+        if found is not None:
+            self.user.say(f"The patient was found: who {room.initial_frames[0].choice.reason}.")
+        return found
+
+
+def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
+    """The patient of a room, with the body; None where nobody is found."""
+    config = inputs.config
+    run = Run(room, config, load_motions(config.motion_file, room.recording.rate_hz, config.motion))
+    learnt = learn_patient(run, plan_route(room, config, lambda: None).stretches()) if room.initial_frames else None
+    if learnt is None or not (room.recording.subject.height_m or is_human(learnt.shape)):
+        return None
+    return Prepared(inputs, run, learnt)
+
+
+def latest_good(frames: Sequence[InitialFrame]) -> InitialFrame:
+    """The latest of those that show the patient nearly as well as the best."""
+    best = max(one.score for one in frames)
+    return max((one for one in frames if one.score >= NEARLY_AS_GOOD * best), key=lambda one: one.frame)
 
 
 def new_room(recording: Recording, options: LiveOptions) -> tuple[TrackInputs, Room]:

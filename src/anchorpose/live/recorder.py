@@ -143,16 +143,22 @@ def _copy_about(about: Path, folder: Path) -> dict[str, Any]:
     """Copies equipment and empty rooms of a recording; returns what recording.json says about equipment and patient."""
     found = read_json(about / RECORDING_FILE)
     if equipment := found.get("equipment"):
-        for path in equipment_files(about / equipment):
-            require_regular(path)
-            target = folder / path.relative_to(about)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(path, target)
+        copy_equipment(about / equipment, about, folder)
     for room in about.glob(f"*/{EMPTY_ROOM_FILE}"):
         if (folder / room.parent.name).is_dir():
             require_regular(room, LARGEST_IMAGE)
             shutil.copyfile(room, folder / room.parent.name / EMPTY_ROOM_FILE)
     return {key: found[key] for key in ("equipment", "subject") if found.get(key)}
+
+
+def copy_equipment(file: Path, about: Path, folder: Path) -> None:
+    """Copies an equipment.json, which lies somewhere in ``about``, and the meshes that it names to the same places in a
+    folder."""
+    for path in equipment_files(file):
+        require_regular(path)
+        target = folder / path.relative_to(about)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, target)
 
 
 def _remove_without_row(folder: Path) -> None:

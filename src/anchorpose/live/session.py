@@ -21,7 +21,7 @@ import numpy as np
 from anchorpose.body.skin_points import body_points, build_body
 from anchorpose.errors import AnchorposeError
 from anchorpose.live.feed import Intake, LiveSource, about_folder
-from anchorpose.live.first_seconds import Backlog, FirstSeconds, LiveOptions, Prepared, User, in_room
+from anchorpose.live.first_seconds import Backlog, FirstSeconds, LiveOptions, Prepared, User, in_room, latest_good
 from anchorpose.live.follow import LatencyMeter, LiveFollower
 from anchorpose.live.output import Output, Outputs, people_in
 from anchorpose.live.recorder import Recorder
@@ -31,12 +31,10 @@ from anchorpose.recording.recording import Recording
 from anchorpose.results.folder import end_journal
 from anchorpose.threads import one_thread, worker_threads
 from anchorpose.tracker.following import Follower
-from anchorpose.tracker.room import InitialFrame
 
 PATIENCE_S: Final = 0.5
 REPORT_S: Final = 10.0  # between two lines about latency
 MOST_THREADS: Final = 4  # more would wait for Python's lock
-NEARLY_AS_GOOD: Final = 0.5  # of the best score: a later frame to begin with saves waiting
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +116,7 @@ class _Session:
     def begin(self, prepared: Prepared) -> Followed:
         """Follows the patient from a good frame of the first seconds to their end."""
         room, learnt = prepared.run.room, prepared.learnt
-        initial = _latest_good(room.initial_frames)
+        initial = latest_good(room.initial_frames)
         body = build_body(body_points(), learnt.shape)
         run = replace(prepared.run, config=self.options.live(prepared.run.config))
         patient = self.store.add(replace(prepared, run=run))
@@ -208,9 +206,3 @@ def _take_recorded(follower: LiveFollower, recording: Recording, first: int) -> 
     """The frames of first seconds, from one on (a position)."""
     for position in range(first, len(recording.streams[0].files)):
         follower.take_recorded(read_frame(recording, position))
-
-
-def _latest_good(frames: Sequence[InitialFrame]) -> InitialFrame:
-    """The latest of those that show the patient nearly as well as the best."""
-    best = max(one.score for one in frames)
-    return max((one for one in frames if one.score >= NEARLY_AS_GOOD * best), key=lambda one: one.frame)

@@ -1,0 +1,1 @@
+"""What programs call: arrays in, joints out (docs/python.md)."""

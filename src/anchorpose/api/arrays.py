@@ -1,0 +1,128 @@
+"""Hold a recording in memory, cameras and their depth images in metres, and write it as a recording folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.camera import Camera
+from anchorpose.errors import AnchorposeError
+from anchorpose.live.recorder import EMPTY_ROOM_FILE, copy_equipment
+from anchorpose.recording.document import validate
+from anchorpose.recording.recording import UNKNOWN, Subject
+from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
+from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
+
+LARGEST_GREY: Final = 65535
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Setup:
+    """Cameras, and what is known of the patient and the room.
+
+    subject: what is stated about the patient. equipment: an equipment.json. empty_room_m: by a camera's name a picture
+    (height, width) of the room without people, metres.
+    """
+
+    cameras: Sequence[Camera]
+    subject: Subject = UNKNOWN
+    equipment: Path | None = None
+    empty_room_m: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @contextmanager
+    def writers(self, folder: Path) -> Iterator[list[CameraWriter]]:
+        """Make a recording of an existing empty folder, and open its cameras' folders to write images into.
+
+        Raises InputError where a camera, the patient or the equipment is stated wrongly.
+        """
+        plans = [CameraPlan(camera=camera) for camera in self.cameras]
+        document = self._document([plan.document() for plan in plans])
+        validate(Path("cameras and subject"), RecordingDocument, document)
+        with ExitStack() as stack:
+            writers = [stack.enter_context(CameraWriter(folder / plan.camera.name, plan)) for plan in plans]
+            if self.equipment is not None:
+                copy_equipment(self.equipment, self.equipment.parent, folder)
+            for camera in self.cameras:
+                if camera.name in self.empty_room_m:
+                    grey = grey_of(self.empty_room_m[camera.name], camera)
+                    (folder / camera.name / EMPTY_ROOM_FILE).write_bytes(encode_grey(grey))
+            (folder / RECORDING_FILE).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+            yield writers
+
+    def _document(self, cameras: Sequence[dict[str, Any]]) -> dict[str, Any]:
+        document: dict[str, Any] = {"format": "rgbd-recording", "version": 1, "cameras": list(cameras)}
+        stated = {key: value for key, value in asdict(self.subject).items() if value not in (None, ())}
+        if stated:
+            document["subject"] = {
+                key: list(value) if isinstance(value, tuple) else value for key, value in stated.items()
+            }
+        if self.equipment is not None:
+            document["equipment"] = self.equipment.name
+        return document
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DepthImages(Setup):
+    """A recording in memory.
+
+    depth_m: by a camera's name its images (n, height, width), metres along the optical axis; 0, NaN and infinite are no
+    reading. time_s: when they were taken, rising; (n,) for all cameras, or by a camera's name.
+    """
+
+    depth_m: Mapping[str, np.ndarray]
+    time_s: np.ndarray | Mapping[str, np.ndarray]
+
+    def write(self, folder: Path) -> Path:
+        """Write it as a recording into an existing empty folder, and return the folder.
+
+        Raises AnchorposeError where images are missing, or do not fit their camera or their times.
+        """
+        series = [(camera, self._images(camera), self._times(camera)) for camera in self.cameras]
+        with self.writers(folder) as writers:
+            for writer, (camera, images, times) in zip(writers, series, strict=True):
+                if len(images) != len(times):
+                    problem = f"Camera {camera.name} has {len(images)} depth images and {len(times)} times"
+                    raise AnchorposeError(f"{problem}; give one time for each image.")
+                for time_s, depth_m in zip(times.tolist(), images, strict=True):
+                    if writer.write(time_s, grey_of(depth_m, camera)) is None:
+                        problem = f"The times of camera {camera.name} do not rise at {time_s:g} s"
+                        raise AnchorposeError(f"{problem}; sort the images by time.")
+        return folder
+
+    def _images(self, camera: Camera) -> np.ndarray:
+        if camera.name not in self.depth_m:
+            raise AnchorposeError(f"Camera {camera.name} has no depth images; give depth_m['{camera.name}'].")
+        return self.depth_m[camera.name]
+
+    def _times(self, camera: Camera) -> np.ndarray:
+        if isinstance(self.time_s, Mapping) and camera.name not in self.time_s:
+            raise AnchorposeError(f"Camera {camera.name} has no times; give time_s['{camera.name}'].")
+        times = self.time_s[camera.name] if isinstance(self.time_s, Mapping) else self.time_s
+        return np.asarray(times, dtype=np.float64)
+
+
+def grey_of(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
+    """Return the grey values (height, width) uint16 of a depth image in metres, as the camera's files have them.
+
+    Raises AnchorposeError where the shape is not the camera's, or a reading is negative or farther than fits.
+    """
+    depth = np.asarray(depth_m)
+    if depth.shape != (camera.height, camera.width):
+        problem = f"A depth image of camera {camera.name} has the shape {depth.shape}"
+        raise AnchorposeError(f"{problem}; give {(camera.height, camera.width)}, rows first.")
+    grey = np.rint(np.where(np.isfinite(depth), depth, 0.0) / camera.depth_scale)
+    if grey.min() < 0 or grey.max() > LARGEST_GREY:
+        farthest_m = LARGEST_GREY * camera.depth_scale
+        problem = f"Camera {camera.name} reads {float(depth[np.isfinite(depth)].max()):g} m"
+        if grey.min() < 0:
+            raise AnchorposeError(
+                f"Camera {camera.name} reads negative depth; give metres, 0 where there is no reading."
+            )
+        raise AnchorposeError(f"{problem}, and {farthest_m:g} m is the most; give depth in metres.")
+    return grey.astype(np.uint16)

@@ -1,0 +1,245 @@
+"""Track frame by frame: depth images in, joints out, while they come.
+
+The first seconds are looked at before anything is tracked, as ``anchorpose live`` does: clocks and camera poses, the
+room, the patient and the patient's body are found in them. They are kept in a temporary folder meanwhile.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from tempfile import mkdtemp
+from types import TracebackType
+from typing import Final
+
+import numpy as np
+
+from anchorpose.api.arrays import Setup, grey_of
+from anchorpose.camera import Camera
+from anchorpose.errors import AnchorposeError
+from anchorpose.isolation.other_place import without_other_places
+from anchorpose.joints import JOINT_NAMES, STATE_CODE, JointState
+from anchorpose.live.first_seconds import LiveOptions, Prepared, latest_good, learn_in, new_room
+from anchorpose.recording.depth_image import image_of_grey
+from anchorpose.recording.document import read_document
+from anchorpose.recording.reader import open_recording, read_frame
+from anchorpose.recording.recording import FrameSet, Subject
+from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
+from anchorpose.results.joint_angles import joint_angles
+from anchorpose.results.tables import AngleTable, JointTable
+from anchorpose.sources.plan import CameraWriter
+from anchorpose.threads import one_thread
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.following import Follower
+
+START_S: Final = 6.0  # as ``anchorpose live``: a patient moves enough in it to show where the limbs turn
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """The patient in one frame.
+
+    joints_m (21, 3): order of ``JOINT_NAMES``, metres in the world (X forward, Y up, Z to the patient's right), NaN
+    where a joint is lost. sigma_m (21,): one standard deviation along each axis. states: how each was determined.
+    """
+
+    frame: int
+    time_s: float
+    joints_m: np.ndarray
+    sigma_m: np.ndarray
+    states: tuple[JointState, ...]
+
+    def __getitem__(self, joint: str) -> np.ndarray:
+        """(3,) a joint by its name; raises KeyError where there is none of that name."""
+        if joint not in JOINT_NAMES:
+            raise KeyError(joint)
+        return np.asarray(self.joints_m[JOINT_NAMES.index(joint)])
+
+    @property
+    def angles_deg(self) -> dict[str, float]:
+        """Each angle of docs/angles.md by its name, degrees; NaN where the pose leaves it undetermined."""
+        return dict(zip(self._angles.names, self._angles.degrees[0].tolist(), strict=True))
+
+    @property
+    def angles_sigma_deg(self) -> dict[str, float]:
+        """One standard deviation of each angle."""
+        return dict(zip(self._angles.names, self._angles.sigma_deg[0].tolist(), strict=True))
+
+    @cached_property
+    def _angles(self) -> AngleTable:
+        codes = np.array([[STATE_CODE[state] for state in self.states]], np.int8)
+        one = JointTable(
+            np.array([self.frame], np.int32), np.array([self.time_s]), self.joints_m[None], codes, self.sigma_m[None]
+        )
+        return joint_angles(one)
+
+
+class Tracker:
+    """Finds the patient in depth images that come one after another, and then gives the pose of each.
+
+    why: why ``step`` gave None last, one sentence; empty where it gave a pose. Use it in a ``with`` block, or ``close``
+    it: it keeps the first seconds in a temporary folder until the patient is found.
+    """
+
+    why: str
+
+    def __init__(
+        self,
+        cameras: Sequence[Camera] | Path | str,
+        *,
+        subject: Subject | None = None,
+        equipment: Path | str | None = None,
+        empty_room_m: Mapping[str, np.ndarray] | None = None,
+        start_s: float = START_S,
+        config: TrackConfig | None = None,
+    ) -> None:
+        """cameras: those whose images come; or a recording folder, whose cameras, patient and equipment hold here.
+
+        subject, equipment (an equipment.json) and empty_room_m (by a camera's name (height, width) metres): what is
+        known beforehand. start_s: how long is looked before the body is learnt. Raises InputError where any of them
+        cannot be used.
+        """
+        known = _setup_of(Path(cameras)) if isinstance(cameras, Path | str) else Setup(cameras=tuple(cameras))
+        self._setup = replace(
+            known,
+            subject=subject or known.subject,
+            equipment=known.equipment if equipment is None else Path(equipment),
+            empty_room_m=empty_room_m or known.empty_room_m,
+        )
+        self._options = LiveOptions(config=config or TrackConfig(), start_s=start_s)
+        self.why = "no image was given yet"
+        self._frame, self._last_s = -1, -np.inf
+        self._prepared: Prepared | None = None
+        self._follower: Follower | None = None
+        self._begin()
+
+    def __enter__(self) -> Tracker:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Remove the temporary folder. No more images are taken."""
+        self._stack.close()
+
+    @property
+    def shape_known(self) -> bool:
+        """Whether the patient was found and the body is learnt."""
+        return self._prepared is not None
+
+    @property
+    def height_m(self) -> float | None:
+        """The patient's standing height as learnt, None before."""
+        if self._prepared is None:
+            return None
+        from anchorpose.body.shape_prior import standing_height
+        from anchorpose.body.skin_points import body_points
+
+        return standing_height(body_points().asset, self._prepared.learnt.shape)[0]
+
+    def step(self, depth_m: Mapping[str, np.ndarray], time_s: float) -> Pose | None:
+        """The pose in the next frame; None while the patient is not found, or is lost (``why``).
+
+        depth_m: by a camera's name (height, width) metres along the optical axis; 0, NaN and infinite are no reading; a
+        camera that is missing has no image in this frame. time_s: later than that of the frame before. The step that
+        ends the first seconds takes as long as learning the body. Raises AnchorposeError on what does not fit.
+        """
+        if not time_s > self._last_s:
+            raise AnchorposeError(f"The frame at {time_s:g} s is not later than that before; give rising times.")
+        names = [camera.name for camera in self._setup.cameras]
+        if unknown := [name for name in depth_m if name not in names]:
+            raise AnchorposeError(f"There is no camera named {unknown[0]}; the cameras are {', '.join(names)}.")
+        greys = [
+            None if depth_m.get(camera.name) is None else grey_of(depth_m[camera.name], camera)
+            for camera in self._setup.cameras
+        ]
+        self._last_s, self._frame = time_s, self._frame + 1
+        with one_thread():
+            estimate = (
+                self._look(greys, time_s) if self._follower is None else self._follow(self._follower, greys, time_s)
+            )
+        return self._answer(estimate)
+
+    def _begin(self) -> None:
+        """Look at the first seconds, from the next frame on."""
+        self._stack, self._began_s = ExitStack(), np.nan
+        self._folder = Path(mkdtemp(prefix="anchorpose-"))
+        self._stack.callback(shutil.rmtree, self._folder, ignore_errors=True)
+        self._writers: list[CameraWriter] = self._stack.enter_context(self._setup.writers(self._folder))
+
+    def _look(self, greys: Sequence[np.ndarray | None], time_s: float) -> Estimate | None:
+        """One more frame of the first seconds; at their end the newest estimate, where the patient is found."""
+        self._began_s = time_s if np.isnan(self._began_s) else self._began_s
+        for writer, grey in zip(self._writers, greys, strict=True):
+            if grey is not None:
+                writer.write(time_s, grey, self._frame)
+        seen_s = time_s - self._began_s
+        if seen_s < self._options.start_s:
+            self.why = f"{seen_s:.1f} of the first {self._options.start_s:g} s were looked at"
+            return None
+        inputs, room = new_room(open_recording(self._folder), self._options)
+        self._prepared = learn_in(room, inputs)
+        estimate = None
+        if self._prepared is None:
+            self.why = room.why_nobody or "no human body fits whoever is seen"
+        else:
+            estimate = self._catch_up(self._prepared)
+        self._stack.close()
+        if self._prepared is None:
+            self._begin()
+        return estimate
+
+    def _catch_up(self, prepared: Prepared) -> Estimate | None:
+        """Track the first seconds from a good frame on; the newest estimate."""
+        run = replace(prepared.run, config=self._options.live(prepared.run.config))
+        initial, recording = latest_good(run.room.initial_frames), run.room.recording
+        self._follower, newest = Follower(run, initial.choice, prepared.learnt.shape), list[Estimate]()
+        for position in range(initial.frame, len(recording.streams[0].files)):
+            newest = list(self._follower.step(read_frame(recording, position)))
+        return newest[-1] if newest else None
+
+    def _follow(self, follower: Follower, greys: Sequence[np.ndarray | None], time_s: float) -> Estimate | None:
+        room = follower.run.room
+        images = [
+            None if grey is None else image_of_grey(grey, camera)
+            for grey, camera in zip(greys, room.recording.cameras, strict=True)
+        ]
+        frame_set = FrameSet(
+            frame=self._frame,
+            time_s=time_s,
+            depths_m=tuple(None if image is None else image.depth_m for image in images),
+            taken_s=tuple(None if image is None else time_s for image in images),
+            problems=tuple(image.problem for image in images if image is not None and image.problem),
+        )
+        newest = list(follower.step(without_other_places(frame_set, room.scenes)))
+        return newest[-1] if newest else None
+
+    def _answer(self, estimate: Estimate | None) -> Pose | None:
+        if estimate is None:
+            return None
+        if all(state is JointState.LOST for state in estimate.states):
+            self.why = estimate.why_lost or "the patient is not seen"
+            return None
+        self.why, frame_set = "", estimate.frame_set
+        return Pose(frame_set.frame, frame_set.time_s, estimate.joints_m, estimate.sigma_m, estimate.states)
+
+
+def _setup_of(folder: Path) -> Setup:
+    """What a recording states about its cameras, patient and room."""
+    recording = open_recording(folder)
+    rooms = {
+        camera.name: room
+        for camera, room in zip(recording.cameras, recording.backgrounds_m, strict=True)
+        if room is not None
+    }
+    file = read_document(folder / RECORDING_FILE, RecordingDocument).equipment
+    equipment = None if file is None else folder / file
+    return Setup(cameras=recording.cameras, subject=recording.subject, equipment=equipment, empty_room_m=rooms)

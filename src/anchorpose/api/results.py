@@ -1,0 +1,131 @@
+"""Open a results folder as tables: data frames, and an xarray dataset for other programs."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from anchorpose import __version__
+from anchorpose.errors import InputError, MissingPackage
+from anchorpose.joints import JOINT_NAMES, JointState
+from anchorpose.recording.document import read_json
+from anchorpose.results.parquet import read_any_parquet
+from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.tables import JointTable, read_joints
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+PATIENT: Final = "patient"
+WITHIN_M: Final = 0.1  # what ``confidence`` asks: an error that clinical measures and pictures of a pose show
+EVEN: Final = 0.01  # of the frame interval: times that differ by less are evenly spaced
+
+
+class Results:
+    """A results folder. Every table is read when it is asked for; missing values are NaN or None, never a number.
+
+    folder: where it is; ``track`` without a folder of yours keeps it for as long as this object lives.
+    """
+
+    folder: Path
+
+    def __init__(self, folder: Path, kept: TemporaryDirectory[str] | None = None) -> None:
+        """Raises InputError where the folder holds no results."""
+        self.folder, self._kept = folder, kept
+        if not (folder / RUN_FILE).is_file():
+            raise InputError(folder, "is no results folder", "give a folder that 'anchorpose track' has written")
+
+    def __repr__(self) -> str:
+        return f"Results({str(self.folder)!r})"
+
+    @cached_property
+    def run(self) -> dict[str, Any]:
+        """What run.json says: versions, settings, cameras, the learnt body, notes (docs/guide/track.md)."""
+        return dict(read_json(self.folder / RUN_FILE))
+
+    @cached_property
+    def joints(self) -> pd.DataFrame:
+        """A row for each joint of each frame: frame, time_s, joint, x_m, y_m, z_m (world), state, sigma_m."""
+        return self._frame("joints")
+
+    @cached_property
+    def angles(self) -> pd.DataFrame:
+        """A row for each angle of each frame, degrees (docs/angles.md)."""
+        return self._frame("angles")
+
+    @cached_property
+    def measures(self) -> pd.DataFrame:
+        """A row for each clinical measure (docs/measures.md)."""
+        return self._frame("measures")
+
+    @cached_property
+    def episodes(self) -> pd.DataFrame:
+        """A row for each interval of standing, sitting, or a transition."""
+        return self._frame("episodes")
+
+    @cached_property
+    def posture(self) -> pd.DataFrame:
+        """A row for each frame: centre of mass, trunk, feet."""
+        return self._frame("posture")
+
+    @cached_property
+    def contacts(self) -> pd.DataFrame:
+        """A row for each contact of another person with a part of the patient."""
+        return self._frame("contacts")
+
+    @cached_property
+    def joint_table(self) -> JointTable:
+        """The joints as arrays: position_m (n, 21, 3), sigma_m (n, 21), states."""
+        return read_joints(self.folder / "joints.parquet")
+
+    def to_xarray(self) -> xr.Dataset:
+        """The joints in the convention of the package ``movement`` for poses.
+
+        position (time, space, keypoints, individuals) metres, world; confidence (time, keypoints, individuals): how
+        probable it is, by sigma, that the joint is within 10 cm; sigma in metres along each axis and state beside it.
+        NaN where a joint is lost. Raises MissingPackage without xarray.
+        """
+        try:
+            import xarray as xr
+        except ImportError:
+            raise MissingPackage("A dataset", "xarray", "frames") from None
+        from scipy.stats import chi2
+
+        table, joint = self.joint_table, ("time", "keypoints", "individuals")
+        states = np.array([str(state) for state in JointState])[table.state_code]
+        near = chi2.cdf((WITHIN_M / table.sigma_m) ** 2, df=3)
+        attributes: dict[str, Any] = {"source_software": f"anchorpose {__version__}", "ds_type": "poses"}
+        attributes |= {"source_file": str(self.folder), "time_unit": "seconds"}
+        step_s = np.diff(table.time_s)
+        if len(step_s) and np.ptp(step_s) < EVEN * np.median(step_s):
+            attributes["fps"] = float(1.0 / np.median(step_s))
+        return xr.Dataset(
+            {
+                "position": (
+                    ("time", "space", "keypoints", "individuals"),
+                    table.position_m.transpose(0, 2, 1)[..., None],
+                ),
+                "confidence": (joint, near[..., None]),
+                "sigma": (joint, table.sigma_m[..., None]),
+                "state": (joint, states[..., None]),
+            },
+            coords={
+                "time": table.time_s,
+                "space": ["x", "y", "z"],
+                "keypoints": list(JOINT_NAMES),
+                "individuals": [PATIENT],
+            },
+            attrs=attributes,
+        )
+
+    def _frame(self, table: str) -> pd.DataFrame:
+        try:
+            import pandas  # noqa: F401
+        except ImportError:
+            raise MissingPackage("A data frame", "pandas", "frames") from None
+        return read_any_parquet(self.folder / f"{table}.parquet").to_pandas()
