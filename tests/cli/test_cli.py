@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import sys
 import time
@@ -9,10 +10,11 @@ import time
 import numpy as np
 import pytest
 import stand_in_pipeline
+from cyclopts import App
 from recording_builder import write_recording
 from results_builder import make_frame, standing_joints, write_results
 
-from anchorpose.cli import main
+from anchorpose.cli import GROUPS, main
 from anchorpose.joints import JOINT_NAMES
 
 NAMES = "demo simulate check calibrate track evaluate measure report inspect motions verify benchmark"
@@ -22,12 +24,6 @@ VERBS = tuple(NAMES.split())
 @pytest.fixture(autouse=True)
 def _stand_in_for_the_tracker(monkeypatch):
     monkeypatch.setitem(sys.modules, "anchorpose.pipeline", stand_in_pipeline)
-
-
-def test_help_names_every_verb(capsys):
-    assert main(["--help"]) == 0
-    text = capsys.readouterr().out
-    assert all(f"│ {verb} " in text for verb in VERBS)
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -143,3 +139,24 @@ def test_the_demo_writes_everything_it_names_and_refuses_to_replace_it(tmp_path,
     assert "anchorpose-demo/results/report.html" in capsys.readouterr().out
     assert main(["demo", "--quick"]) == 2
     assert {path.name for path in tmp_path.iterdir()} == {"anchorpose-demo"}
+
+
+def test_help_names_every_verb_once_in_a_group(capsys):
+    assert main(["--help"]) == 0
+    page = capsys.readouterr().out
+    places = [page.index(f"─ {title} ") for title in GROUPS]
+    assert places == sorted(places)
+    names = [_name_of(verb) for verbs in GROUPS.values() for verb in verbs]
+    assert len({*names}) == len(names)
+    assert all(len(re.findall(rf"^│ {name} ", page, re.MULTILINE)) == 1 for name in names)
+
+
+def _name_of(verb):
+    return verb.name[0] if isinstance(verb, App) else verb.__name__
+
+
+def test_a_shell_can_complete_verbs_and_options(tmp_path):
+    script = tmp_path / "completion.bash"
+    assert main(["--install-completion", "--shell", "bash", "--output", str(script)]) == 0
+    written = script.read_text(encoding="utf-8")
+    assert all(word in written for word in ("calibrate", "reliability", "--smooth"))

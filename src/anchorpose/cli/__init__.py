@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import Final, NoReturn
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Group, Parameter
 
 from anchorpose import __version__
 from anchorpose.cli.console import say
@@ -45,11 +45,33 @@ app = App(
     default_parameter=Parameter(negative=()),
     suppress_keyboard_interrupt=False,
 )
-for _verb in (
-    *(demo, simulate, convert, check, calibrate, track, evaluate, measure, verify, report, reliability, view, export),
-    *(inspect, equipment, motions, record, live, batch, experiment, benchmark),
-):
-    app.command(_verb)
+GROUPS: Final = {
+    "From recordings to results": (
+        convert,
+        check,
+        calibrate,
+        track,
+        view,
+        measure,
+        report,
+        export,
+        live,
+        record,
+        batch,
+    ),
+    "Compare": (evaluate, reliability, verify),
+    "Set up": (equipment, motions, inspect),
+    "Try out and research": (demo, simulate, experiment, benchmark),
+}
+for _place, (_title, _verbs) in enumerate(GROUPS.items()):
+    _group = Group(_title, sort_key=_place)
+    for _verb in _verbs:
+        if isinstance(_verb, App):  # a verb with verbs of its own
+            _verb.group = _group
+            app.command(_verb)
+        else:
+            app.command(_verb, group=_group)
+app.register_install_completion_command()
 
 
 def main(tokens: Sequence[str] | None = None) -> int:
