@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache, lru_cache
 from typing import Final
 
@@ -33,6 +33,10 @@ class Constraints:
     direction: np.ndarray
     sigma_m: np.ndarray
     scale_m: np.ndarray
+
+    def where(self, chosen: np.ndarray) -> Constraints:
+        """Some of the rows; chosen (n,) bool."""
+        return Constraints(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     @staticmethod
     def alike(

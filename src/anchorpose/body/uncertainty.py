@@ -16,8 +16,15 @@ from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
 from anchorpose.body.constraints import Constraints, rows_of_nodes, surface_constraints
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.explanation import COVERED_M, LEAST_FACING, Explanation, limb_of_points, node_area_m2
-from anchorpose.body.fit import pose_equations
+from anchorpose.body.explanation import (
+    COVERED_M,
+    LEAST_FACING,
+    Explanation,
+    limb_of_points,
+    node_area_m2,
+    segment_of_points,
+)
+from anchorpose.body.fit import limited, pose_equations
 from anchorpose.body.likelihood import likelihood, most_nats
 from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
 from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose
@@ -209,7 +216,7 @@ def smeared_sigma(
     wide = replace(rows, sigma_m=np.hypot(rows.sigma_m, edge_m))
     alike = max(registration.rows_per_observation, len(rows) * edge_m**2 / area_m2)
     joints = body.mesh.joints(posed.transforms)
-    variance = _variance_by_frame(body, pose, wide, alike)
+    variance = np.trace(_spread_by_frame(body, pose, wide, alike), axis1=1, axis2=2) / 3.0
     off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
     turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # along one of three axes
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance + turned))
@@ -239,7 +246,12 @@ def frame_alone_sigma(
     if not mine.any():
         return sigma_m
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
-    variance = _variance_by_frame(body, pose, rows, MORE_ALIKE * config.rows_per_observation)
+    if unseen is not None:  # what readings do not show where the pose has it, nodes nearby do not show either
+        rows = rows.where(~unseen.ravel()[segment_of_points(body.points)[rows.point]])
+    spread = _spread_by_frame(body, pose, rows, MORE_ALIKE * config.rows_per_observation)
+    variance = np.linalg.eigvalsh(spread)[
+        :, -1
+    ]  # along one axis: a hidden knee is off forward, a pointing arm in depth
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
     sigma[mine] = np.maximum(sigma[mine], alone[mine])
     return sigma
@@ -268,12 +280,17 @@ def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain:
     return found
 
 
-def _variance_by_frame(body: Body, pose: Pose, rows: Constraints, rows_per_observation: float) -> np.ndarray:
-    """(21,) ``_variance`` of the joints by one frame's rows and the range of the joints alone."""
+def _spread_by_frame(body: Body, pose: Pose, rows: Constraints, rows_per_observation: float) -> np.ndarray:
+    """(21, 3, 3) mean squared error of the joints, by one frame's rows and the range of the joints alone.
+
+    Those may have a joint elsewhere than the pose has it: that distance is part of the error.
+    """
     posed, unknown = pose_points(body, pose), (pose, vague_belief(pose).information)
-    hessian = pose_equations(body, pose, posed, rows, unknown, rows_per_observation).hessian
-    joints = body.mesh.joints(posed.transforms)
-    return _variance(body, posed, np.linalg.inv(hessian), joint_bones(body.points.asset), joints)
+    equations = pose_equations(body, pose, posed, rows, unknown, rows_per_observation)
+    covariance, joints = np.linalg.inv(equations.hessian), body.mesh.joints(posed.transforms)
+    jacobian = joint_jacobian(body, posed.transforms, joint_bones(body.points.asset), joints)
+    away = body.joints(pose.moved(limited(-covariance @ equations.gradient), body.points.moving)) - joints
+    return np.asarray(jacobian @ covariance @ jacobian.transpose(0, 2, 1) + away[:, :, None] * away[:, None, :])
 
 
 def unexplained_sigma(
