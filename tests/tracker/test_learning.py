@@ -221,7 +221,7 @@ def test_where_nothing_is_to_be_learnt_the_first_body_is_kept_and_unexplained_fr
 )
 def test_all_windows_together_decide_on_the_facing(monkeypatch, mine, theirs, moved, shape, wins):
     monkeypatch.setattr(learning_pass, "frames_nats", lambda learnt, window, run: window.nats)
-    monkeypatch.setattr(learning_pass, "shape_nats", lambda learnt, run: -shape if learnt == "mine" else 0.0)
+    monkeypatch.setattr(learning_pass, "known_nats", lambda learnt, window, run: -shape if learnt == "mine" else 0.0)
     one = iter([("mine", SimpleNamespace(nats=nats, moved=moved)) for nats in mine])
     other = iter([("theirs", SimpleNamespace(nats=nats, moved=0.0)) for nats in theirs])
     chosen = list(likelier(one, other, None))
@@ -231,7 +231,7 @@ def test_all_windows_together_decide_on_the_facing(monkeypatch, mine, theirs, mo
 
 def test_what_is_decided_is_not_followed_on(monkeypatch):
     monkeypatch.setattr(learning_pass, "frames_nats", lambda learnt, window, run: window.nats)
-    monkeypatch.setattr(learning_pass, "shape_nats", lambda learnt, run: 0.0)
+    monkeypatch.setattr(learning_pass, "known_nats", lambda learnt, window, run: 0.0)
     other = iter([("theirs", SimpleNamespace(nats=100.0, moved=0.0))] * 3)
     one = iter([("mine", SimpleNamespace(nats=500.0, moved=0.0))] * 3)
     assert len(list(likelier(one, other, None))) == 3

@@ -17,7 +17,7 @@ from anchorpose.body.fit import damped_step
 from anchorpose.body.learning import ShapeFrame, learn_shape_step
 from anchorpose.body.matched_places import MatchedPerson, Matches, fit_matches
 from anchorpose.body.pose import Pose
-from anchorpose.body.pose_probability import log_probability
+from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
 
@@ -30,7 +30,8 @@ _ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstPose:
-    """The best of several bodies; log: how probable pose and shape are by the images and the prior, nats.
+    """The best of several bodies; log: how probable pose and shape are by the images and the prior, nats; facing: how
+    probable the facing is beforehand (``facing_nats``).
 
     others: the person facing the other way, with the same body first, then with a body of its own.
     """
@@ -38,6 +39,7 @@ class FirstPose:
     pose: Pose
     belief: ShapeBelief
     log: float
+    facing: float
     others: tuple[FirstPose, ...] = ()
 
     @property
@@ -69,7 +71,7 @@ def find_first_pose(
     number = max(range(len(found)), key=lambda k: found[k].log)
     right, tried = found[number], shape.tried[number]
     turned = _fitted(evidence, person.matches.turned, tried, None, shape, config)
-    other, best = sorted((turned, right), key=lambda first: first.log)
+    other, best = sorted((turned, right), key=lambda first: first.log + first.facing)
     if shape.may_change:
         return replace(best, others=(other,))
     matches = person.matches.turned if best is right else person.matches
@@ -105,7 +107,7 @@ def _settle(
         else:
             pose = damped_step(body, pose, rows, None, rows_per_observation)
     log = log_probability(body, pose, evidence) - 0.5 * belief.cost(shape)
-    return FirstPose(pose, replace(belief, shape=shape), log)
+    return FirstPose(pose, replace(belief, shape=shape), log, facing_nats(body, pose, evidence.cameras))
 
 
 def find_rough_pose(body: Body, evidence: Evidence, person: MatchedPerson, config: RegistrationConfig) -> Pose:

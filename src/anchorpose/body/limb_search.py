@@ -17,7 +17,7 @@ from anchorpose.body.config import RegistrationConfig, Source
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, Pose
-from anchorpose.body.pose_probability import log_probability
+from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.proposals import Doubted, proposals
 from anchorpose.body.registration import Registration, descend, posterior
 from anchorpose.body.rivals import LEAST_GAIN, MOST, Rival, believed, parts_apart, rivals_of
@@ -143,7 +143,7 @@ def _decided(
 ) -> Search:
     """What one frame decides between the pose that was found, ``now``, and others."""
     ways, places_m = list[tuple[Registration, Rival]](), list[np.ndarray]()
-    for one, lag in sorted(_compared(body, now, others), key=lambda way: way[1] + way[0].moved):
+    for one, lag in sorted(_compared(body, now, others, evidence), key=lambda way: way[1] + way[0].moved):
         joints_m = body.joints(one.pose)
         if len(ways) > MOST or not all(parts_apart(joints_m, other_m) for other_m in places_m):
             continue
@@ -158,12 +158,13 @@ def _decided(
     return Search(taken, True, rivals_of(body, taken.belief, left))
 
 
-def _compared(body: Body, now: Tried, others: Sequence[Tried]) -> Iterator[tuple[Tried, float]]:
+def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
     """The other poses, each with how much worse it explains the images, believed nats."""
     for one in others:
         if one.pose is not now.pose:
             parts = parts_apart(body.joints(one.pose), body.joints(now.pose))
-            yield one, -believed(one.images - now.images, parts)
+            turned = facing_nats(body, one.pose, evidence.cameras) - facing_nats(body, now.pose, evidence.cameras)
+            yield one, -believed(one.images - now.images, parts) - turned
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:

@@ -19,7 +19,7 @@ from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.pose import LIMB_OF_JOINTS
-from anchorpose.body.pose_probability import log_probability
+from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
@@ -92,6 +92,7 @@ def follow_rivals(
     if not rivals:
         return best, ()
     most, followed = log_probability(body, best.belief.pose, evidence), list[tuple[Registration, Rival]]()
+    facing = facing_nats(body, best.belief.pose, evidence.cameras)
     old = math.exp(-elapsed_s / MEMORY_S)
     for rival in rivals:
         own, expected = rival.body or body, rival.belief.later(rival.belief.pose, elapsed_s)
@@ -100,6 +101,7 @@ def follow_rivals(
             continue
         lead = most - log_probability(own, found.belief.pose, evidence)
         lead = believed(lead, parts_apart(body.joints(best.belief.pose), own.joints(found.belief.pose)))
+        lead += facing - facing_nats(own, found.belief.pose, evidence.cameras)
         followed.append(
             (found, Rival(found.belief, old * rival.lag + (1.0 - old) * lead, old * rival.moved, rival.body))
         )

@@ -15,7 +15,7 @@ from anchorpose.body.evidence import Evidence
 from anchorpose.body.learning import REACHES_M, REFINING_M, learn_body, most_different
 from anchorpose.body.limb_search import expected_joints
 from anchorpose.body.pose import PARTS, Pose
-from anchorpose.body.pose_probability import log_probability
+from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import descend
 from anchorpose.body.rivals import DECIDED, believed
 from anchorpose.body.shape_prior import ShapeBelief
@@ -163,9 +163,9 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> _Learning:
         if theirs is None:
             return chain([mine], one)
         lead += believed(frames_nats(*mine, run) - frames_nats(*theirs, run), PARTS) + theirs[1].moved - mine[1].moved
-        shape = shape_nats(mine[0], run) - shape_nats(theirs[0], run)
-        chosen = chain([mine], one) if lead + shape >= 0.0 else chain([theirs], other)
-        if abs(lead + shape) >= DECIDED:
+        known = known_nats(*mine, run) - known_nats(*theirs, run)
+        chosen = chain([mine], one) if lead + known >= 0.0 else chain([theirs], other)
+        if abs(lead + known) >= DECIDED:
             break
     return chosen
 
@@ -181,9 +181,11 @@ def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
     return float(np.mean(nats))
 
 
-def shape_nats(learnt: LearntPatient, run: Run) -> float:
-    """How probable the body itself is."""
-    return -0.5 * shape_cost(learnt.shape, run.room.recording.subject, run.config)
+def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
+    """How probable the body itself is, and which way it faces in a window."""
+    body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
+    facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))
+    return facing - 0.5 * shape_cost(learnt.shape, run.room.recording.subject, run.config)
 
 
 def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s: float) -> Iterator[_Window]:

@@ -113,7 +113,7 @@ def find_start(
 def _turned(first: FirstPose) -> Iterator[Rival]:
     """The person facing the other way, with the same body where that explains the frame as well, else with another."""
     for other in first.others:
-        lag = believed(first.log - other.log, PARTS)
+        lag = believed(first.log - other.log, PARTS) + first.facing - other.facing
         if lag < DECIDED:
             own = None if other.shape is first.shape else build_body(body_points(), other.shape)
             yield Rival(vague_belief(other.pose), lag, body=own)
