@@ -8,7 +8,7 @@ from body_builder import FRONT, adult_body, seen_body, standing
 
 from anchorpose.body.limb_proposals import exchanged
 from anchorpose.body.pose import LIMB_OF_BONES, MOVING_BONES, TRUNK
-from anchorpose.body.pose_probability import log_probability, named_nats, places
+from anchorpose.body.pose_probability import FROM_BEFORE, facing_nats, log_probability, named_nats, places
 from anchorpose.body.skin_points import body_points
 from anchorpose.descriptor import learnt
 from anchorpose.descriptor.learnt import Described
@@ -64,3 +64,12 @@ def test_places_are_those_of_the_standing_mean_adult():
     assert place[:, 1].min() == pytest.approx(0.0, abs=0.01)
     assert place[:, 1].max() == pytest.approx(1.0, abs=0.01)
     assert abs(place[:, 2].mean()) < 0.01  # as much to the left as to the right
+
+
+def test_a_single_camera_is_expected_before_the_body_and_several_anywhere():
+    *_, turned = exchanged(BODY, TRUTH)
+    camera = SEEN.cameras[0]
+    ahead, behind = (facing_nats(BODY, pose, [camera]) for pose in (TRUTH, turned))
+    assert ahead - behind == pytest.approx(np.log(FROM_BEFORE), rel=0.02)
+    assert ahead == pytest.approx(-behind, rel=0.05)
+    assert facing_nats(BODY, TRUTH, [camera, camera]) == 0.0

@@ -16,8 +16,9 @@ from anchorpose.body.evidence import Evidence, evidence_rows
 from anchorpose.body.fit import damped_step
 from anchorpose.body.learning import ShapeFrame, learn_shape_step
 from anchorpose.body.matched_places import MatchedPerson, Matches, fit_matches
-from anchorpose.body.pose import Pose
+from anchorpose.body.pose import PARTS, Pose
 from anchorpose.body.pose_probability import facing_nats, log_probability
+from anchorpose.body.rivals import believed
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
 
@@ -47,6 +48,10 @@ class FirstPose:
         """The body that was fitted."""
         return self.belief.shape
 
+    def ahead_of(self, turned: FirstPose) -> float:
+        """By how much it is likelier than the person facing the other way, believed nats."""
+        return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstShape:
@@ -71,7 +76,7 @@ def find_first_pose(
     number = max(range(len(found)), key=lambda k: found[k].log)
     right, tried = found[number], shape.tried[number]
     turned = _fitted(evidence, person.matches.turned, tried, None, shape, config)
-    other, best = sorted((turned, right), key=lambda first: first.log + first.facing)
+    best, other = (turned, right) if right.ahead_of(turned) < 0.0 else (right, turned)
     if shape.may_change:
         return replace(best, others=(other,))
     matches = person.matches.turned if best is right else person.matches

@@ -17,7 +17,7 @@ from anchorpose.body.limb_search import expected_joints
 from anchorpose.body.pose import PARTS, Pose
 from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import descend
-from anchorpose.body.rivals import DECIDED, believed
+from anchorpose.body.rivals import DECIDED, believed, parts_apart
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
 from anchorpose.body.standing_off import standing_off
@@ -102,8 +102,8 @@ class _Window:
     """Frames to learn from at once, and how long the patient was followed by their end, seconds.
 
     tracker: as it stands after them, None where it ends there. turned: starts of the person facing the other way, which
-    the first frame does not decide against; frame: that frame. moved: what it costs that limbs, or the whole body, were
-    found elsewhere than the frames before said, nats.
+    the first frame does not decide against; frame: that frame. moved: what it costs that the body was found turned round
+    from one frame to the next, nats.
     """
 
     kept: list[_Seen]
@@ -222,9 +222,10 @@ def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s
 
 
 def _moved(before: _Seen, after: _Seen) -> float:
-    """What it costs limbs to be elsewhere than a frame before had them, nats."""
-    expected = before.belief.later(before.pose, _apart_s(before, after))
-    return expected_joints(before.body, expected).moved(after.body.joints(after.pose))
+    """What it costs a body to have turned round since the frame before, nats; 0 where only limbs moved."""
+    expected = expected_joints(before.body, before.belief.later(before.pose, _apart_s(before, after)))
+    joints_m = after.body.joints(after.pose)
+    return expected.moved(joints_m) if parts_apart(expected.joints_m, joints_m) >= PARTS - 1 else 0.0
 
 
 def _seen(estimate: Estimate, run: Run) -> _Seen | None:

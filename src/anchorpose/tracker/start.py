@@ -19,11 +19,11 @@ from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
 from anchorpose.body.likelihood import most_nats
 from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_person, matches_of
-from anchorpose.body.pose import LIMB_OF_BONES, PARTS, TRUNK
+from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.proposals import rarity
 from anchorpose.body.registration import posterior
-from anchorpose.body.rivals import DECIDED, Rival, believed, rivals_of
+from anchorpose.body.rivals import Rival, rivals_of
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.other_place import without_other_places
@@ -111,13 +111,10 @@ def find_start(
 
 
 def _turned(first: FirstPose) -> Iterator[Rival]:
-    """The person facing the other way, with the same body where that explains the frame as well, else with another."""
-    for other in first.others:
-        lag = believed(first.log - other.log, PARTS) + first.facing - other.facing
-        if lag < DECIDED:
-            own = None if other.shape is first.shape else build_body(body_points(), other.shape)
-            yield Rival(vague_belief(other.pose), lag, body=own)
-            return
+    """The person facing the other way, with the same body or with one of its own, whichever is likelier."""
+    for other in sorted(first.others, key=first.ahead_of)[:1]:
+        own = None if other.shape is first.shape else build_body(body_points(), other.shape)
+        yield Rival(vague_belief(other.pose), first.ahead_of(other), body=own)
 
 
 def starts_turned(first: Estimate, rivals: Sequence[Rival], config: TrackConfig) -> Iterator[Start]:
