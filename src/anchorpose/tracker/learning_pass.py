@@ -102,8 +102,8 @@ class _Window:
     """Frames to learn from at once, and how long the patient was followed by their end, seconds.
 
     tracker: as it stands after them, None where it ends there. turned: starts of the person facing the other way, which
-    the first frame does not decide against; frame: that frame. moved: what it costs that the body was found turned round
-    from one frame to the next, nats.
+    the first frame does not decide against; frame: that frame. moved: what it costs that the body was found turned
+    round from one frame to the next, nats.
     """
 
     kept: list[_Seen]
