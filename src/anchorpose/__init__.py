@@ -1,24 +1,11 @@
 """Markerless clinical motion capture: depth recordings to 21 joints, with what was seen and how sure it is.
 
 ``track`` a recording, ``open`` its results, or give a ``Tracker`` one frame after another (docs/python.md). Names are
-imported when they are first used.
+imported when they are first used; their types stand in ``__init__.pyi``.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
-
-if TYPE_CHECKING:
-    from anchorpose.api.arrays import DepthImages
-    from anchorpose.api.frame_by_frame import Pose, Tracker
-    from anchorpose.api.results import Results
-    from anchorpose.api.track import open_results as open
-    from anchorpose.api.track import track
-    from anchorpose.camera import Camera
-    from anchorpose.errors import AnchorposeError, InputError
-    from anchorpose.joints import JOINT_NAMES, JointState
-    from anchorpose.lens import Intrinsics
-    from anchorpose.recording.recording import Subject
-    from anchorpose.tracker.config import TrackConfig
+from typing import Any, Final
 
 __version__ = "0.2.0"
 
