@@ -254,7 +254,7 @@ def test_every_input_is_opened_as_a_regular_file() -> None:
 
 
 def test_every_folder_and_module_has_a_place_in_the_layout() -> None:
-    found = {path.stem for path in PACKAGE.iterdir() if not path.name.startswith("__")}
+    found = {path.stem for path in PACKAGE.iterdir() if not path.name.startswith("__") and path.name != "py.typed"}
     assert found == {*FLOW, *VALUES, *BESIDE_THE_FLOW}
 
 
