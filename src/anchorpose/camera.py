@@ -17,7 +17,7 @@ class Camera:
     name: str
     width: int
     height: int
-    depth_scale: float = 0.001  # metres per grey value of its files, where these do not state it
+    depth_scale: float  # metres per grey value
     intrinsics: Intrinsics
     T_world_camera: np.ndarray | None = field(default=None)  # (4, 4); None where the pose is unknown
 

@@ -14,6 +14,7 @@ CAMERA = anchorpose.Camera(
     name="front",
     width=32,
     height=24,
+    depth_scale=0.001,
     intrinsics=anchorpose.Intrinsics(fx=30.0, fy=30.0, cx=16.0, cy=12.0),
     T_world_camera=np.eye(4),
 )
@@ -67,7 +68,7 @@ def test_no_reading_is_zero_in_a_file():
         ({"time_s": np.array([0.0, 0.1, 0.1])}, "do not rise at 0.1 s; sort"),
         ({"depth_m": {"front": DEPTH[:, :20]}}, r"shape \(20, 32\); give \(24, 32\)"),
         ({"depth_m": {"front": DEPTH * 1000.0}}, "65.535 m is the most; give depth in metres"),
-        ({"depth_m": {"front": -DEPTH}}, "negative depth; give metres"),
+        ({"depth_m": {"front": -DEPTH}}, "negative depth readings; give metres"),
         ({"cameras": (CAMERA, CAMERA)}, "two cameras named 'front'; give each"),
         ({"cameras": (replace(CAMERA, width=0),)}, "width"),
     ],

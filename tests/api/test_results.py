@@ -60,5 +60,5 @@ def test_confidence_falls_with_sigma_and_uneven_times_have_no_rate(tmp_path):
 
 
 def test_what_is_no_results_folder_is_refused(tmp_path):
-    with pytest.raises(anchorpose.InputError, match="is no results folder; give a folder"):
+    with pytest.raises(anchorpose.InputError, match="is not a results folder; give a folder"):
         anchorpose.open(tmp_path)

@@ -96,7 +96,7 @@ def test_a_frame_that_does_not_fit_is_refused_and_the_next_one_is_taken(simulate
         for wrong, time_s, sentence in (
             (images, 1.0, "at 1 s is not later"),
             (images, float("nan"), "not later"),
-            ({"back": images["front"]}, 2.0, "no camera named back; the cameras are front"),
+            ({"back": images["front"]}, 2.0, "camera back is unknown; name one of front"),
             ({"front": images["front"][:10]}, 2.0, "has the shape"),
         ):
             with pytest.raises(anchorpose.AnchorposeError, match=sentence):

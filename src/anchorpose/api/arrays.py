@@ -122,7 +122,7 @@ def grey_of(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
         problem = f"Camera {camera.name} reads {float(depth[np.isfinite(depth)].max()):g} m"
         if grey.min() < 0:
             raise AnchorposeError(
-                f"Camera {camera.name} reads negative depth; give metres, 0 where there is no reading."
+                f"Camera {camera.name} has negative depth readings; give metres, and 0 for a missing reading."
             )
         raise AnchorposeError(f"{problem}, and {farthest_m:g} m is the most; give depth in metres.")
     return grey.astype(np.uint16)

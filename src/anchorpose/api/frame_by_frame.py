@@ -131,11 +131,6 @@ class Tracker:
         self._stack.close()
 
     @property
-    def shape_known(self) -> bool:
-        """Whether the patient was found and the body is learnt."""
-        return self._prepared is not None
-
-    @property
     def height_m(self) -> float | None:
         """The patient's standing height as learnt, None before."""
         if self._prepared is None:
@@ -156,7 +151,7 @@ class Tracker:
             raise AnchorposeError(f"The frame at {time_s:g} s is not later than that before; give rising times.")
         names = [camera.name for camera in self._setup.cameras]
         if unknown := [name for name in depth_m if name not in names]:
-            raise AnchorposeError(f"There is no camera named {unknown[0]}; the cameras are {', '.join(names)}.")
+            raise AnchorposeError(f"The camera {unknown[0]} is unknown; name one of {', '.join(names)}.")
         greys = [
             None if depth_m.get(camera.name) is None else grey_of(depth_m[camera.name], camera)
             for camera in self._setup.cameras
@@ -185,17 +180,21 @@ class Tracker:
         if seen_s < self._options.start_s:
             self.why = f"{seen_s:.1f} of the first {self._options.start_s:g} s were looked at"
             return None
+        try:
+            return self._learn()
+        finally:
+            self._stack.close()
+            if self._follower is None:
+                self._begin()
+
+    def _learn(self) -> Estimate | None:
+        """Learn from the first seconds; return the newest estimate, None where nobody is found (``why``)."""
         inputs, room = new_room(open_recording(self._folder), self._options)
         self._prepared = learn_in(room, inputs)
-        estimate = None
         if self._prepared is None:
             self.why = room.why_nobody or "no human body fits whoever is seen"
-        else:
-            estimate = self._catch_up(self._prepared)
-        self._stack.close()
-        if self._prepared is None:
-            self._begin()
-        return estimate
+            return None
+        return self._catch_up(self._prepared)
 
     def _catch_up(self, prepared: Prepared) -> Estimate | None:
         """Track the first seconds from a good frame on; the newest estimate."""

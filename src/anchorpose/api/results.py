@@ -38,7 +38,7 @@ class Results:
         """Raises InputError where the folder holds no results."""
         self.folder, self._kept = folder, kept
         if not (folder / RUN_FILE).is_file():
-            raise InputError(folder, "is no results folder", "give a folder that 'anchorpose track' has written")
+            raise InputError(folder, "is not a results folder", "give a folder that 'anchorpose track' has written")
 
     def __repr__(self) -> str:
         return f"Results({str(self.folder)!r})"

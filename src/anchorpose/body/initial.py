@@ -49,7 +49,7 @@ class FirstPose:
         return self.belief.shape
 
     def ahead_of(self, turned: FirstPose) -> float:
-        """By how much it is likelier than the person facing the other way, believed nats."""
+        """Return by how much it is likelier than the person facing the other way, believed nats."""
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 
 

@@ -31,8 +31,10 @@ WRONGLY_NAMED: Final = (
     0.03  # share of the places that are over three of their deviations off, simulated and real (UTD-MHAD)
 )
 FROM_BEFORE: Final = 20.0
-"""Times as often a single camera stands before the patient as behind: docs/guide/cameras.md asks for that, and so it is
-in all recordings of one person by one camera that this was tried on (UTD-MHAD, 48, and MSR Action3D, 91)."""
+"""Ratio: how much more often a single camera stands before the patient than behind.
+
+docs/guide/cameras.md asks for it, and the subjects of UTD-MHAD and MSR Action3D face theirs. Assumed, not measured: it
+tips only what the images leave open."""
 
 SKIN_AREA: Final = 0.6  # of an adult, in statures squared: 1.8 m2 at 1.7 m (Du Bois and Du Bois 1916)
 

@@ -32,7 +32,7 @@ Followed side by side where a body is hidden but for head and arms, the right bo
 
 MEMORY_S: Final = 0.3  # after which what frames said counts by a third: limbs were elsewhere then
 LEAST_GAIN: Final = 3.0  # nats: another pose must be twenty times as likely
-DECIDED: Final = 6.0  # nats: a pose that is e^6 times less likely than the best
+DECIDED: Final = 6.0  # nats: a pose that is e^6 times less likely than the best goes, one so much likelier takes over
 MOST: Final = 3  # rivals: each costs as much as the registration
 
 
@@ -56,11 +56,11 @@ class Rival:
         return self.lag + self.moved
 
     def joints_m(self, body: Body) -> np.ndarray:
-        """(21, 3) joints; body: that of the best pose."""
+        """Return its joints (21, 3), metres, world; body: that of the best pose."""
         return (self.body or body).joints(self.belief.pose)
 
     def beside(self, best: Rival) -> Rival:
-        """The same once another rival is the best pose."""
+        """Return the same rival with its lag against another one, which becomes the best pose."""
         return replace(self, lag=self.lag - best.lag, moved=self.moved - best.moved)
 
 

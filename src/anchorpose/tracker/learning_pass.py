@@ -89,7 +89,7 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
 
     Each stretch is followed for its share of ``learning.longest_s``, from the first frame in which the patient is
     found. Tracking goes on with what was learnt so far, and each window's frames add what they show. Only the frames of
-    one window are kept.
+    the first and of the last window are kept, of either facing.
     """
     learnt: LearntPatient | None = None
     for stretch in stretches:
@@ -152,7 +152,7 @@ def _window_by_window(windows: Iterator[_Window], before: LearntPatient | None, 
 
 
 def likelier(one: _Learning, other: _Learning, run: Run) -> _Learning:
-    """The learning with the facing that is more probable, from where that is decided.
+    """Choose between learning with either facing; return the more probable one, from where that is decided.
 
     A frame may show too little of the person to decide. One body has to explain all windows, and its shape has to be
     one that people have; and who was taken for facing the other way turns round at some time.
@@ -171,7 +171,10 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> _Learning:
 
 
 def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """How probable the frames of a window are with the body learnt from them, in the mean: their errors are alike."""
+    """Return the mean log probability of a window's frames with the body learnt from them, nats.
+
+    The mean and not the sum, since errors of shape are alike in all of them.
+    """
     body, config = build_body(body_points(), learnt.shape), run.config.registration
     frames = most_different(body_points(), [seen.pose for seen in window.kept], run.config.learning.frame_count)
     nats = list[float]()
@@ -182,7 +185,7 @@ def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
 
 
 def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """How probable the body itself is, and which way it faces in a window."""
+    """Return the log probability of the body's shape, and of the way that it faces in a window, nats."""
     body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
     facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))
     return facing - 0.5 * shape_cost(learnt.shape, run.room.recording.subject, run.config)
@@ -222,7 +225,7 @@ def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s
 
 
 def _moved(before: _Seen, after: _Seen) -> float:
-    """What it costs a body to have turned round since the frame before, nats; 0 where only limbs moved."""
+    """Return what it costs a body to have turned round since the frame before, nats; 0 where only limbs moved."""
     expected = expected_joints(before.body, before.belief.later(before.pose, _apart_s(before, after)))
     joints_m = after.body.joints(after.pose)
     return expected.moved(joints_m) if parts_apart(expected.joints_m, joints_m) >= PARTS - 1 else 0.0
