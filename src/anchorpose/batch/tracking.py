@@ -90,13 +90,14 @@ def track_session(session: Session, results: Path) -> bool:
     identity are replaced; an unfinished run of the same one goes on, of another it begins again. Raises what
     ``anchorpose track`` raises.
     """
-    from anchorpose.cli.recording_verbs import as_recording
+    from anchorpose.api.recording_input import as_recording
+    from anchorpose.cli.console import OnConsole
     from anchorpose.cli.track_verbs import track_locally
 
     results.parent.mkdir(parents=True, exist_ok=True)
     wait_until_free(results, ENDING_S)
     with local_copy(session.recording) as source:
-        recording, begun = as_recording(source), begun_identity(results)
+        recording, begun = as_recording(source, OnConsole()), begun_identity(results)
         resume = False
         if begun is not None or (results / RUN_FILE).is_file():
             identity = _identity(session, recording)

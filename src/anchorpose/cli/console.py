@@ -8,10 +8,11 @@ from __future__ import annotations
 import sys
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from anchorpose.api.recording_input import Progress, Watcher
 from anchorpose.errors import without_password
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def plain_console(error: bool = False) -> Console:
 
 
 @contextmanager
-def progress_bar(description: str, at_once: bool = True) -> Iterator[Callable[[int, int | None], None]]:
+def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
     """A bar on the error stream; what it yields is called with (done, total), None where the total is unknown.
 
     at_once: shown before the first call, which may take long, or not: then work that is refused shows no bar.
@@ -98,6 +99,18 @@ def progress_bar(description: str, at_once: bool = True) -> Iterator[Callable[[i
     finally:
         if progress.live.is_started:
             progress.stop()
+
+
+class OnConsole(Watcher):
+    """Draws progress and prints notes."""
+
+    def working(self, on: str, at_once: bool = True) -> AbstractContextManager[Progress]:
+        """Return a progress bar."""
+        return progress_bar(on, at_once)
+
+    def note(self, sentence: str) -> None:
+        """Print a note."""
+        say(sentence)
 
 
 @contextmanager

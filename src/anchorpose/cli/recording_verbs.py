@@ -4,14 +4,12 @@ and about what tracking compares with: equipment, motions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from anchorpose.cli.console import say, show_table
+from anchorpose.cli.console import OnConsole, say, show_table
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import FASTEST_HZ, OUTPUT, SIGNED, ConvertOptions, between, positive
 
@@ -33,45 +31,19 @@ def convert(*paths: Path, options: ConvertOptions | None = None) -> None:
     paths
         INPUT... OUT: one or more files or folders, which become the cameras of one recording, and the folder to write.
     """
+    from anchorpose.api.recording_input import noting_how_to_go_on
     from anchorpose.cli.console import progress_bar
     from anchorpose.sources.convert import convert as convert_files
 
     if len(paths) < 2:
         raise AnchorposeError("Give one or more files or folders of a recorder, and last the folder to write.")
     *inputs, out = paths
-    with _noting_how_to_go_on(out), progress_bar("Converting", at_once=False) as progress:
+    with noting_how_to_go_on(out), progress_bar("Converting", at_once=False) as progress:
         done = convert_files(inputs, out, options or ConvertOptions(), progress)
     for note in done.notes:
         say(f"- {note}")
     counts = ", ".join(f"{name} with {count} depth images" for name, count in done.cameras)
     say(f"The recording is in {out}: {counts}.")
-
-
-def as_recording(path: Path) -> Path:
-    """The recording that a verb was given; a recorder's file is converted first, beside it."""
-    from anchorpose.cli.console import progress_bar
-    from anchorpose.sources.convert import look_at, make_recording
-
-    direct = look_at(path)
-    if direct.ready:
-        return direct.recording
-    with _noting_how_to_go_on(direct.recording), progress_bar(f"Converting {path.name}", at_once=False) as progress:
-        notes = make_recording(direct, progress)
-    for note in notes:
-        say(f"- {note}")
-    return direct.recording
-
-
-@contextmanager
-def _noting_how_to_go_on(out: Path) -> Iterator[None]:
-    from anchorpose.results.folder import naming_place
-
-    try:
-        with naming_place(out):
-            yield
-    except KeyboardInterrupt as stopped:
-        stopped.add_note(f"{out} is not a recording yet: give the same command again to go on.")
-        raise
 
 
 COLOURS = ("green", "yellow", "red")
@@ -90,10 +62,11 @@ def check(recording: Path, /) -> int:
         The folder with recording.json and the depth images of each camera, into which nothing is written; or a file of
         a camera's recorder (see docs/guide/convert.md).
     """
+    from anchorpose.api.recording_input import as_recording
     from anchorpose.check.material import Level
     from anchorpose.check.recording_check import check_recording
 
-    findings = check_recording(as_recording(recording))
+    findings = check_recording(as_recording(recording, OnConsole()))
     _print_findings(findings)
     return int(any(finding.level is Level.RED for finding in findings))
 
@@ -141,6 +114,7 @@ def calibrate(
     config
         A TOML or JSON file with settings that differ from the defaults, as for track.
     """
+    from anchorpose.api.recording_input import as_recording
     from anchorpose.calibration.calibration import calibration_rows
     from anchorpose.pipeline import calibrate_recording
     from anchorpose.results.folder import CALIBRATION, check_results_path, new_results_folder
@@ -150,7 +124,7 @@ def calibrate(
     source = recording.resolve()
     target = output if output is not None else source.with_name(f"{source.name}-calibration")
     check_results_path(target, recording, overwrite, CALIBRATION)
-    recording = as_recording(recording)
+    recording = as_recording(recording, OnConsole())
     with new_results_folder(target, recording, overwrite, CALIBRATION) as folder:
         found = calibrate_recording(recording, folder, settings, ignore_given, markers)
     show_table(("camera", "pose", "± mm", "± degrees", "surface rms mm", "outline rms px"), calibration_rows(found))

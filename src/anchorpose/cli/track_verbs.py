@@ -131,19 +131,21 @@ def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: st
 
     go_on: what the user does to go on where it is stopped, None for the same command with --resume.
     """
-    from anchorpose.cli.console import print_outcome, progress_bar
-    from anchorpose.cli.recording_verbs import as_recording
-    from anchorpose.pipeline import track_recording
-    from anchorpose.results.folder import RESUME, check_results_path, unfinished_results
+    from anchorpose.api.track import track as track_whole
+    from anchorpose.cli.console import OnConsole, print_outcome
 
-    settings = given.settings()
-    check_results_path(results, recording, given.overwrite)
-    recording = as_recording(recording)
-    work = unfinished_results(results, recording, given.overwrite, given.resume, go_on or RESUME)
-    with work as folder, progress_bar("Tracking") as progress:
-        track_recording(
-            recording, folder, settings, progress, given.calibration, given.corrections, threads=given.threads
-        )
+    track_whole(
+        recording,
+        results,
+        config=given.settings(),
+        calibration=given.calibration,
+        corrections=given.corrections,
+        overwrite=given.overwrite,
+        resume=given.resume,
+        threads=given.threads,
+        watcher=OnConsole(),
+        how_to_resume=go_on,
+    )
     print_outcome(results)
 
 

@@ -71,11 +71,12 @@ def view(results: Path, recording: Path | None = None, /, *, options: ViewOption
         The recording, or the recorder's file, that the results were made from; without it only skeleton, body and
         curves are shown.
     """
-    from anchorpose.cli.recording_verbs import as_recording
+    from anchorpose.api.recording_input import as_recording
+    from anchorpose.cli.console import OnConsole
     from anchorpose.viewer.server import open_viewer
 
     given = options or ViewOptions()
-    recording = None if recording is None else as_recording(recording)
+    recording = None if recording is None else as_recording(recording, OnConsole())
     with open_viewer(results, recording, given.corrections, given.who, given.host, given.port) as server:
         try:
             with given.showing(server.address, "The viewer", "see the patient and change the corrections"):
@@ -128,8 +129,8 @@ def inspect(
     out
         The folder to write; the default is inspect-<frame> here.
     """
-    from anchorpose.cli.console import counter
-    from anchorpose.cli.recording_verbs import as_recording
+    from anchorpose.api.recording_input import as_recording
+    from anchorpose.cli.console import OnConsole, counter
     from anchorpose.cli.track_verbs import parse_patient
     from anchorpose.pages.inspection_page import INSPECTION, PAGE_FILE, inspect_recording
     from anchorpose.results.folder import check_results_path, new_results_folder
@@ -142,7 +143,7 @@ def inspect(
         settings = replace(settings, patient_xz_m=place, patient_frame=at)
     target = out or Path(f"inspect-{frame}")
     check_results_path(target, recording, given.overwrite, INSPECTION)
-    recording = as_recording(recording)
+    recording = as_recording(recording, OnConsole())
     with new_results_folder(target, recording, given.overwrite, INSPECTION) as folder, counter("frames read") as tick:
         inspection = inspect_recording(recording, folder, frame, settings, given.as_tracked, tick)
     for sentence in inspection.account:

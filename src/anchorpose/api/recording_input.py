@@ -1,0 +1,53 @@
+"""Make a recording of what a caller names: a recording folder is one, a recorder's file is converted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+
+Progress = Callable[[int, int | None], None]
+
+
+class Watcher:
+    """Hears how long work goes on; this one stays silent. The command line's draws bars and prints notes."""
+
+    def working(self, on: str, at_once: bool = True) -> AbstractContextManager[Progress]:
+        """Return a context for one piece of work; what it gives is called with (done, total), None while unknown.
+
+        at_once: show the work before the first call, not only then.
+        """
+        return nullcontext(lambda done, total: None)
+
+    def note(self, sentence: str) -> None:
+        """Hear a sentence that the user should know."""
+
+
+def as_recording(path: Path, watcher: Watcher) -> Path:
+    """Return the recording folder for a path; a recorder's file or folder is first converted, beside it.
+
+    Raises InputError where the conversion is refused. A path that no reader knows is returned as it is.
+    """
+    from anchorpose.sources.convert import look_at, make_recording
+
+    direct = look_at(path)
+    if direct.ready:
+        return direct.recording
+    with noting_how_to_go_on(direct.recording), watcher.working(f"Converting {path.name}", at_once=False) as progress:
+        notes = make_recording(direct, progress)
+    for note in notes:
+        watcher.note(f"- {note}")
+    return direct.recording
+
+
+@contextmanager
+def noting_how_to_go_on(out: Path) -> Iterator[None]:
+    """Say how to go on where a conversion into ``out`` is stopped."""
+    from anchorpose.results.folder import naming_place
+
+    try:
+        with naming_place(out):
+            yield
+    except KeyboardInterrupt as stopped:
+        stopped.add_note(f"{out} is not a recording yet: give the same command again to go on.")
+        raise
