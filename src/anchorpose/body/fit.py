@@ -45,16 +45,18 @@ def pose_equations(
     rows_per_observation: float,
     free: FreeShape | None = None,
     far_off: bool = False,
+    range_share: float = 1.0,
 ) -> NormalEquations:
     """Normal equations of one frame: data, joint range, hinge limits, prediction; shape columns where asked for.
 
     far_off: rows may show another limb than the one that they pull, so that none counts as seen in ``joint_range``.
+    range_share: how much of the joint range counts, 0 to 1, where there is no prediction.
     """
     size = POSE_SIZE + (0 if free is None else sum(free))
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
     hidden = None if far_off else hidden_bones(body.points, constraints, rows_per_observation)
     prior = prior_equations(body.points, pose, predicted, hidden)
-    hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE] = prior.hessian, prior.gradient
+    hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE] = range_share * prior.hessian, range_share * prior.gradient
     residual = constraints.residuals(posed)
     weight = constraints.weights(residual) / rows_per_observation
     if free is None:
@@ -66,7 +68,7 @@ def pose_equations(
     scaled = (residual / constraints.scale_m) ** 2
     robust = (constraints.scale_m / constraints.sigma_m) ** 2 * scaled / (1.0 + scaled)
     cost = float(robust.sum()) / rows_per_observation
-    return NormalEquations(hessian, gradient, cost + prior.cost)
+    return NormalEquations(hessian, gradient, cost + range_share * prior.cost)
 
 
 def hidden_bones(points: SkinPoints, rows: Constraints, rows_per_observation: float) -> tuple[int, ...]:

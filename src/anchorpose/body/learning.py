@@ -98,13 +98,24 @@ def learn_shape_step(
     """One Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
 
     known: what is known without these frames. Returns what is known with them, linearised at ``shape``, and the poses.
+    All frames together have one joint range: how a person stands deviates from other people's ways alike in all of
+    them, and as an observation of every frame it would change the bones.
     """
     body, count = build_body(points, shape), known.free.coefficients
     seen, slope = np.zeros_like(known.seen), np.zeros_like(known.pull)
     eliminated = []
     for frame in frames:
         posed = pose_points(body, frame.pose)
-        equations = pose_equations(body, frame.pose, posed, frame.constraints, None, rows_per_observation, known.free)
+        equations = pose_equations(
+            body,
+            frame.pose,
+            posed,
+            frame.constraints,
+            None,
+            rows_per_observation,
+            known.free,
+            range_share=1.0 / len(frames),
+        )
         h, g = equations.hessian, equations.gradient
         factor = cho_factor(h[:POSE_SIZE, :POSE_SIZE] + 1e-3 * np.diag(np.diag(h)[:POSE_SIZE]))
         cross = cho_solve(factor, h[:POSE_SIZE, POSE_SIZE:])
