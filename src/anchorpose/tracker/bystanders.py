@@ -163,25 +163,26 @@ def follow_bystanders(
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
 
-    def next_of(label: int) -> Bystander | Search:
+    shown = _labels(views)
+
+    def next_of(label: int) -> Bystander | Search | None:
         last = searched.get(label, Search(label, 0, FIRST_PAUSE))
         if last.wait > 0:
             return replace(last, wait=last.wait - 1)
-        evidence = person_evidence(views, cameras, label)
-        one = known.get(label)
-        found = None if one is None else _follow(one, evidence, points, elapsed_s)
+        evidence, one = person_evidence(views, cameras, label), known.get(label)
+        found = None if one is None or label not in shown else _follow(one, evidence, points, elapsed_s)
         found = found or _begun(label, rough_person(views, cameras, label), evidence)
         found = found or (None if one is None else _hidden(one, evidence, elapsed_s))
-        return found or _failed(label, last.pause)
+        return found or (_failed(label, last.pause) if label in shown else None)
 
-    return _all_of(each(next_of, sorted({*_labels(views), *known})))
+    return _all_of(each(next_of, sorted({*shown, *known})))
 
 
 def _failed(label: int, pause: int = FIRST_PAUSE) -> Search:
     return Search(label, pause, min(2 * pause, LONGEST_PAUSE))
 
 
-def _all_of(now: Sequence[Bystander | Search]) -> Bystanders:
+def _all_of(now: Sequence[Bystander | Search | None]) -> Bystanders:
     followed = tuple(one for one in now if isinstance(one, Bystander))
     return Bystanders(followed, tuple(one for one in now if isinstance(one, Search)))
 
