@@ -40,7 +40,8 @@ STEP = 1e-5
 
 def equations_at(pose: Pose, constraints, free: FreeShape | None = None) -> NormalEquations:
     posed = pose_points(BODY, pose)
-    return pose_equations(BODY, pose, posed, constraints, None, ROWS, free)
+    prior = prior_equations(points(), pose, None, hidden_bones(points(), constraints, ROWS))
+    return pose_equations(BODY, pose, posed, constraints, prior, ROWS, free)
 
 
 def slope(cost, pose: Pose) -> np.ndarray:
@@ -248,7 +249,9 @@ def test_the_step_on_the_shape_is_the_step_of_the_whole_system():
     right[-SIZE:] = known.prior @ (at - known.mean) + known.seen @ at - known.pull
     for number, frame in enumerate(frames):
         posed = pose_points(body, frame.pose)
-        own = pose_equations(body, frame.pose, posed, frame.constraints, None, ROWS, FREE, range_share=1 / len(frames))
+        hidden = hidden_bones(points(), frame.constraints, ROWS)
+        prior = prior_equations(points(), frame.pose, None, hidden).scaled(1 / len(frames))
+        own = pose_equations(body, frame.pose, posed, frame.constraints, prior, ROWS, FREE)
         place = [*range(number * POSE_SIZE, (number + 1) * POSE_SIZE), *range(2 * POSE_SIZE, 2 * POSE_SIZE + SIZE)]
         damped = own.hessian + 1e-3 * np.diag(np.append(np.diag(own.hessian)[:POSE_SIZE], np.zeros(SIZE)))
         whole[np.ix_(place, place)] += damped

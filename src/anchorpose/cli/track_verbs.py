@@ -131,21 +131,13 @@ def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: st
 
     go_on: what the user does to go on where it is stopped, None for the same command with --resume.
     """
-    from anchorpose.api.track import track as track_whole
+    from anchorpose.api.track import Options, track_watched
     from anchorpose.cli.console import OnConsole, print_outcome
 
-    track_whole(
-        recording,
-        results,
-        config=given.settings(),
-        calibration=given.calibration,
-        corrections=given.corrections,
-        overwrite=given.overwrite,
-        resume=given.resume,
-        threads=given.threads,
-        watcher=OnConsole(),
-        how_to_resume=go_on,
+    options = Options(
+        given.settings(), given.calibration, given.corrections, given.overwrite, given.resume, given.threads
     )
+    track_watched(recording, results, options, OnConsole(go_on))
     print_outcome(results)
 
 
