@@ -40,8 +40,8 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
 FORGOTTEN_S: Final = 0.5
-"""After which earlier frames say less of a hidden limb than how people bend it: thighs have then turned by 26 degrees, root mean
-square, and by 40 after a second, which is as far as they get (UI-PRMD, ten exercises by seven people)."""
+"""After which earlier frames say less of a hidden limb than how people bend it: thighs have then turned by 26 degrees,
+root mean square, and by 40 after a second, which is as far as they get (UI-PRMD, ten exercises by seven people)."""
 
 IN_VIEW: Final = 0.25  # of the joints within an image: of who walks out past the camera, a hip is there the longest
 SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was for an earlier tree: half a forearm's width
