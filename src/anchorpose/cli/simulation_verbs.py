@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say
+from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, positive, whole
 from anchorpose.simulate.choices import BraceName, Build, Equipment, LensName, Scene, Sensor, Speed
@@ -169,7 +170,7 @@ class SimulateOptions:
         return rehabilitation(settings, self.movements, self.movement, equipment, settings.passers_by)
 
 
-def simulate(out: Path, /, *, options: SimulateOptions | None = None) -> None:
+def simulate(out: Path, /, *, options: SimulateOptions | None = None, defaults: SettingsFile | None = None) -> None:
     """Make a recording of a simulated patient, whose true joints are known, to try things out.
 
     Parameters
