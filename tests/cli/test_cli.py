@@ -130,17 +130,6 @@ def test_what_makes_no_sense_is_refused_with_a_remedy(tmp_path, monkeypatch, ref
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_demo_writes_everything_it_names_and_refuses_to_replace_it(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["demo", "--quick"]) == 0
-    out = tmp_path / "anchorpose-demo"
-    assert {path.name for path in out.iterdir()} == {"simulated", "results", "evaluation.json"}
-    assert (out / "results" / "report.html").exists()
-    assert "anchorpose-demo/results/report.html" in capsys.readouterr().out
-    assert main(["demo", "--quick"]) == 2
-    assert {path.name for path in tmp_path.iterdir()} == {"anchorpose-demo"}
-
-
 def test_help_names_every_verb_once_in_a_group(capsys):
     assert main(["--help"]) == 0
     page = capsys.readouterr().out
