@@ -50,7 +50,7 @@ def test_the_wheel_holds_every_file_of_the_package_and_nothing_else(wheel):
     assert {f"{about}licenses/LICENSE", f"{about}licenses/NOTICE"} <= set(wheel.namelist())
 
 
-def test_data_files_are_those_of_the_repository(wheel):
+def test_data_files_are_as_in_the_repository(wheel):
     for name in ("body/data/body.npz", "descriptor/data/learnt.weights", "report/templates/page.html"):
         assert wheel.read(f"anchorpose/{name}") == (SOURCE / "anchorpose" / name).read_bytes()
 
