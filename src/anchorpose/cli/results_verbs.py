@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say, show_table
+from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import DAY_S, FASTEST_HZ, OUTPUT, ExportConfig, between, positive
 
@@ -54,7 +55,9 @@ class MeasureOptions:
             raise AnchorposeError(f"{sentence_of(error)}; correct --cutoff or --longest-gap.") from None
 
 
-def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = None) -> None:
+def measure(
+    results: Path, /, *, by: str = "", options: MeasureOptions | None = None, defaults: SettingsFile | None = None
+) -> None:
     """Measure a session again: joint angles, time upright, standing up, extension, sway, symmetry and assistance.
 
     Reads joints.parquet and contacts.parquet of the folder and replaces angles, posture, episodes and measures. These
@@ -94,6 +97,7 @@ def export(
     overwrite: bool = False,
     by: str = "",
     options: ExportConfig | None = None,
+    defaults: SettingsFile | None = None,
 ) -> None:
     """Write results in the formats of other programs: OpenSim, C3D, Excel, R, MATLAB, Blender, BIDS.
 
@@ -134,6 +138,7 @@ def report(
     label: Annotated[list[str] | None, Parameter(negative=())] = None,
     reliability: Path | None = None,
     by: str = "",
+    defaults: SettingsFile | None = None,
 ) -> None:
     """Make report.html of a results folder again, or compare several sessions of one patient on one page.
 

@@ -270,9 +270,14 @@ def load_config(path: Path, kind: type[Document]) -> Document:
     Raises InputError for a file that is neither TOML nor JSON, an unknown name (with the nearest known one), a value of
     the wrong type, and an impossible value.
     """
+    return validate(path, kind, read_config(path))
+
+
+def read_config(path: Path) -> dict[str, Any]:
+    """Return the values of a configuration file; raises InputError where it is neither TOML nor JSON."""
     if path.suffix not in (".toml", ".json"):
         raise InputError(path, "is neither .toml nor .json", "give a configuration file of one of the two")
-    return validate(path, kind, read_json(path) if path.suffix == ".json" else read_toml(path))
+    return read_json(path) if path.suffix == ".json" else read_toml(path)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
