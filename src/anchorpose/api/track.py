@@ -18,6 +18,7 @@ def track(
     config: TrackConfig | None = None,
     calibration: Path | str | None = None,
     corrections: Path | str | None = None,
+    events: Path | str | None = None,
     overwrite: bool = False,
     resume: bool = False,
     threads: int = 1,
@@ -28,7 +29,7 @@ def track(
 
     recording: a recording folder, a recorder's file, or depth images in memory. results: the folder to write, which is
     there once all is done; without one, results are kept for as long as the returned object lives. config: settings
-    that differ from the defaults. calibration, corrections, overwrite, resume, threads: as the options of
+    that differ from the defaults. calibration, corrections, events, overwrite, resume, threads: as the options of
     ``anchorpose track``. watcher: hears of progress. how_to_resume: words for the message of a run that is stopped.
     Raises InputError where the recording cannot be used, or the folder exists and is not to be overwritten.
     """
@@ -37,6 +38,7 @@ def track(
 
     watcher = watcher or Watcher()
     given = None if calibration is None else Path(calibration), None if corrections is None else Path(corrections)
+    trials = None if events is None else Path(events)
     with TemporaryDirectory(prefix="anchorpose-") as own:
         source = recording.write(Path(own)) if isinstance(recording, DepthImages) else Path(recording)
         kept = TemporaryDirectory(prefix="anchorpose-results-") if results is None else None
@@ -45,7 +47,7 @@ def track(
         source = source if isinstance(recording, DepthImages) else as_recording(source, watcher)
         work = unfinished_results(target, source, overwrite, resume, how_to_resume or RESUME)
         with work as folder, watcher.working("Tracking") as progress:
-            track_recording(source, folder, config or TrackConfig(), progress, *given, threads=threads)
+            track_recording(source, folder, config or TrackConfig(), progress, *given, threads=threads, events=trials)
     return Results(target, kept)
 
 

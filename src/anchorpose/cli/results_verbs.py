@@ -54,7 +54,9 @@ class MeasureOptions:
             raise AnchorposeError(f"{sentence_of(error)}; correct --cutoff or --longest-gap.") from None
 
 
-def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = None) -> None:
+def measure(
+    results: Path, /, *, events: Path | None = None, by: str = "", options: MeasureOptions | None = None
+) -> None:
     """Measure a session again: joint angles, time upright, standing up, extension, sway, symmetry and assistance.
 
     Reads joints.parquet and contacts.parquet of the folder and replaces angles, posture, episodes and measures. These
@@ -66,6 +68,9 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
     ----------
     results
         A results folder made by 'anchorpose track'.
+    events
+        A table of the trials (events.tsv: onset, duration, trial_type and what you set or noted): every measure is then
+        also given per trial and per condition. It replaces the trials that the results have; without it, these stay.
     by
         Who does this, for the log of the results that 'anchorpose verify' reads: your initials or pseudonym.
     """
@@ -73,13 +78,18 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
     from anchorpose.report.measure_section import measure_rows
     from anchorpose.results.folder import naming_place
     from anchorpose.results.measuring import WRITTEN, MeasureConfig, processing_sentence, write_measured
+    from anchorpose.results.trial_input import read_trials_of
 
     given = options or MeasureOptions()
+    trials, hashes = (None, {}) if events is None else read_trials_of(results, events)
     with naming_place(results):
-        measured = write_measured(results, given.settings(), MeasureConfig())
-    log_event(results, "measure", WRITTEN, by, {"smooth": given.smooth, "fill": given.fill})
+        measured = write_measured(results, given.settings(), MeasureConfig(), trials)
+    log_event(results, "measure", WRITTEN, by, {"smooth": given.smooth, "fill": given.fill, **hashes})
     show_table(("", "value ± 95 %", "inferred", "why not"), measure_rows(measured.measures))
     say(f"Everything is in {results / 'measures.parquet'}; docs/measures.md explains each number.")
+    if measured.trials is not None:
+        count, names = len(measured.trials.rows), ", ".join(measured.trials.conditions)
+        say(f"It has them for {count} trials as well (conditions: {names}); 'anchorpose report' compares these.")
     if measured.policy is not None:
         say(f"Processed angles are in {results / 'angles_processed.parquet'}.")
         say(processing_sentence(measured.policy))

@@ -75,6 +75,10 @@ class TrackOptions(RunOptions):
     """A file of corrections made in 'anchorpose view': the person who was named is tracked, frames that were marked as
     unusable get no joints, and corrected joints are where the reviewer put them."""
 
+    events: Path | None = None
+    """A table of the trials (events.tsv: onset, duration, trial_type and what you set or noted), in place of the
+    recording's own: every measure is then also given per trial and per condition."""
+
     motions: Path | None = None
     """A file of reference movements made by 'anchorpose motions build', to predict from instead of those that come with
     the program."""
@@ -140,6 +144,7 @@ def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: st
         config=given.settings(),
         calibration=given.calibration,
         corrections=given.corrections,
+        events=given.events,
         overwrite=given.overwrite,
         resume=given.resume,
         threads=given.threads,
