@@ -25,22 +25,23 @@ COLUMNS_KEY: Final = "trial_columns"
 
 TRIALS_REMEDY: Final = "run 'anchorpose measure' on its folder again, with --events"
 
-_FIXED: Final = pa.schema(
+FIXED: Final = pa.schema(
     [
         pa.field("trial", pa.int32(), nullable=False),
         pa.field("condition", pa.string(), nullable=False),
         *(pa.field(name, pa.float64(), nullable=False) for name in ("onset_s", "duration_s", "start_s", "end_s")),
     ]
 )
+"""The columns before the user's own."""
 
 
 def write_trials(path: Path, trials: Trials) -> None:
     """Write trials.parquet: a row per trial in the order of the file, own columns as numbers or texts."""
     own = [pa.field(column.name, _type_of(column)) for column in trials.columns]
     described = [{"name": c.name, "unit": c.unit, "description": c.description} for c in trials.columns]
-    schema = pa.schema([*_FIXED, *own], metadata={COLUMNS_KEY: json.dumps(described, sort_keys=True)})
+    schema = pa.schema([*FIXED, *own], metadata={COLUMNS_KEY: json.dumps(described, sort_keys=True)})
     rows = trials.rows
-    fixed = ([getattr(row, name if name != "trial" else "number") for row in rows] for name in _FIXED.names)
+    fixed = ([getattr(row, name if name != "trial" else "number") for row in rows] for name in FIXED.names)
     cells = ([row.cells[place] for row in rows] for place in range(len(trials.columns)))
     arrays = [pa.array(values, field.type) for values, field in zip([*fixed, *cells], schema, strict=True)]
     with open_parquet(path, schema) as writer:
@@ -52,7 +53,7 @@ def read_trial_table(path: Path) -> Trials:
     table = read_any_parquet(path)
     columns = _columns(path, table.schema.metadata or {})
     own = [pa.field(column.name, _type_of(column)) for column in columns]
-    require_columns(path, table.schema, pa.schema([*_FIXED, *own]))
+    require_columns(path, table.schema, pa.schema([*FIXED, *own]))
     rows = table.to_pylist()
     for number, row in enumerate(rows, 1):
         values = [row[name] for name in ("onset_s", "duration_s", "start_s")]
