@@ -13,7 +13,8 @@ from report_builder import MEASURES, squats, write_session
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import grows_with_time
-from anchorpose.report.comparison import change_between, read_detectable, write_comparison
+from anchorpose.report.comparison import change_between, write_comparison
+from anchorpose.report.detectable import read_detectable
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import Measure, write_measures

@@ -143,11 +143,13 @@ def report(
     out: Annotated[Path | None, OUTPUT] = None,
     label: Annotated[list[str] | None, Parameter(negative=())] = None,
     reliability: Path | None = None,
+    measure: Annotated[list[str] | None, Parameter(negative=())] = None,
     by: str = "",
 ) -> None:
     """Make report.html of a results folder again, or compare several sessions of one patient on one page.
 
-    One folder: its report.html is made from its tables and pictures. Several folders: one page with their measures side
+    One folder: its report.html is made from its tables and pictures; where it has trials ('anchorpose measure
+    --events'), their conditions are compared. Several folders: one page with their measures side
     by side, which also shows the changes that are larger than the measurement error.
 
     Parameters
@@ -162,6 +164,9 @@ def report(
         The name of a session on that page, for example --label before --label after; once for each session.
     reliability
         A table that 'anchorpose reliability' wrote: smaller changes than its MDC95 are marked as not shown.
+    measure
+        The name of a measure to compare between conditions, as in measures.parquet; once for each. By default, the main
+        ones.
     by
         Who makes the page of one session again, for the log that 'anchorpose verify' reads: your initials or pseudonym.
     """
@@ -173,15 +178,15 @@ def report(
         if out is None:
             remedy = "give the page to write their comparison to, with -o FILE.html"
             raise InputError(results, "is one of several sessions", remedy)
+        if measure:
+            raise InputError(results, "is one of several sessions", "leave out --measure: all measures are compared")
         say(f"Open {write_comparison((results, *others), out, label or (), reliability)} in a browser.")
-    elif out is not None or label or reliability is not None:
+    elif out is not None or label:
         raise InputError(
-            results,
-            "is the only session",
-            "give another one to compare it with, or leave out -o, --label and --reliability",
+            results, "is the only session", "give another one to compare it with, or leave out -o and --label"
         )
     else:
-        page = write_report(results)
+        page = write_report(results, reliability, measure or ())
         log_event(results, "report", (page.name,), by)
         say(f"Open {page} in a browser.")
 

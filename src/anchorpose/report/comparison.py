@@ -18,9 +18,9 @@ import numpy as np
 from markupsafe import Markup
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import read_rows, require_distinct
 from anchorpose.recording.writable import check_file, new_folder
 from anchorpose.report.comparable import differences, require_comparable, unlike_time
+from anchorpose.report.detectable import Detectable, read_detectable
 from anchorpose.report.measure_section import (
     grouped_measures,
     inferred_share,
@@ -39,12 +39,6 @@ from anchorpose.results.records import Measure
 from anchorpose.results.uncertainty import NORMAL_95
 
 MARK: Final = '<meta name="generator" content="anchorpose report">'  # in the head of the page
-
-Detectable = dict[tuple[str, str | None, str], float]
-"""By measure, side and unit: the least change that errors and days alone exceed 5 times in 100."""
-
-RELIABILITY_COLUMNS: Final = ("measure", "side", "unit", "mdc95")
-RELIABILITY_REMEDY: Final = "give the table that 'anchorpose reliability SESSIONS.csv -o FILE.csv' writes"
 
 
 def write_comparison(
@@ -225,31 +219,3 @@ def _range(session: Session, name: str) -> Markup:
     inferred = state_share(session.angles.state_code[:, column], *INFERRED_STATES)
     form = Form(times=100.0, after=" % inferred", share=True)
     return Markup("{} to {}, median {}<br>{}").format(low, high, middle, figure(inferred, form))
-
-
-def read_detectable(path: Path) -> Detectable:
-    """The measures that have a value; raises InputError for another table."""
-    lines = [line for _, line in read_rows(path)]
-    head = lines[0] if lines else []
-    require_distinct(path, head)
-    found: Detectable = {}
-    for row in (dict(zip(head, line, strict=False)) for line in lines[1:]):
-        if any(row.get(name) is None for name in RELIABILITY_COLUMNS):
-            raise InputError(
-                path, f"does not have the columns {', '.join(RELIABILITY_COLUMNS)} in all rows", RELIABILITY_REMEDY
-            )
-        if row["mdc95"]:
-            found[row["measure"], row["side"] or None, row["unit"]] = _threshold(path, row["mdc95"])
-    if not found:
-        raise InputError(path, "holds no minimal detectable change", RELIABILITY_REMEDY)
-    return found
-
-
-def _threshold(path: Path, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise InputError(path, f"has the minimal detectable change '{text}'", RELIABILITY_REMEDY)
-    return value

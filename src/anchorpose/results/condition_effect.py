@@ -102,6 +102,8 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
     reach = None if spread.half is None else (difference - spread.half, difference + spread.half)
     effect = replace(empty, difference=difference, detectable=spread.detectable)
     effect = effect if reach is None else replace(effect, low=reach[0], high=reach[1])
+    if np.ptp(value) == 0.0:
+        return replace(effect, why="all trials have the same value")
     if blocks.smallest_p >= ALPHA / comparisons:
         return replace(effect, why=_too_few(design, blocks, comparisons))
     p, exact = permutation_p(value, blocks)
