@@ -142,6 +142,7 @@ def report(
     *others: Path,
     out: Annotated[Path | None, OUTPUT] = None,
     label: Annotated[list[str] | None, Parameter(negative=())] = None,
+    date: Annotated[list[str] | None, Parameter(negative=())] = None,
     reliability: Path | None = None,
     measure: Annotated[list[str] | None, Parameter(negative=())] = None,
     by: str = "",
@@ -162,6 +163,9 @@ def report(
         The page to write for several sessions, for example comparison.html.
     label
         The name of a session on that page, for example --label before --label after; once for each session.
+    date
+        The day of a session as 2025-03-28, for trends over three sessions or more; once for each session. By default
+        the labels, where all of them are dates.
     reliability
         A table that 'anchorpose reliability' wrote: smaller changes than its MDC95 are marked as not shown.
     measure
@@ -180,11 +184,10 @@ def report(
             raise InputError(results, "is one of several sessions", remedy)
         if measure:
             raise InputError(results, "is one of several sessions", "leave out --measure: all measures are compared")
-        say(f"Open {write_comparison((results, *others), out, label or (), reliability)} in a browser.")
-    elif out is not None or label:
-        raise InputError(
-            results, "is the only session", "give another one to compare it with, or leave out -o and --label"
-        )
+        say(f"Open {write_comparison((results, *others), out, label or (), reliability, date or ())} in a browser.")
+    elif out is not None or label or date:
+        remedy = "give another one to compare it with, or leave out -o, --label and --date"
+        raise InputError(results, "is the only session", remedy)
     else:
         page = write_report(results, reliability, measure or ())
         log_event(results, "report", (page.name,), by)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -33,6 +34,7 @@ from anchorpose.report.motion_section import INFERRED_STATES, angle_figures, sta
 from anchorpose.report.session import Session, read_session
 from anchorpose.report.summary import summary
 from anchorpose.report.timeline import short_timeline
+from anchorpose.report.trend import dates_in, parse_dates, trend_section
 from anchorpose.report.words import Form, figure, named_part, render_page
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.records import Measure
@@ -42,21 +44,28 @@ MARK: Final = '<meta name="generator" content="anchorpose report">'  # in the he
 
 
 def write_comparison(
-    folders: Sequence[Path], page: Path, labels: Sequence[str] = (), reliability: Path | None = None
+    folders: Sequence[Path],
+    page: Path,
+    labels: Sequence[str] = (),
+    reliability: Path | None = None,
+    dates: Sequence[str] = (),
 ) -> Path:
     """Writes one page on two or more results folders, in the order given; the others are compared with the first.
 
     labels: one per session; by default the name of its recording, or of its folder where two recordings share a name.
-    reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide.
+    reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide. dates: one per
+    session, as 2025-03-28, for trends; by default the labels, where all of them are dates.
     Raises InputError where a folder is unusable or they cannot be compared; nothing is written then.
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
     check_file(page, MARK, *folders, reliability)
+    days = parse_dates(dates, len(folders), page)
     sessions = [read_session(folder, f"s{number}") for number, folder in enumerate(folders, 1)]
     require_comparable(sessions)
     detectable = {} if reliability is None else read_detectable(reliability)
-    text = _page(sessions, _labels(sessions, labels), detectable)
+    names = _labels(sessions, labels)
+    text = _page(sessions, names, detectable, days or parse_dates(dates_in(names), len(folders), page))
     with new_folder(page.resolve().parent, page):
         write_text_whole(page, text)
     return page
@@ -74,7 +83,9 @@ def _labels(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
     return next((names for names in (recordings, folders) if len(set(names)) == len(names)), paths)
 
 
-def _page(sessions: Sequence[Session], labels: Sequence[str], detectable: Detectable) -> str:
+def _page(
+    sessions: Sequence[Session], labels: Sequence[str], detectable: Detectable, days: Sequence[date] | None
+) -> str:
     named = list(zip(sessions, labels, strict=True))
     return render_page(
         "anchorpose.report",
@@ -87,6 +98,7 @@ def _page(sessions: Sequence[Session], labels: Sequence[str], detectable: Detect
         differences=differences(sessions, labels),
         sessions=[(label, summary(session), short_timeline(session, label)) for session, label in named],
         changes=change_groups(sessions, detectable),
+        trend=trend_section(sessions, days, detectable),
         angles=angle_rows(sessions),
     )
 
