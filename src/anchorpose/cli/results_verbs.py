@@ -170,7 +170,7 @@ def report(
         A table that 'anchorpose reliability' wrote: smaller changes than its MDC95 are marked as not shown.
     measure
         The name of a measure to compare between conditions, as in measures.parquet; once for each. By default, the main
-        ones.
+        measures.
     by
         Who makes the page of one session again, for the log that 'anchorpose verify' reads: your initials or pseudonym.
     """

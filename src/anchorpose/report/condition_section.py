@@ -75,7 +75,7 @@ def condition_section(
 ) -> ConditionSection | None:
     """None where the session has no trials.
 
-    detectable: minimal detectable changes of repeated sessions. chosen: names of measures; empty for the main ones.
+    detectable: minimal detectable changes of repeated sessions. chosen: names of measures; empty for the main measures.
     Raises InputError for a measure that the session does not have.
     """
     trials = session.trials

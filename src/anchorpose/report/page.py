@@ -197,9 +197,9 @@ def write_report(results: Path, reliability: Path | None = None, measures: Seque
     """Writes report.html into a results folder and returns its path; the same folder gives the same bytes.
 
     reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide about differences
-    between conditions; measures: names of those that are compared between conditions, empty for the main ones.
-    Raises InputError where a table or run.json is missing or cannot be used, and where one of the two is given and
-    there are no trials; nothing is written then.
+    between conditions; measures: names of the measures that are compared between conditions, empty for the main
+    measures. Raises InputError where a table or run.json is missing or cannot be used, and where reliability or
+    measures are given and there are no trials; nothing is written then.
     """
     session = read_session(results)
     if session.trials is None and (reliability is not None or measures):

@@ -202,7 +202,7 @@ def measure_session(
     """The session with its posture and episodes, and every measure of docs/measures.md.
 
     contacts: None where they are unknown, which is not the same as no contact. With trials, the measures of the whole
-    recording are followed by those of every trial and of every condition.
+    recording are followed by the measures of every trial and of every condition.
     """
     body = centre_of_mass(joints)
     found = stance(joints, body.position_m)
@@ -269,7 +269,7 @@ def write_measured(
 ) -> MeasureResult:
     """Writes angles, posture, episodes and measures of a results folder, and the processed angles if any.
 
-    trials: replace those that the folder has; None keeps them. Angles and measures always come from the joints as
+    trials: replace the folder's trials; None keeps them. Angles and measures always come from the joints as
     tracked: ``processing`` makes angles_processed.parquet and nothing else, and without processing that file is
     removed. All files are written before the first is replaced.
     Raises InputError where joints or contacts cannot be used, AnchorposeError where the filter does not fit.

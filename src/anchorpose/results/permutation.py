@@ -1,8 +1,8 @@
 """Test whether two conditions differ, with trials as the unit, by every order in which they could have been done.
 
 Frames of a recording are not independent, trials are exchangeable if their condition was drawn: under the hypothesis
-that conditions make no difference every assignment of the conditions to the trials of a block is as probable as the one
-that was used. p is the share of assignments with a difference at least as large, in either direction (Fisher 1935, The
+that conditions make no difference every assignment of the conditions to the trials of a block is as probable as the
+assignment that was used. p is the share of assignments with a difference at least as large, in either direction (Fisher 1935, The
 Design of Experiments, section 21; Edgington and Onghena 2007, Randomization Tests, doi:10.1201/9781420011814).
 Several conditions: Holm 1979 (Scandinavian Journal of Statistics 6:65-70).
 """
@@ -78,7 +78,7 @@ def usable(treated: np.ndarray, block: np.ndarray) -> np.ndarray:
 
 
 def neighbours(treated: np.ndarray) -> np.ndarray | None:
-    """(n,) block of each trial where trials in the order of time pair off, one of each condition; None where not.
+    """(n,) block of each trial where trials in the order of time pair off, each pair with both conditions; else None.
 
     Of ABAB or ABBA the pairs are the first two and the last two; of ABABA the last trial has no partner: its block is
     its own.

@@ -139,8 +139,7 @@ class Measure:
     inferred_share: share of these frames in which a joint that it uses was inferred rather than seen. condition, trial:
     of which condition or trial of events.tsv (trials are numbered from 1); both None for the whole recording, only
     trial None for a whole condition.
-    Raises ValueError where value and why disagree, one of which is given and never both, and for a trial without a
-    condition.
+    Raises ValueError unless exactly one of value and why is given, and for a trial without a condition.
     """
 
     measure: str
@@ -194,7 +193,7 @@ def read_measures(path: Path) -> tuple[Measure, ...]:
 
 
 def read_trial_measures(path: Path) -> tuple[Measure, ...]:
-    """The measures of all trials, then those of all conditions; none where the results have no trials.
+    """The measures of all trials, then of all conditions; none where the results have no trials.
 
     Raises InputError for another table.
     """

@@ -37,7 +37,7 @@ def measures_by_trial(
 ) -> list[Measure]:
     """The measures of every trial in the order of the file, then of every condition.
 
-    whole: those of the whole recording; a person or a part that a trial does not have counts 0 s and 0 contacts there.
+    whole: the measures of the whole recording; a person or a part that a trial does not have counts 0 s and 0 contacts there.
     settle_s: how long after standing up the patient still settles. measure: computes the measures of a cut session.
     """
     rows = [_of_trial(session, trial, whole, settle_s, measure) for trial in trials.rows]
@@ -71,7 +71,7 @@ def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
 
 
 def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
-    """The session of some frames; contacts end at its ends, of episodes those are kept that reach into it.
+    """The session of some frames; contacts end at its ends, and episodes are kept that reach into it.
 
     Also kept are episodes that ended up to settle_s before: the patient may still settle after standing up.
     """
@@ -154,7 +154,7 @@ def _interval(trial: Trial, row: int, part: Contact | Episode, seconds: float) -
 
 
 def condition_measures(trials: Trials, rows: Sequence[Measure]) -> list[Measure]:
-    """Mean of each measure over the trials of a condition that have a value; rows: those of all trials."""
+    """Mean of each measure over the trials of a condition that have a value; rows: of all trials."""
     found: dict[tuple[str, MeasureKey], list[Measure]] = {}
     for row in rows:
         found.setdefault((str(row.condition), row.key), []).append(row)
