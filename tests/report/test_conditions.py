@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -182,3 +183,16 @@ def test_a_damaged_table_of_trials_is_refused(tmp_path):
     (folder / "trials.parquet").write_bytes(b"PAR1")
     with pytest.raises(InputError, match=r"trials\.parquet"):
         write_report(folder)
+
+
+def test_the_timeline_shows_when_each_condition_was_given(folder, page):
+    (chart,) = page.find("figure", id="timeline")
+    rows = {
+        row.children[0].text: [path.attributes["d"] for path in page.find("path") if row in path.ancestors]
+        for row in page.find("div")
+        if row.attributes.get("class") == "row state" and chart in row.ancestors
+    }
+    for name in ("off", "on"):
+        assert rows[name][-1].count("M") == 6
+    (link,) = [each for each in page.find("a", **{"class": "csv"}) if chart in each.ancestors]
+    assert "1 (off)" in unquote(link.attributes["href"])

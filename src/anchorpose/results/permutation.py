@@ -2,8 +2,9 @@
 
 Frames of a recording are not independent, trials are exchangeable if their condition was drawn: under the hypothesis
 that conditions make no difference every assignment of the conditions to the trials of a block is as probable as the
-assignment that was used. p is the share of assignments with a difference at least as large, in either direction (Fisher 1935, The
-Design of Experiments, section 21; Edgington and Onghena 2007, Randomization Tests, doi:10.1201/9781420011814).
+assignment that was used. p is the share of assignments with a difference at least as large, in either direction
+(Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena 2007, Randomization Tests,
+doi:10.1201/9781420011814).
 Several conditions: Holm 1979 (Scandinavian Journal of Statistics 6:65-70).
 """
 

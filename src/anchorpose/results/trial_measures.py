@@ -37,8 +37,9 @@ def measures_by_trial(
 ) -> list[Measure]:
     """The measures of every trial in the order of the file, then of every condition.
 
-    whole: the measures of the whole recording; a person or a part that a trial does not have counts 0 s and 0 contacts there.
-    settle_s: how long after standing up the patient still settles. measure: computes the measures of a cut session.
+    whole: the measures of the whole recording; a person or a part that a trial does not have counts 0 s and 0 contacts
+    there. settle_s: how long after standing up the patient still settles. measure: computes the measures of a cut
+    session.
     """
     rows = [_of_trial(session, trial, whole, settle_s, measure) for trial in trials.rows]
     return [
