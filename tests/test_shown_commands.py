@@ -37,6 +37,7 @@ PARSED_ONLY: Final = {
     "benchmark": "simulates 0.9 GB; tests/research makes and scores a small one",
     "reliability": "needs the extra 'reliability' and results of many sessions; tests/agreement has them",
     "report --reliability": "the same",
+    "report week1": "needs sessions of three weeks; tests/report/test_trend.py makes them",
     "live --finish": "needs a session that was cut off; tests/live/test_finish.py makes them",
     "simulate --seconds 600": "ten minutes of recording",
     "simulate --movements": "needs captured movements, which are not in the repository",
@@ -133,6 +134,8 @@ def world(tmp_path_factory) -> Path:
         shutil.copytree(folder / "results", folder / name)
     found = corrections_of_run(folder / "results/run.json", read_run(folder / "results/run.json"))
     write_corrections(folder / "results.corrections.json", replace(found, joints=()))
+    (folder / "events.tsv").write_text("onset\tduration\ttrial_type\n0\t1.5\toff\n2\t1.5\ton\n")
+    assert main(["measure", str(folder / "my-results"), "--events", str(folder / "events.tsv")]) == 0
     (folder / "settings.toml").write_text(SETTINGS)
     (folder / "images").mkdir()
     plain_folder(folder / "images", noise())

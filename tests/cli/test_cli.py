@@ -58,7 +58,7 @@ def test_options_reach_the_tracker_on_top_of_the_file(tmp_path):
 def test_an_interrupt_leaves_nothing_and_exits_with_130(tmp_path, monkeypatch, capsys):
     recording = write_recording(tmp_path / "r", frames=3)
 
-    def interrupted(path, results, config, progress, calibration, corrections, threads):
+    def interrupted(path, results, config, progress, calibration, corrections, threads, events):
         (results / "joints.parquet").write_bytes(b"half")
         raise KeyboardInterrupt
 
@@ -72,7 +72,7 @@ def test_an_interrupt_leaves_nothing_and_exits_with_130(tmp_path, monkeypatch, c
 def test_a_signal_leaves_nothing_or_says_how_to_go_on(tmp_path, monkeypatch, capsys, number, code):
     recording = write_recording(tmp_path / "r", frames=3)
 
-    def stopped(path, results, config, progress, calibration, corrections, threads):
+    def stopped(path, results, config, progress, calibration, corrections, threads, events):
         (results / "journal").mkdir()
         (results / "journal" / "begun.json").write_text('{"identity": "1"}')
         (results / "journal" / "learnt").write_bytes(b"1")

@@ -19,6 +19,7 @@ class Options:
     config: TrackConfig | None = None
     calibration: Path | str | None = None
     corrections: Path | str | None = None
+    events: Path | str | None = None
     overwrite: bool = False
     resume: bool = False
     threads: int = 1
@@ -31,8 +32,8 @@ def track(
     config: TrackConfig | None = None,
     calibration: Path | str | None = None,
     corrections: Path | str | None = None,
+    events: Path | str | None = None,
     overwrite: bool = False,
-    resume: bool = False,
     threads: int = 1,
 ) -> Results:
     """Find the patient's 21 joints in every frame of a recording, and open what was found.
@@ -42,7 +43,7 @@ def track(
     that differ from the defaults. The rest as the options of ``anchorpose track``.
     Raises InputError where the recording cannot be used, or the folder exists and is not to be overwritten.
     """
-    options = Options(config, calibration, corrections, overwrite, resume, threads)
+    options = Options(config, calibration, corrections, events, overwrite, threads=threads)
     return track_watched(recording, results, options, Watcher())
 
 
@@ -53,8 +54,8 @@ def track_watched(
     from anchorpose.pipeline import track_recording
     from anchorpose.results.folder import RESUME, check_results_path, unfinished_results
 
-    calibration, corrections = (
-        None if path is None else Path(path) for path in (options.calibration, options.corrections)
+    calibration, corrections, events = (
+        None if path is None else Path(path) for path in (options.calibration, options.corrections, options.events)
     )
     with TemporaryDirectory(prefix="anchorpose-") as own:
         source = recording.write(Path(own)) if isinstance(recording, DepthImages) else Path(recording)
@@ -65,7 +66,7 @@ def track_watched(
         work = unfinished_results(target, source, options.overwrite, options.resume, watcher.how_to_resume or RESUME)
         with work as folder, watcher.working("Tracking") as progress:
             config = options.config or TrackConfig()
-            track_recording(source, folder, config, progress, calibration, corrections, options.threads)
+            track_recording(source, folder, config, progress, calibration, corrections, options.threads, events)
     return Results(target, kept)
 
 

@@ -76,6 +76,10 @@ class TrackOptions(RunOptions):
     """A file of corrections made in 'anchorpose view': the person who was named is tracked, frames that were marked as
     unusable get no joints, and corrected joints are where the reviewer put them."""
 
+    events: Path | None = None
+    """A table of the trials (events.tsv: onset, duration, trial_type and what you set or noted), in place of the
+    recording's own: every measure is then also given per trial and per condition."""
+
     motions: Path | None = None
     """A file of reference movements made by 'anchorpose motions build', to predict from instead of those that come with
     the program."""
@@ -136,7 +140,13 @@ def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: st
     from anchorpose.cli.console import OnConsole, print_outcome
 
     options = Options(
-        given.settings(), given.calibration, given.corrections, given.overwrite, given.resume, given.threads
+        given.settings(),
+        given.calibration,
+        given.corrections,
+        given.events,
+        given.overwrite,
+        given.resume,
+        given.threads,
     )
     track_watched(recording, results, options, OnConsole(go_on))
     print_outcome(results)

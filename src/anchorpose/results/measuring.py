@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from anchorpose.recording.events import Trials
 from anchorpose.results.frame_time import frame_seconds, unbroken_runs
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.processing import ProcessingConfig, process_angles
@@ -34,9 +35,10 @@ from anchorpose.results.stand_training.extension import (
     symmetry_measures,
 )
 from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, unknown, upright
-from anchorpose.results.stand_training.steps import find_steps, step_episodes, step_measures
+from anchorpose.results.stand_training.steps import Step, find_steps, step_episodes, step_measures
 from anchorpose.results.stand_training.tasks import task_measures
 from anchorpose.results.stand_training.upright import (
+    Transition,
     TransitionConfig,
     time_measures,
     transition_episodes,
@@ -59,6 +61,8 @@ from anchorpose.results.tables import (
     write_posture,
     write_processed_angles,
 )
+from anchorpose.results.trial_measures import measures_by_trial, trial_intervals, within
+from anchorpose.results.trial_table import INTERVALS_FILE, TRIALS_FILE, read_trial_table, write_intervals, write_trials
 from anchorpose.results.verify import require_own
 from anchorpose.settings import settings
 
@@ -189,11 +193,16 @@ class MeasureConfig:
 
 
 def measure_session(
-    joints: JointTable, angles: AngleTable, contacts: tuple[Contact, ...] | None, config: MeasureConfig
+    joints: JointTable,
+    angles: AngleTable,
+    contacts: tuple[Contact, ...] | None,
+    config: MeasureConfig,
+    trials: Trials | None = None,
 ) -> tuple[Session, list[Measure]]:
     """The session with its posture and episodes, and every measure of docs/measures.md.
 
-    contacts: None where they are unknown, which is not the same as no contact.
+    contacts: None where they are unknown, which is not the same as no contact. With trials, the measures of the whole
+    recording are followed by the measures of every trial and of every condition.
     """
     body = centre_of_mass(joints)
     found = stance(joints, body.position_m)
@@ -216,7 +225,19 @@ def measure_session(
         episodes=(*bouts, *transition_episodes(joints, found, moves), *step_episodes(joints, steps)),
         contacts=contacts,
     )
-    return session, [
+    measures = _measures(session, moves, steps, config)
+    if trials is None:
+        return session, measures
+
+    def of_trial(part: Session, rows: slice) -> list[Measure]:
+        return _measures(part, within(moves, rows), within(steps, rows), config)
+
+    return session, [*measures, *measures_by_trial(session, trials, measures, config.sway.settle_s, of_trial)]
+
+
+def _measures(session: Session, moves: list[Transition], steps: list[Step], config: MeasureConfig) -> list[Measure]:
+    """Every measure of a session, or of a part of it, with the transitions and steps that lie in it."""
+    return [
         *time_measures(session, config.upright),
         *transition_measures(session, moves),
         *extension_measures(session, config.extension),
@@ -229,27 +250,33 @@ def measure_session(
     ]
 
 
-WRITTEN: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE, PROCESSED_FILE)
+WRITTEN: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE, PROCESSED_FILE, TRIALS_FILE, INTERVALS_FILE)
 """What ``write_measured`` writes, or removes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureResult:
-    """All measures; policy: that of ``ProcessedAngles``, None without processing."""
+    """measures: of the whole recording; policy: that of ``ProcessedAngles``, None without processing; trials: of
+    which there are measures as well, None without any."""
 
     measures: tuple[Measure, ...]
     policy: str | None
+    trials: Trials | None = None
 
 
-def write_measured(results: Path, processing: ProcessingConfig, config: MeasureConfig) -> MeasureResult:
+def write_measured(
+    results: Path, processing: ProcessingConfig, config: MeasureConfig, trials: Trials | None = None
+) -> MeasureResult:
     """Writes angles, posture, episodes and measures of a results folder, and the processed angles if any.
 
-    Angles and measures always come from the joints as tracked: ``processing`` makes angles_processed.parquet and
-    nothing else, and without processing that file is removed. All files are written before the first is
-    replaced.
+    trials: replace the folder's trials; None keeps them. Angles and measures always come from the joints as
+    tracked: ``processing`` makes angles_processed.parquet and nothing else, and without processing that file is
+    removed. All files are written before the first is replaced.
     Raises InputError where joints or contacts cannot be used, AnchorposeError where the filter does not fit.
     """
-    require_own(results, (JOINTS_FILE, CONTACTS_FILE))
+    require_own(results, (JOINTS_FILE, CONTACTS_FILE, *((TRIALS_FILE,) if trials is None else ())))
+    if trials is None and (results / TRIALS_FILE).exists():
+        trials = read_trial_table(results / TRIALS_FILE)
     joints = read_joints(results / JOINTS_FILE)
     contacts = read_contacts(results / CONTACTS_FILE) if (results / CONTACTS_FILE).exists() else None
     work = Path(tempfile.mkdtemp(prefix=".measuring-", dir=results))
@@ -258,18 +285,22 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
         if processed is not None:
             write_processed_angles(work / PROCESSED_FILE, processed)
         angles = joint_angles(joints)
-        session, measures = measure_session(joints, angles, contacts, config)
+        session, measures = measure_session(joints, angles, contacts, config, trials)
         write_angles(work / ANGLES_FILE, angles)
         write_posture(work / POSTURE_FILE, session.posture)
         write_episodes(work / EPISODES_FILE, session.episodes)
         write_measures(work / MEASURES_FILE, measures, asdict(config))
+        if trials is not None:
+            write_trials(work / TRIALS_FILE, trials)
+            write_intervals(work / INTERVALS_FILE, trial_intervals(session, trials))
         for written in sorted(work.iterdir()):
             written.replace(results / written.name)
         if processed is None:
             (results / PROCESSED_FILE).unlink(missing_ok=True)
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    return MeasureResult(tuple(measures), None if processed is None else processed.policy)
+    whole = tuple(row for row in measures if row.condition is None)
+    return MeasureResult(whole, None if processed is None else processed.policy, trials)
 
 
 def processing_sentence(policy: str) -> str:

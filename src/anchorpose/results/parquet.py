@@ -54,12 +54,16 @@ def open_parquet(path: Path, schema: pa.Schema) -> Any:
     )
 
 
-def read_parquet(path: Path, schema: pa.Schema, rows: Any = None) -> pa.Table:
+def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Collection[str] = ()) -> pa.Table:
     """A table with exactly the columns of ``schema``, without a null where it has none; raises InputError otherwise.
 
-    rows: a pyarrow expression that selects the rows to read; None for all.
+    rows: a pyarrow expression that selects the rows to read; None for all. later: columns at the end of the schema that
+    files of older versions lack; they are null there.
     """
     table = read_any_parquet(path, rows)
+    for column in schema:
+        if column.name in later and column.name not in table.schema.names:
+            table = table.append_column(column, pa.nulls(table.num_rows, column.type))
     require_columns(path, table.schema, schema)
     for column in schema:
         if not column.nullable and table[column.name].null_count:
@@ -159,7 +163,8 @@ class RecordTable(Generic[Row]):
 
     record: the dataclass of a row, whose attributes have the names of the columns. known: the texts that may stand in a
     column. limits: the least and the most that a number of a column may be. rows_per_group: fixed, since row groups
-    decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows.
+    decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows. later: the last
+    columns, which files of older versions lack; they are null there.
     """
 
     file: str
@@ -169,6 +174,7 @@ class RecordTable(Generic[Row]):
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     rows_per_group: int = 1024
     may_be_empty: bool = True
+    later: Collection[str] = ()
     remedy: str
 
     def write(self, path: Path, records: Sequence[Row], metadata: dict[str, str] | None = None) -> None:
@@ -187,7 +193,7 @@ class RecordTable(Generic[Row]):
 
     def read(self, path: Path, rows: Any = None) -> tuple[Row, ...]:
         """All records, or those that the pyarrow expression ``rows`` selects; raises InputError for another table."""
-        table = read_parquet(path, self.schema, rows)
+        table = read_parquet(path, self.schema, rows, self.later)
         if rows is None and not self.may_be_empty and not table.num_rows:
             raise InputError(path, "has no rows", self.remedy)
         return self.records(path, table)
