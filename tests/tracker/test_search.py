@@ -44,11 +44,11 @@ def seen(*people) -> SimpleNamespace:
     return SimpleNamespace(memory=memory, frame_set=first)
 
 
-def lost_beside(*people, left: bool = False) -> Search:
-    """left: the patient was last seen on the way out of the picture."""
+def lost_beside(*people, left: bool = False, hidden: dict[int, np.ndarray] | None = None) -> Search:
+    """left: the patient was last seen on the way out of the picture; hidden: where (2,) people were who are hidden."""
     before = seen(body(0.0, 0.0), *people)
     met = frozenset(np.unique(before.memory.owner).tolist()) - {PixelLabel.PATIENT}
-    return Search(before, LastSeen(before, vague_belief(standing((0.0, 0.9, 0.0))), met), left)
+    return Search(before, LastSeen(before, vague_belief(standing((0.0, 0.9, 0.0))), met, hidden or {}), left)
 
 
 def looked(search: Search, *moments: tuple, first: int = 1) -> list[PatientChoice | NoStart]:
@@ -71,6 +71,13 @@ def test_who_was_beside_him_is_not_him():
 def test_who_was_beside_him_is_not_him_in_his_place_either():
     way = [(body(0.0, float(z)),) for z in np.arange(0.76, 0.0, -0.04)]
     assert looked(lost_beside(THERAPIST), *way) == [NoStart.NOBODY_NEW] * len(way)
+
+
+def test_who_was_hidden_with_him_and_comes_out_at_another_place_is_not_him():
+    someone = {int(PixelLabel.OTHER_PERSON) + 7: np.array([0.0, 0.45])}
+    assert looked(lost_beside(hidden=someone), (body(0.0, 0.4),)) == [NoStart.NOBODY_NEW]
+    (found,) = looked(lost_beside(hidden=someone), (body(0.1, -0.1),))
+    assert found.ground_xz_m == pytest.approx([0.1, -0.1], abs=PELVIS_M)
 
 
 def test_he_is_found_beside_those_who_stayed():

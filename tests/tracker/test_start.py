@@ -7,8 +7,8 @@ import pytest
 from body_builder import FRONT, LEFT, adult, adult_body, hide_bones, seen_body, standing
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.belief import vague_belief
-from anchorpose.body.pose import Pose
+from anchorpose.body.belief import PoseBelief, vague_belief
+from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.shape_prior import shape_of_height, standing_height
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.isolation.people import PatientChoice, Person
@@ -169,3 +169,13 @@ def test_few_candidates_are_all_tried(count: int) -> None:
     fits = Fits(dict.fromkeys(range(count), 0.0))
     best_of([candidate(frame) for frame in range(count)], fits)
     assert sorted(fits.asked) == list(range(count))
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "hidden_s", "another"), [(180.0, 0.6, True), (40.0, 0.6, False), (180.0, 20.0, False)]
+)
+def test_who_shows_a_back_where_a_front_was_hidden_is_another_person(turned_deg, hidden_s, another):
+    """In half a second nobody turns round behind a therapist; in twenty seconds anybody may."""
+    before = PoseBelief(standing(), 1e-4 * np.eye(POSE_SIZE), 1e4 * np.eye(POSE_SIZE))
+    expected = before.later(before.pose, hidden_s)
+    assert start_module._turned_round(expected, standing(Hips=(0.0, turned_deg, 0.0))) == another

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -35,21 +35,26 @@ class LastSeen:
     """When and how the patient was last seen, and who else was there.
 
     seen: the last frame with the patient; belief: in the pose in it; met: labels of the people who were followed
-    beside the patient until now; gone_s and gone_frames: since that frame.
+    beside the patient until now; places: of them, where (2,) each pelvis was when it was last seen; gone_s and
+    gone_frames: since that frame.
     """
 
     seen: Observation
     belief: PoseBelief
     met: frozenset[int] = frozenset()
+    places: dict[int, np.ndarray] = field(default_factory=dict)
     gone_s: float = 0.0
     gone_frames: int = 0
 
     def after(self, following: Observation, belief: PoseBelief | None, elapsed_s: float) -> LastSeen:
         """With one more frame; belief: None where it does not show the patient."""
-        met = self.met | {one.label for one in following.bystanders.followed}
+        others = [one for one in following.bystanders.followed if one.hidden_s == 0.0]
+        met = self.met | {one.label for one in others}
+        places = self.places | {one.label: one.belief.pose.root_m[[0, 2]] for one in others}
         if belief is not None:
-            return LastSeen(following, belief, met)
-        return replace(self, met=met, gone_s=self.gone_s + elapsed_s, gone_frames=self.gone_frames + 1)
+            return LastSeen(following, belief, met, places)
+        gone_s, gone_frames = self.gone_s + elapsed_s, self.gone_frames + 1
+        return replace(self, met=met, places=places, gone_s=gone_s, gone_frames=gone_frames)
 
 
 class Search:
@@ -66,6 +71,7 @@ class Search:
     _lost_s: float
     _newcomer: int
     _met: frozenset[int]
+    _places: dict[int, np.ndarray]
     _left: bool
 
     def __init__(self, now: Observation, last: LastSeen, left: bool = False) -> None:
@@ -73,7 +79,7 @@ class Search:
         self._belief, self._lost_s = last.belief, last.seen.frame_set.time_s
         self._place_xz_m = last.belief.pose.root_m[[0, 2]]
         self._newcomer = last.seen.memory.next_label  # labels from this on are of people who came since
-        self._met, self._left = last.met, left
+        self._met, self._places, self._left = last.met, last.places, left
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | NoStart:
         """Who may be the patient in this frame, or why nobody may be; frames come in order, without gaps.
@@ -93,16 +99,27 @@ class Search:
         reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
         people = see_people(pieces, cameras)
         axes = [one.ground_xz_m for one in self._strangers(people, pieces, views)]
-        axes = [axis for axis in axes if np.linalg.norm(axis - self._place_xz_m) <= reach_m]
+        axes = [axis for axis in axes if self._away_m(axis) <= reach_m and not self._is_someone_hidden(axis, views)]
         if not axes:
             return NoStart.NOBODY_NEW if people.people else NoStart.NOBODY_THERE
-        nearest = min(axes, key=lambda axis: float(np.linalg.norm(axis - self._place_xz_m)))
-        elsewhere = self._left or np.linalg.norm(nearest - self._place_xz_m) > NEAR_M
+        nearest = min(axes, key=self._away_m)
+        elsewhere = self._left or self._away_m(nearest) > NEAR_M
         if elsewhere and self._others_are_away(views) and not _in_equipment(nearest, run.room):
             return NoStart.WHO_IS_IT
         return PatientChoice(
             nearest, "is nearest to where the patient was lost, of those who were not there before", sure=False
         )
+
+    def _away_m(self, axis_xz_m: np.ndarray) -> float:
+        """How far a place (2,) is from where the patient was last seen."""
+        return float(np.linalg.norm(axis_xz_m - self._place_xz_m))
+
+    def _is_someone_hidden(self, axis_xz_m: np.ndarray, views: Sequence[View | None]) -> bool:
+        """Whether a person at a place (2,) is nearer to where somebody was who is not in view than to where the patient
+        was: who hides both for a while shows the other one first, under a new label."""
+        shown = _people_in(views)
+        hidden = [place for label, place in self._places.items() if label not in shown]
+        return any(np.linalg.norm(axis_xz_m - place) < self._away_m(axis_xz_m) for place in hidden)
 
     def expected(self, time_s: float) -> PoseBelief | None:
         """How the patient may be posed, who was lost and has not walked out of the picture: as before, the less surely

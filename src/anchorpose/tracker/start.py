@@ -19,7 +19,7 @@ from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
 from anchorpose.body.likelihood import most_nats
 from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_person, matches_of
-from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
+from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, Pose
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.proposals import rarity
 from anchorpose.body.registration import posterior
@@ -55,6 +55,7 @@ SEEN = 0.3  # of the skin of a forearm or shank: half of it faces a camera
 USUAL = 60.0  # squared deviations of all joint ranges: right first poses have 15 to 60, wrong ones over 100
 LEAST_QUALITY = 0.25  # where no equipment says that a person is there: right ones have 0.35, one in a crowd had less
 LEAST_TRUNK = 0.05  # of the skin of trunk and head: a face, or what is seen of a chest between others
+TURN_GATE = 21.1  # squared deviations of three angles: one patient in ten thousand turns so far unseen
 MOST_DEVIATIONS = 4.0  # of the largest of 16 statistical components: one adult in a thousand
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
 HANGS_M = 0.35  # above the floor: who sits on a high bed, or stands on a treadmill, has the feet lower
@@ -107,7 +108,18 @@ def find_start(
     start = Start(observation, first.shape, found.belief, found.explained, rivals)
     if not found.found or found.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
+    if expected is not None and _turned_round(expected, found.belief.pose):
+        return NoStart.WHO_IS_IT
     return _why_not(start, run) or start
+
+
+def _turned_round(before: PoseBelief, now: Pose) -> bool:
+    """Whether the pelvis has turned farther than the patient may have turned since the pose before.
+
+    Who was hidden together with the patient often faces the patient, and shows a back where a front was.
+    """
+    turn = before.pose.change_to(now, body_points().moving)[:3]
+    return float(turn @ np.linalg.solve(before.covariance[:3, :3], turn)) > TURN_GATE
 
 
 def _turned(first: FirstPose) -> Iterator[Rival]:
