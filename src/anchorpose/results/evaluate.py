@@ -15,9 +15,24 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE,
 from anchorpose.recording.recording import half_period_s, nearest_within
 from anchorpose.results.frame_time import runs_of
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
-from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
+from anchorpose.results.records import (
+    CONTACTS_FILE,
+    Contact,
+    read_contacts,
+    read_equipment_names,
+    with_equipment,
+    with_people,
+)
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
-from anchorpose.results.truth import WRONG_M, TrueTouch, Truth, read_true_touch, read_truth, require_same_world
+from anchorpose.results.truth import (
+    WRONG_M,
+    TrueTouch,
+    Truth,
+    read_true_support,
+    read_true_touch,
+    read_truth,
+    require_same_world,
+)
 from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 
@@ -213,7 +228,8 @@ class Evaluation:
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error of the second half of the frames over that of the first
-    contacts: ContactEvaluation | None = None  # None where the truth or the result has none
+    contacts: ContactEvaluation | None = None  # with people; None where the truth or the result has none
+    supports: ContactEvaluation | None = None  # with equipment; None also where no contacts with it were looked for
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
@@ -236,12 +252,21 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     known = known.frames(match >= 0)
     require_same_world(truth, joints.position_m, known.position_m)
     evaluation = compare(joints, known, truth_frames=len(match), results_frames=frames)
-    touch = read_true_touch(truth)
-    if touch is None or not (results / CONTACTS_FILE).exists():
+    path = results / CONTACTS_FILE
+    if not path.exists():
         return evaluation
-    touch = TrueTouch(touch.bones[kept][match >= 0], touch.names)
-    contacts = evaluate_contacts(read_contacts(results / CONTACTS_FILE), joints.frame, touch)
-    return replace(evaluation, contacts=contacts)
+    contacts, looked_for = read_contacts(path), bool(read_equipment_names(path))
+
+    def scored(found: Sequence[Contact], touch: TrueTouch | None) -> ContactEvaluation | None:
+        if touch is None:
+            return None
+        return evaluate_contacts(found, joints.frame, TrueTouch(touch.bones[kept][match >= 0], touch.names))
+
+    return replace(
+        evaluation,
+        contacts=scored(with_people(contacts), read_true_touch(truth)),
+        supports=scored(with_equipment(contacts), read_true_support(truth) if looked_for else None),
+    )
 
 
 CLOSER: Final = 10.0

@@ -23,6 +23,9 @@ from anchorpose.results.records import (
     Contact,
     Measure,
     read_contacts,
+    read_equipment_names,
+    with_equipment,
+    with_people,
     write_episodes,
     write_measures,
 )
@@ -132,11 +135,11 @@ def assistance_measures(session: Session) -> list[Measure]:
         why = NO_CONTACTS if contacts is None else NEVER_FOUND
         return [unknown(name, unit, why) for name, unit in CONTACT_MEASURES]
     groups: dict[tuple[str | None, str | None], list[Contact]] = {(None, None): list(contacts)}
-    parts, persons = sorted({c.part for c in contacts}), sorted({c.person for c in contacts})
+    parts, persons = sorted({c.part for c in contacts}), sorted({c.toucher for c in contacts})
     for key in (*((None, who) for who in persons), *((part, None) for part in parts), *product(parts, persons)):
         groups[key] = []
     for contact in contacts:
-        for key in ((None, contact.person), (contact.part, None), (contact.part, contact.person)):
+        for key in ((None, contact.toucher), (contact.part, None), (contact.part, contact.toucher)):
             groups[key].append(contact)
     rows = list[Measure]()
     for (part, person), some in groups.items():
@@ -189,11 +192,16 @@ class MeasureConfig:
 
 
 def measure_session(
-    joints: JointTable, angles: AngleTable, contacts: tuple[Contact, ...] | None, config: MeasureConfig
+    joints: JointTable,
+    angles: AngleTable,
+    contacts: tuple[Contact, ...] | None,
+    config: MeasureConfig,
+    equipment: Sequence[str] = (),
 ) -> tuple[Session, list[Measure]]:
     """The session with its posture and episodes, and every measure of docs/measures.md.
 
-    contacts: None where they are unknown, which is not the same as no contact.
+    contacts: with people and equipment, None where they are unknown, which is not the same as no contact. equipment:
+    the parts that contacts were looked for with; where there are none, whether the patient held on is unknown.
     """
     body = centre_of_mass(joints)
     found = stance(joints, body.position_m)
@@ -214,7 +222,8 @@ def measure_session(
         stance=found,
         seconds=frame_seconds(joints.time_s),
         episodes=(*bouts, *transition_episodes(joints, found, moves), *step_episodes(joints, steps)),
-        contacts=contacts,
+        contacts=None if contacts is None else with_people(contacts),
+        supports=None if contacts is None or not equipment else with_equipment(contacts),
     )
     return session, [
         *time_measures(session, config.upright),
@@ -251,14 +260,15 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
     """
     require_own(results, (JOINTS_FILE, CONTACTS_FILE))
     joints = read_joints(results / JOINTS_FILE)
-    contacts = read_contacts(results / CONTACTS_FILE) if (results / CONTACTS_FILE).exists() else None
+    path = results / CONTACTS_FILE
+    contacts, equipment = (read_contacts(path), read_equipment_names(path)) if path.exists() else (None, ())
     work = Path(tempfile.mkdtemp(prefix=".measuring-", dir=results))
     try:
         processed = process_angles(joints, processing) if processing.active else None
         if processed is not None:
             write_processed_angles(work / PROCESSED_FILE, processed)
         angles = joint_angles(joints)
-        session, measures = measure_session(joints, angles, contacts, config)
+        session, measures = measure_session(joints, angles, contacts, config, equipment)
         write_angles(work / ANGLES_FILE, angles)
         write_posture(work / POSTURE_FILE, session.posture)
         write_episodes(work / EPISODES_FILE, session.episodes)

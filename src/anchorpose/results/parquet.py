@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
+from keyword import iskeyword
 from pathlib import Path
 from types import NoneType
 from typing import Any, Final, Generic, TypeVar, get_args, get_type_hints
@@ -54,16 +55,26 @@ def open_parquet(path: Path, schema: pa.Schema) -> Any:
     )
 
 
-def read_parquet(path: Path, schema: pa.Schema, rows: Any = None) -> pa.Table:
+def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, added: Mapping[str, Any] | None = None) -> pa.Table:
     """A table with exactly the columns of ``schema``, without a null where it has none; raises InputError otherwise.
 
-    rows: a pyarrow expression that selects the rows to read; None for all.
+    rows: a pyarrow expression that selects the rows to read; None for all. added: the value of each column that files
+    of earlier versions lack.
     """
-    table = read_any_parquet(path, rows)
+    table = _with_columns(read_any_parquet(path, rows), schema, added or {})
     require_columns(path, table.schema, schema)
     for column in schema:
         if not column.nullable and table[column.name].null_count:
             raise InputError(path, f"has rows without a {column.name}", TRACK_AGAIN)
+    return table
+
+
+def _with_columns(table: pa.Table, schema: pa.Schema, added: Mapping[str, Any]) -> pa.Table:
+    """The table with each column of ``added`` that it lacks, at its place in ``schema``."""
+    for place, column in enumerate(schema):
+        if column.name in added and column.name not in table.schema.names:
+            values = pa.array([added[column.name]] * table.num_rows, column.type)
+            table = table.add_column(min(place, table.num_columns), column, values)
     return table
 
 
@@ -112,17 +123,24 @@ _TYPES: Final = {int: pa.int32(), float: pa.float64(), bytes: pa.binary()}
 def schema_of(record: type, *names: str) -> pa.Schema:
     """Return the columns of a record's attributes and properties, by default of all attributes in their order.
 
-    A column may be null where its type allows None; a type that is no number and no bytes is a text.
+    A column may be null where its type allows None; a type that is no number and no bytes is a text. A column whose
+    name is a keyword of Python is the attribute with an underscore after it.
     """
     hints = get_type_hints(record)
-    hints |= {name: get_type_hints(getattr(record, name).fget)["return"] for name in names if name not in hints}
-    types = {name: hints[name] for name in names or hints}
+    hints |= {
+        name: get_type_hints(getattr(record, name).fget)["return"] for name in names if _attribute(name) not in hints
+    }
+    types = {name: hints[_attribute(name)] for name in names or hints}
     return pa.schema(
         [
             pa.field(name, _TYPES.get((get_args(kind) or (kind,))[0], pa.string()), NoneType in get_args(kind))
             for name, kind in types.items()
         ]
     )
+
+
+def _attribute(column: str) -> str:
+    return f"{column}_" if iskeyword(column) else column
 
 
 @contextmanager
@@ -158,8 +176,9 @@ class RecordTable(Generic[Row]):
     """A table with one row per record.
 
     record: the dataclass of a row, whose attributes have the names of the columns. known: the texts that may stand in a
-    column. limits: the least and the most that a number of a column may be. rows_per_group: fixed, since row groups
-    decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows.
+    column. limits: the least and the most that a number of a column may be. added: columns that files of earlier
+    versions lack, and what they held then. rows_per_group: fixed, since row groups decide the bytes of the file.
+    may_be_empty: whether the program ever writes the table without rows.
     """
 
     file: str
@@ -167,6 +186,7 @@ class RecordTable(Generic[Row]):
     schema: pa.Schema
     known: Mapping[str, Collection[str]] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    added: Mapping[str, Any] = field(default_factory=dict)
     rows_per_group: int = 1024
     may_be_empty: bool = True
     remedy: str
@@ -178,16 +198,18 @@ class RecordTable(Generic[Row]):
             writer.write_table(self._to_table(records).replace_schema_metadata(metadata))
 
     @contextmanager
-    def open(self, path: Path) -> Iterator[RowGroups[Row]]:
+    def open(self, path: Path, metadata: dict[str, str] | None = None) -> Iterator[RowGroups[Row]]:
         """Opens the file for writing row by row; it is complete when the block ends without an error."""
-        with open_parquet(path, self.schema) as writer:
-            groups = RowGroups(writer, self._to_table, self.rows_per_group)
+        with open_parquet(path, self.schema.with_metadata(metadata) if metadata else self.schema) as writer:
+            groups: RowGroups[Row] = RowGroups(
+                writer, lambda rows: self._to_table(rows).replace_schema_metadata(metadata), self.rows_per_group
+            )
             yield groups
             groups.flush()
 
     def read(self, path: Path, rows: Any = None) -> tuple[Row, ...]:
         """All records, or those that the pyarrow expression ``rows`` selects; raises InputError for another table."""
-        table = read_parquet(path, self.schema, rows)
+        table = read_parquet(path, self.schema, rows, self.added)
         if rows is None and not self.may_be_empty and not table.num_rows:
             raise InputError(path, "has no rows", self.remedy)
         return self.records(path, table)
@@ -200,12 +222,16 @@ class RecordTable(Generic[Row]):
                     raise InputError(path, f"holds the unknown {column} '{text}'", self.remedy)
         for column, limits in self.limits.items():
             require_within(path, column, table[column].drop_null().to_numpy(), limits, self.remedy)
-        own = [each.name for each in fields(self.record) if each.name in self.schema.names]  # type: ignore[arg-type]
+        attributes = {each.name for each in fields(self.record)}  # type: ignore[arg-type]
+        own = [name for name in self.schema.names if _attribute(name) in attributes]
+        table = table.select(own).rename_columns([_attribute(name) for name in own])
         try:
-            return tuple(self.record(**row) for row in table.select(own).to_pylist())
+            return tuple(self.record(**row) for row in table.to_pylist())
         except ValueError as error:
             raise InputError(path, f"has a row that cannot be: {error}", self.remedy) from None
 
     def _to_table(self, records: Sequence[Row]) -> pa.Table:
-        columns = [pa.array([getattr(record, each.name) for record in records], each.type) for each in self.schema]
+        columns = [
+            pa.array([getattr(record, _attribute(each.name)) for record in records], each.type) for each in self.schema
+        ]
         return pa.Table.from_arrays(columns, schema=self.schema)

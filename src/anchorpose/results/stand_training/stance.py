@@ -184,7 +184,8 @@ def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
 class Session:
     """Of the same frames: joints, angles, posture, stance; seconds (n,) that each frame stands for.
 
-    contacts: None where the results folder has no table of them.
+    contacts: with people, None where the results folder has no table of them; supports: with the equipment, None where
+    these are not known, because there is no such table or the recording has no model of the equipment.
     """
 
     joints: JointTable
@@ -194,6 +195,7 @@ class Session:
     seconds: np.ndarray
     episodes: tuple[Episode, ...]
     contacts: tuple[Contact, ...] | None
+    supports: tuple[Contact, ...] | None
 
     @property
     def upright(self) -> np.ndarray:
