@@ -53,8 +53,8 @@ class EquipmentGaps:
 
     part (n,) int16: index into the parts of the model; region (n,) uint8: index into ``REGIONS``. gap_m (n,) float32:
     least distance of the region's skin to the part's surface, negative inside of it; sigma_m (n,) float32: one standard
-    deviation of that. area_m2 (n,) float32: the region's skin within reach of the part; shown (n,) float32: the share
-    of that skin that some camera sees, 0 where there is none.
+    deviation of that. area_m2 (n,) float32: the region's skin within reach of the part; shown (n,) float32: of that
+    skin, as far as it faces a camera, the share that is seen, 0 where none faces one.
     """
 
     part: np.ndarray
@@ -65,55 +65,55 @@ class EquipmentGaps:
     shown: np.ndarray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownSkin:
+    """faces, seen (p,) bool: skin points that face some camera, and that some camera sees."""
+
+    faces: np.ndarray
+    seen: np.ndarray
+
+
 def find_equipment_gaps(
     points: SkinPoints,
     skin_m: np.ndarray,
-    shown: np.ndarray,
+    shown: ShownSkin,
     joint_sigma_m: np.ndarray,
     equipment: EquipmentModel,
     reach_m: float,
 ) -> EquipmentGaps:
     """Return the gaps of one frame.
 
-    skin_m (p, 3): the posed skin points, in the frame of the equipment, which is the world. shown (p,) bool: some
-    camera sees the point. joint_sigma_m (21,): NaN where a joint is lost, and then nothing is known of its regions.
-    reach_m: skin within this distance of a part counts as touching it, or as close enough to show that it does.
+    skin_m (p, 3): the posed skin points, in the frame of the equipment, which is the world. joint_sigma_m (21,): NaN
+    where a joint is lost, and then nothing is known of its regions. reach_m: skin within this distance of a part counts
+    as touching it, or as close enough to show that it does.
     """
     region, sigma_m = region_of_points(points), region_sigma(joint_sigma_m)
     known = np.flatnonzero(np.isfinite(sigma_m)[region])
     low_m, high_m = part_boxes(equipment)
-    found = [_no_gaps()]
+    found = [_of_part(0, np.zeros(0), np.zeros(0, np.int64), np.zeros((3, 0), bool))]
     for part, model in enumerate(equipment.parts):
         near = known[_inside(skin_m[known], low_m[part], high_m[part])]
         if len(near):
             distance_m = model.distance_m(skin_m[near])
-            found.append(_gaps_to(part, distance_m, region[near], shown[near], reach_m))
-    part_index, index, gap_m, count, seen = (np.concatenate(column) for column in zip(*found, strict=True))
-    area_m2, share = area_of_point(points) * count, seen / np.maximum(count, 1)
+            reached = distance_m < reach_m
+            counted = np.stack([reached, reached & shown.faces[near], reached & shown.seen[near]])
+            found.append(_of_part(part, distance_m, region[near], counted))
+    number, index, gap_m, counts = (np.concatenate(column, axis=-1) for column in zip(*found, strict=True))
+    area_m2, share = area_of_point(points) * counts[0], counts[2] / np.maximum(counts[1], 1)
     single = (each.astype(np.float32) for each in (gap_m - SAMPLING_M, sigma_m[index], area_m2, share))
-    return EquipmentGaps(part_index.astype(np.int16), index.astype(np.uint8), *single)
+    return EquipmentGaps(number.astype(np.int16), index.astype(np.uint8), *single)
 
 
-def _gaps_to(part: int, distance_m: np.ndarray, region: np.ndarray, shown: np.ndarray, reach_m: float) -> _Columns:
-    """The rows of one part: distance_m, region, shown (n,) of the skin points near it."""
-    touching, count = distance_m < reach_m, len(REGIONS)
-    least = np.full(count, np.inf)
+def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Part, region and gap (k,) of each region near it, and how many of its points are in each row of ``counted``.
+
+    distance_m, region (n,): of the skin points around the part; counted (3, n) bool. The last is (3, k).
+    """
+    least = np.full(len(REGIONS), np.inf)
     np.minimum.at(least, region, distance_m)
     index = np.flatnonzero(least < NEAR_M)
-    within, seen = (
-        np.bincount(region[touching], minlength=count),
-        np.bincount(region[touching & shown], minlength=count),
-    )
-    return np.full(len(index), part), index, least[index], within[index], seen[index]
-
-
-_Columns = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Of rows (k,): part, region, gap, and the number of skin points in reach, and of those that are seen."""
-
-
-def _no_gaps() -> _Columns:
-    none = np.zeros(0, dtype=np.int64)
-    return none, none, none.astype(np.float64), none, none
+    counts = np.stack([np.bincount(region[row], minlength=len(REGIONS)) for row in counted])
+    return np.full(len(index), part), index, least[index], counts[:, index]
 
 
 def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:

@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.contact_regions import Nearness, find_nearness
-from anchorpose.body.equipment_gaps import EquipmentGaps, find_equipment_gaps
+from anchorpose.body.equipment_gaps import EquipmentGaps, ShownSkin, find_equipment_gaps
 from anchorpose.body.explanation import Explanation
 from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.body.skin_points import Body, pose_points
-from anchorpose.body.visibility import PoorDepth
+from anchorpose.body.visibility import PoorDepth, facing_skin
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import JointState
 from anchorpose.recording.recording import FrameSet
@@ -137,12 +137,13 @@ def _near(estimate: Estimate, body: Body | None, run: Run) -> Nearness | None:
 
 def _gaps(estimate: Estimate, body: Body | None, near: Nearness | None, run: Run) -> EquipmentGaps | None:
     """How near the learnt body is to the equipment, as uncertain as its joints; None where either is not known."""
-    equipment, belief = run.room.recording.equipment, estimate.belief
-    if body is None or belief is None or near is None or equipment is None:
+    equipment, belief, seen = run.room.recording.equipment, estimate.belief, estimate.observation
+    if body is None or belief is None or seen is None or near is None or equipment is None:
         return None
     with run.stage("contacts"):
-        skin_m, reach_m = pose_points(body, belief.pose).points_m, run.config.contacts.reach_m
-        return find_equipment_gaps(body.points, skin_m, near.shown, estimate.sigma_m, equipment, reach_m)
+        posed, reach_m = pose_points(body, belief.pose), run.config.contacts.reach_m
+        shown = ShownSkin(facing_skin(posed, seen.evidence.views, seen.evidence.cameras), near.shown)
+        return find_equipment_gaps(body.points, posed.points_m, shown, estimate.sigma_m, equipment, reach_m)
 
 
 def body_pose(
