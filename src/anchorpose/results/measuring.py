@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
-from anchorpose.results.frame_time import frame_seconds, unbroken_runs
+from anchorpose.results.frame_time import frame_seconds
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.processing import ProcessingConfig, process_angles
 from anchorpose.results.records import (
@@ -36,9 +36,18 @@ from anchorpose.results.stand_training.extension import (
     range_measures,
     symmetry_measures,
 )
+from anchorpose.results.stand_training.independence import IndependenceConfig, independence_measures
 from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, unknown, upright
 from anchorpose.results.stand_training.steps import find_steps, step_episodes, step_measures
 from anchorpose.results.stand_training.tasks import task_measures
+from anchorpose.results.stand_training.touch import (
+    NEVER_FOUND,
+    NO_CONTACTS,
+    NO_UPRIGHT,
+    Touch,
+    time_with_sigma,
+    touch_of,
+)
 from anchorpose.results.stand_training.upright import (
     TransitionConfig,
     time_measures,
@@ -66,53 +75,11 @@ from anchorpose.results.verify import require_own
 from anchorpose.settings import settings
 
 
-class Touch(NamedTuple):
-    """at_once (n,) int32: how many contacts hold in each frame; seen (n,): the greatest seen share of these, 0 where
-    none does."""
-
-    at_once: np.ndarray
-    seen: np.ndarray
-
-    def where(self, frames: np.ndarray) -> Touch:
-        """Nothing in the other frames; frames (n,) bool."""
-        return Touch(np.where(frames, self.at_once, 0), np.where(frames, self.seen, 0.0))
-
-
-def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
-    """In each frame, (n,) increasing; a contact's first and last belong to it."""
-    count, seen = np.zeros(len(frame), dtype=np.int32), np.zeros(len(frame))
-    starts = np.searchsorted(frame, [contact.first_frame for contact in contacts], side="left")
-    ends = np.searchsorted(frame, [contact.last_frame for contact in contacts], side="right")
-    for contact, start, end in zip(contacts, starts.tolist(), ends.tolist(), strict=True):
-        count[start:end] += 1
-        np.maximum(seen[start:end], contact.seen_share, out=seen[start:end])
-    return Touch(count, seen)
-
-
-def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tuple[float, float | None]:
-    """Time with any contact, and its sigma.
-
-    No sigma without contacts: how many were missed is unknown here. Each beginning and each end may be a frame off; the
-    unseen part of a contact may or may not have been there.
-    """
-    any_of = touch.at_once > 0
-    if not any_of.any():
-        return 0.0, None
-    edges = 2 * len(unbroken_runs(any_of, time_s))
-    usual = float(np.median(seconds))
-    unsure = float(((1.0 - touch.seen) * seconds)[any_of].sum())
-    return float(seconds[any_of].sum()), float(np.hypot(np.sqrt(edges) * usual, unsure / np.sqrt(12.0)))
-
-
 def inferred_touch_share(touch: Touch) -> float | None:
     """Share of the frames with any contact in which none was seen; None for no frames."""
     any_of = touch.at_once > 0
     return float(np.mean(1.0 - touch.seen[any_of])) if any_of.any() else None
 
-
-NO_CONTACTS: Final = "the results folder has no contacts.parquet; track the recording again"
-NEVER_FOUND: Final = "the patient was found in no frame"
-NO_UPRIGHT: Final = "the patient was never known to be upright"
 
 CONTACT_MEASURES: Final = (
     ("assistance_time", "s"),
@@ -189,6 +156,7 @@ class MeasureConfig:
     transitions: TransitionConfig = field(default_factory=TransitionConfig)
     extension: ExtensionConfig = field(default_factory=ExtensionConfig)
     sway: SwayConfig = field(default_factory=SwayConfig)
+    independence: IndependenceConfig = field(default_factory=IndependenceConfig)
 
 
 def measure_session(
@@ -235,6 +203,7 @@ def measure_session(
         *task_measures(session, config.transitions),
         *step_measures(session, steps),
         *assistance_measures(session),
+        *independence_measures(session, config.independence),
     ]
 
 
