@@ -56,9 +56,9 @@ class LiveFrame:
     frame, time_s: of the first camera; taken_s: when its images were taken, by ``time.monotonic``. joints_m (21, 3)
     world, sigma_m (21,), state_code (21,) index into ``JointState``. why_lost: why every joint is lost, empty where one
     is not. touched: parts of the patient (``REGIONS``) that other people touched in the frame before, and whether that
-    was seen; holding: the same of the equipment; None where it is not known. dropped: images that were not tracked,
-    since tracking live began. people: everybody else in view; patient: 1, and one more whenever another person becomes
-    the patient.
+    was seen; None where it is not known. dropped: images that were not tracked, since tracking live began. people:
+    everybody else in view; patient: 1, and one more whenever another person becomes the patient. holding: parts of the
+    patient on the equipment, as ``touched``.
     """
 
     frame: int
@@ -69,10 +69,10 @@ class LiveFrame:
     state_code: np.ndarray
     why_lost: str
     touched: Mapping[str, bool] | None = None
-    holding: Mapping[str, bool] | None = None
     dropped: int = 0
     people: tuple[PersonInView, ...] = ()
     patient: int = 1
+    holding: Mapping[str, bool] | None = None
 
     @property
     def latency_s(self) -> float:
