@@ -28,7 +28,8 @@ from anchorpose.research.benchmark.labels import (
     trunk_pixel,
     within,
 )
-from anchorpose.results.evaluate import ContactScore, Evaluation, evaluate
+from anchorpose.results.contact_scores import ContactScore
+from anchorpose.results.evaluate import Evaluation, evaluate
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.uncertainty import NORMAL_95

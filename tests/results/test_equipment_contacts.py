@@ -11,7 +11,7 @@ from anchorpose.body.contact_regions import REGIONS, Nearness, area_of_point, re
 from anchorpose.body.equipment_gaps import EquipmentGaps
 from anchorpose.errors import InputError
 from anchorpose.results.contact_intervals import ContactConfig, ContactIntervals
-from anchorpose.results.evaluate import evaluate_contacts
+from anchorpose.results.contact_scores import evaluate_contacts
 from anchorpose.results.records import (
     PERSON,
     Contact,
