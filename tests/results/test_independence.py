@@ -95,21 +95,31 @@ def test_whoever_sits_is_not_extended():
 
 
 def test_a_knee_that_nobody_sees_may_be_held_unseen():
-    """Anything between no time and all of it is as likely: a uniform distribution has the sigma T / sqrt(12)."""
+    """Anything between no time and all of it is as likely, which is off by T / sqrt(3) from all of it."""
     clear = measured(standing(), (), RAILS)[1]
     hidden = measured(standing(hidden=("KneeLeft",)), (), RAILS)[1]
     assert value(hidden, "knee_extended_alone_time", "left") == pytest.approx(seconds(200))
-    assert sigma(hidden, "knee_extended_alone_time", "left") == pytest.approx(seconds(200) / np.sqrt(12.0), rel=0.01)
+    assert sigma(hidden, "knee_extended_alone_time", "left") == pytest.approx(seconds(200) / np.sqrt(3.0), rel=0.01)
     assert sigma(clear, "knee_extended_alone_time", "left") < 0.1
     assert sigma(hidden, "knee_extended_alone_time", "right") < 0.1
     assert hidden["knee_extended_alone_time", "left", None, None].inferred_share == 1.0
+
+
+def test_a_hand_beside_a_part_may_be_on_it():
+    found = measured(standing(), (contact("belly", "person 1", 0, 99),), RAILS)[1]
+    for side in ("left", "right"):
+        assert value(found, "hip_extended_alone_time", side) == pytest.approx(seconds(200))
+        assert sigma(found, "hip_extended_alone_time", side) == pytest.approx(seconds(100) / np.sqrt(3.0), rel=0.01)
+        assert sigma(found, "knee_extended_alone_time", side) < 0.1
+    pad = measured(standing(), (support("belly", "belt", 0, 99),), RAILS)[1]
+    assert sigma(pad, "hip_extended_alone_time", "left") < 0.1
 
 
 def test_a_contact_that_was_not_seen_makes_the_time_without_it_uncertain():
     contacts = (contact("knee_left", "person 1", 50, 149, seen=0.0),)
     found = measured(standing(), contacts, RAILS)[1]
     assert value(found, "knee_extended_hands_off_time", "left") == pytest.approx(seconds(100))
-    assert sigma(found, "knee_extended_hands_off_time", "left") == pytest.approx(seconds(100) / np.sqrt(12.0), rel=0.01)
+    assert sigma(found, "knee_extended_hands_off_time", "left") == pytest.approx(seconds(100) / np.sqrt(3.0), rel=0.01)
 
 
 def test_a_lost_hand_counts_for_no_number_of_hands_and_makes_all_uncertain():

@@ -16,7 +16,7 @@ from pydantic import Field
 from anchorpose.joints import JOINT_INDEX, LOST, STATE_CODE, JointState
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import runs_of_known
-from anchorpose.results.records import Contact, Measure
+from anchorpose.results.records import Contact, Measure, with_people
 from anchorpose.results.stand_training.stance import Session, hold, known, unknown
 from anchorpose.results.stand_training.touch import (
     NEVER_FOUND,
@@ -51,26 +51,43 @@ class IndependenceConfig:
 
 class _Part(NamedTuple):
     """What is extended: angle: its column, None for the trunk's inclination. regions: contacts there help to extend it.
-    joints: where these contacts are; one that is not seen may be held unseen."""
+    beside: regions that share a border with them; a hand that lies across it may be reported on either side. joints:
+    where these contacts are; one that is not seen may be held unseen."""
 
     name: str
     side: str | None
     angle: str | None
     regions: tuple[str, ...]
+    beside: tuple[str, ...]
     joints: tuple[str, ...]
 
 
 def _parts() -> tuple[_Part, ...]:
     knees = [
-        _Part("knee", s, f"knee_flexion_{s}", (f"thigh_{s}", f"knee_{s}", f"shank_{s}"), (f"Knee{s.capitalize()}",))
+        _Part(
+            "knee",
+            s,
+            f"knee_flexion_{s}",
+            (f"thigh_{s}", f"knee_{s}", f"shank_{s}"),
+            ("pelvis", f"foot_{s}"),
+            (f"Knee{s.capitalize()}",),
+        )
         for s in SIDES
     ]
     hips = [
-        _Part("hip", s, f"hip_flexion_{s}", ("pelvis", f"thigh_{s}"), (f"Hip{s.capitalize()}", "SpineBase"))
+        _Part(
+            "hip",
+            s,
+            f"hip_flexion_{s}",
+            ("pelvis", f"thigh_{s}"),
+            ("belly", f"knee_{s}"),
+            (f"Hip{s.capitalize()}", "SpineBase"),
+        )
         for s in SIDES
     ]
     trunk = ("neck_and_shoulders", "chest", "belly")
-    return (*knees, *hips, _Part("trunk", None, None, trunk, ("SpineMid", "SpineShoulder")))
+    beside = ("head", "upper_arm_left", "upper_arm_right", "pelvis")
+    return (*knees, *hips, _Part("trunk", None, None, trunk, beside, ("SpineMid", "SpineShoulder")))
 
 
 PARTS: Final = _parts()
@@ -159,13 +176,16 @@ class _Free(NamedTuple):
 def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Contact]) -> _Free:
     """Extended frames without any of the contacts on the part.
 
-    A contact that was not seen may not have been there, and one on a part that is not seen may be missing.
+    A contact that was not seen may not have been there, one on a part that is not seen may be missing, and a person's
+    hand beside the part may be on it.
     """
-    touch = touch_of(session.joints.frame, [contact for contact in contacts if contact.part in part.regions])
+    frame, people = session.joints.frame, with_people(contacts)
+    touch = touch_of(frame, [contact for contact in contacts if contact.part in part.regions])
+    beside = touch_of(frame, [contact for contact in people if contact.part in part.beside]).at_once > 0
     touched = touch.at_once > 0
     joints = [JOINT_INDEX[name] for name in part.joints]
     hidden = (session.joints.state_code[:, joints] != OBSERVED).any(axis=1)
-    unsure = np.where(touched, 1.0 - touch.seen, hidden)
+    unsure = np.where(touched, 1.0 - touch.seen, hidden | beside)
     return _Free(found.frames & ~touched, float((unsure * session.seconds)[found.frames].sum()))
 
 
@@ -177,8 +197,17 @@ def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _F
     runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
     bouts_s = [float(session.seconds[run][free.frames[run]].sum()) for run in runs]
     value = max(bouts_s, default=0.0) if longest else float(session.seconds[free.frames].sum())
-    sigma = float(np.hypot(found.sigma_s, sigma_of_time(2 * len(runs), free.unsure_s, session.seconds)))
+    sigma = float(np.hypot(found.sigma_s, _sigma_s(session, len(runs), free.unsure_s)))
     return known(measure, "s", value, found.codes[found.is_known], sigma, part.side)
+
+
+def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
+    """Sigma of a time without contacts that is reported as the most it can be.
+
+    It may be less by anything up to ``unsure_s``: the root mean square of that, from the end of the range, is over
+    sqrt(3), twice what it is from the middle.
+    """
+    return sigma_of_time(2 * bouts, 2.0 * unsure_s, session.seconds)
 
 
 def _unaided(session: Session) -> list[Measure]:
@@ -195,7 +224,7 @@ def _unaided(session: Session) -> list[Measure]:
     touched = session.upright & (touch.at_once > 0)
     unsure_s = float(((1.0 - touch.seen) * session.seconds)[touched].sum())
     codes = session.stance.state_code[session.upright]
-    sigma = sigma_of_time(2 * len(runs), unsure_s, session.seconds)
+    sigma = _sigma_s(session, len(runs), unsure_s)
     return [
         known("hands_free_upright_bouts", "count", float(len(runs)), codes),
         known("hands_free_upright_longest", "s", longest_s, codes, sigma),
