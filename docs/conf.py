@@ -10,6 +10,7 @@ html_theme, html_title = "furo", "anchorpose"
 html_show_sphinx = False
 html_extra_path = ["experiment-page.html"]  # the page of the run that experiment.md tells of
 
+autoclass_content = "both"  # of the class and of its __init__, which says what is given
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"

@@ -1,6 +1,7 @@
 """The documentation builds without a warning, its links lead somewhere, and its examples run."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 from results_builder import make_frame, standing_joints, write_results
 
+import anchorpose
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.tables import read_joints, write_angles
 from anchorpose.simulate.config import single
@@ -37,7 +39,9 @@ def site(tmp_path_factory) -> Path:
 
 @pytest.mark.thorough
 def test_the_documentation_holds_the_api_and_the_examples(site):
-    assert "anchorpose.pipeline.track_recording" in (site / "api.html").read_text(encoding="utf-8")
+    api = (site / "api.html").read_text(encoding="utf-8")
+    assert "anchorpose.pipeline.track_recording" in api
+    assert [name for name in anchorpose.__all__ if not re.search(rf'id="anchorpose[\w.]*\.{name}"', api)] == []
     assert "truth.npz" in (site / "examples.html").read_text(encoding="utf-8")
 
 

@@ -8,7 +8,9 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from anchorpose.tracker.config import TrackConfig, load_track_config
+from anchorpose.cli import app
+from anchorpose.cli.settings_file import TABLES, tracking_settings
+from anchorpose.tracker.config import TrackConfig
 
 PAGE = (Path(__file__).parents[1] / "docs" / "settings.md").read_text(encoding="utf-8")
 ROW = re.compile(r"^\| `([a-z0-9_.]+)` \| `(.+?)` \| .+ \|$", re.MULTILINE)
@@ -42,4 +44,12 @@ def test_both_examples_are_accepted_and_mean_the_same(tmp_path: Path) -> None:
     as_json = re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)
     assert [tomllib.loads(text) for text in toml] == [json.loads(text) for text in as_json]
     (tmp_path / "settings.toml").write_text(toml[0], encoding="utf-8")
-    assert load_track_config(tmp_path / "settings.toml").follow.bystanders is False
+    assert tracking_settings(tmp_path / "settings.toml").follow.bystanders is False
+    for command in (["track", "r", "-o", "out"], ["view", "out"]):
+        app.parse_args([*command, "--config", str(tmp_path / "settings.toml")], exit_on_error=False, print_error=False)
+
+
+def test_the_page_names_every_verb_that_may_have_a_table() -> None:
+    sentence = re.search(r"for its verb alone\. (.*?)\s+may have a table", PAGE, re.DOTALL)
+    assert sentence is not None
+    assert tuple(re.findall(r"`(\w+)`", sentence.group(1))) == TABLES

@@ -37,6 +37,7 @@ PARSED_ONLY: Final = {
     "benchmark": "simulates 0.9 GB; tests/research makes and scores a small one",
     "reliability": "needs the extra 'reliability' and results of many sessions; tests/agreement has them",
     "report --reliability": "the same",
+    "report week1": "needs sessions of three weeks; tests/report/test_trend.py makes them",
     "live --finish": "needs a session that was cut off; tests/live/test_finish.py makes them",
     "simulate --seconds 600": "ten minutes of recording",
     "simulate --movements": "needs captured movements, which are not in the repository",
@@ -49,6 +50,7 @@ PARSED_ONLY: Final = {
 """Commands that are not run here, by the verb and a part of what follows it, and why."""
 
 RECORDINGS = ("example", "s", "sim", "sim3", "sim6", "slow", "standing", "mixed", "squat")  # with a truth beside
+SETTINGS = "smooth = false\n[view]\nport = 0\n"  # what settings.toml holds
 RESULTS = ("results", "my-results", "other", "r", "before")
 
 
@@ -101,7 +103,9 @@ def test_the_commands_are_found():
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-def test_a_command_that_is_shown_is_understood(command):
+def test_a_command_that_is_shown_is_understood(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "settings.toml").write_text(SETTINGS)
     app.parse_args(list(command), exit_on_error=False, print_error=False)
 
 
@@ -130,7 +134,9 @@ def world(tmp_path_factory) -> Path:
         shutil.copytree(folder / "results", folder / name)
     found = corrections_of_run(folder / "results/run.json", read_run(folder / "results/run.json"))
     write_corrections(folder / "results.corrections.json", replace(found, joints=()))
-    (folder / "settings.toml").write_text("smooth = false\n")
+    (folder / "events.tsv").write_text("onset\tduration\ttrial_type\n0\t1.5\toff\n2\t1.5\ton\n")
+    assert main(["measure", str(folder / "my-results"), "--events", str(folder / "events.tsv")]) == 0
+    (folder / "settings.toml").write_text(SETTINGS)
     (folder / "images").mkdir()
     plain_folder(folder / "images", noise())
     return folder

@@ -28,6 +28,7 @@ MOST_PROCESSES: Final = 1024
 LARGEST_SEED: Final = 2**63 - 1
 LARGEST_PORT: Final = 65535
 
+COMMAND_LINE: Final = "cli"  # what cyclopts calls the source of a token that is on the command line
 OUTPUT: Final = Parameter(name=["--output", "-o"])
 SIGNED: Final = Parameter(allow_leading_hyphen=True)  # a text that may begin with a minus
 
@@ -51,7 +52,7 @@ def _as_number(kind: Any, tokens: Sequence[Token]) -> float:
     try:
         return plain_number(tokens[0].value)
     except ValueError:
-        raise ValueError(f'"{tokens[0].value[:40]}" is not a number') from None
+        raise ValueError(f"{_shown(tokens[0])} is not a number") from None
 
 
 def plain_number(text: str) -> float:
@@ -67,7 +68,12 @@ def _as_whole(kind: Any, tokens: Sequence[Token]) -> int:
         plain_number(tokens[0].value)
         return int(tokens[0].value)
     except ValueError:
-        raise ValueError(f'"{tokens[0].value[:40]}" is not a whole number') from None
+        raise ValueError(f"{_shown(tokens[0])} is not a whole number") from None
+
+
+def _shown(token: Token) -> str:
+    """The value, and the settings file where it comes from one."""
+    return f'"{token.value[:40]}"' + (f" from {token.source}" if token.source != COMMAND_LINE else "")
 
 
 def parse_intrinsics(text: str) -> tuple[float, float, float, float]:

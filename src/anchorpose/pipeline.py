@@ -49,6 +49,7 @@ def track_recording(
     calibration: Path | None = None,
     corrections: Path | None = None,
     threads: int = 1,
+    events: Path | None = None,
 ) -> None:
     """Track the patient through a recording and write everything into an existing results folder.
 
@@ -57,12 +58,13 @@ def track_recording(
 
     progress is called with frames done and frames to do; the frames the body is learnt from count twice. calibration: a
     calibration.json whose poses replace given or found ones. corrections: a reviewer's corrections of earlier results.
-    threads: share cameras, people and trials of a frame; the tables have the same bytes with any number. Linear algebra
-    runs on one: on several, sums are added in another order.
+    events: an events.tsv with the trials, in place of the recording's own. threads: share cameras, people and trials of
+    a frame; the tables have the same bytes with any number. Linear algebra runs on one: on several, sums are added in
+    another order.
     Raises InputError where the recording cannot be used.
     """
     with one_thread(), worker_threads(threads):
-        _track(recording, results, config, progress, UserInputs(calibration, corrections))
+        _track(recording, results, config, progress, UserInputs(calibration, corrections, events))
 
 
 def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress, user: UserInputs) -> None:

@@ -12,9 +12,11 @@ import numpy as np
 
 from anchorpose.calibration.calibration import PoseSource
 from anchorpose.errors import InputError
+from anchorpose.recording.events import GIVEN, Trials, events_files, read_trials, recorded_span, sidecar_of
 from anchorpose.recording.reader import frame_range, input_files, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.recording_file import CALIBRATION_FILE, with_height, with_poses
+from anchorpose.recording.regular_file import is_there
 from anchorpose.results.corrections import Corrections, NamedPatient, read_corrections, require_recording
 from anchorpose.results.reviewed_recording import poses_of, reviewed_recording
 from anchorpose.results.run_record import CalibrationUsed, as_json, hash_files
@@ -31,6 +33,7 @@ class UserInputs:
 
     calibration: Path | None = None
     corrections: Path | None = None
+    events: Path | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +48,8 @@ class ReviewFile:
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackInputs:
     """recording: with the height and the poses that the user gives; config: with the patient whom a reviewer named;
-    sha256: (path, hash) of every file of the recording and of the reference movements; pose_source: where poses that
-    are not the recording's own come from."""
+    sha256: (path, hash) of every file of the recording, of the reference movements and of the events; pose_source:
+    where poses that are not the recording's own come from; trials: None without events."""
 
     recording: Recording
     config: TrackConfig
@@ -54,10 +57,12 @@ class TrackInputs:
     review_file: ReviewFile | None
     pose_source: PoseSource | None
     calibration: CalibrationUsed | None = None
+    trials: Trials | None = None
 
     @property
     def identity(self) -> str:
-        """SHA-256 in hex over all that decides the joints: inputs, settings, poses, corrections, code and libraries."""
+        """SHA-256 in hex over all that decides joints and measures: inputs, settings, poses, corrections, code and
+        libraries."""
         review = "" if self.review_file is None else self.review_file.sha256
         poses = [camera.T_world_camera for camera in self.recording.cameras]
         settings = replace(self.config, motions=None)  # the file of movements counts by its hash
@@ -79,13 +84,29 @@ def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInp
         calibration = CalibrationUsed(*hash_files([file], file.parent)[0])
     frame_range(recording, config.start, config.stop)
     given = None if user.corrections is None else _read_review(user.corrections)
-    hashes = _hash_inputs(recording, config)
+    trials = _read_events(recording, user.events)
+    hashes = (*_hash_inputs(recording, config), *_hash_given(user.events))
     if given is not None:
         if any(camera.T_world_camera is None for camera in recording.cameras):
             recording, source = _in_world_of(given.corrections, recording), PoseSource.RESULTS
         _require_about(given, recording, hashes)
         config = _with_named_patient(config, given)
-    return TrackInputs(recording, config, hashes, given, source, calibration)
+    return TrackInputs(recording, config, hashes, given, source, calibration, trials)
+
+
+def _read_events(recording: Recording, given: Path | None) -> Trials | None:
+    """The trials of the given file, or of the recording's own; None where there is neither."""
+    own = events_files(recording.folder)
+    path = given or (own[0] if own else None)
+    return None if path is None else read_trials(path, recorded_span(recording.streams[0].time_s))
+
+
+def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
+    """Name and hash of a given events file and of the file of its units."""
+    if events is None:
+        return ()
+    files = [file for file in (events, sidecar_of(events)) if is_there(file)]
+    return tuple((f"{GIVEN}{name}", digest) for name, digest in hash_files(files, events.parent))
 
 
 def _read_review(path: Path) -> ReviewFile:

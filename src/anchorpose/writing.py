@@ -20,6 +20,7 @@ from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pages.overlay import draw_chosen, save_pictures
+from anchorpose.recording.events import recorded_span
 from anchorpose.recording.recording import CameraGaps, find_gaps
 from anchorpose.report.page import REPORT_FILE, write_report
 from anchorpose.results.contact_intervals import ContactIntervals
@@ -74,7 +75,7 @@ def write_results(
     written = _write_frames(results, frames, run)
     shape = None if learnt is None else learnt.shape
     with run.stage("results"):
-        write_measured(results, ProcessingConfig(), MeasureConfig())
+        write_measured(results, ProcessingConfig(), MeasureConfig(), inputs.trials)
         pictures = save_pictures(results, draw_chosen(results, run.room, shape, run.config.surface))
         given = inputs.review_file
         outcome = None if given is None else outcome_of(given, read_joints(results / JOINTS_FILE))
@@ -177,6 +178,7 @@ def account_of(
         floor_height_m=room.calibration.floor_height_m,
         residuals=(*_pose_residuals(room.calibration), *_clock_residuals(room.clocks, gaps)),
         timings=tuple(StageTiming(stage, seconds) for stage, seconds in run.stopwatch.seconds.items()),
+        recorded=recorded_span(room.recording.streams[0].time_s) if config.start or config.stop is not None else None,
         frame_count=len(written.association.matched_share),
         association=written.association,
         dropped=written.dropped,

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.evidence import separation_rows, shanks, trunk_and_arms
-from anchorpose.body.fit import limited, pose_equations, solve_damped
+from anchorpose.body.fit import hidden_bones, limited, pose_equations, prior_equations, solve_damped
 from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.skin_points import pose_points
 
@@ -49,7 +49,9 @@ def test_following_the_rows_takes_the_forearm_out():
     depth = [-rows_of(pose).residuals(pose_points(BODY, pose)).sum()]
     for _ in range(6):
         posed = pose_points(BODY, pose)
-        equations = pose_equations(BODY, pose, posed, rows_of(pose), (INSIDE, near), ROWS)
+        rows = rows_of(pose)
+        prior = prior_equations(points(), pose, (INSIDE, near), hidden_bones(points(), rows, ROWS))
+        equations = pose_equations(BODY, pose, posed, rows, prior, ROWS)
         pose = pose.moved(limited(solve_damped(equations)), points().moving)
         depth.append(-rows_of(pose).residuals(pose_points(BODY, pose)).sum())
     assert depth[-1] < 0.3 * depth[0], depth

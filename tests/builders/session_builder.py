@@ -53,7 +53,7 @@ def measured(
     joints: JointTable, contacts: tuple[Contact, ...] | None = (), equipment: tuple[str, ...] = ()
 ) -> tuple[Session, dict[tuple[str | None, ...], Measure]]:
     """The session, and its measures by name, side, part and person."""
-    session, measures = measure_session(joints, joint_angles(joints), contacts, MeasureConfig(), equipment)
+    session, measures = measure_session(joints, joint_angles(joints), contacts, MeasureConfig(), equipment=equipment)
     found = {(m.measure, m.side, m.part, m.person): m for m in measures}
     assert len(found) == len(measures)  # no row is there twice
     return session, found

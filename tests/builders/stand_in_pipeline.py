@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT, JointState
+from anchorpose.recording.events import events_files, read_trials, recorded_span
 from anchorpose.recording.reader import input_files, open_recording, read_frames
 from anchorpose.report.page import write_report
 from anchorpose.results.measuring import MeasureConfig, write_measured
@@ -24,8 +25,12 @@ def track_recording(
     calibration: Path | None = None,
     corrections: Path | None = None,
     threads: int = 1,
+    events: Path | None = None,
 ) -> None:
     opened = open_recording(recording)
+    own = events_files(opened.folder)
+    path, span = events or (own[0] if own else None), recorded_span(opened.streams[0].time_s)
+    trials = None if path is None else read_trials(path, span)
     blank, state = np.full((JOINT_COUNT, 3), np.nan), (JointState.LOST,) * JOINT_COUNT
     dropped, count = [], 0
     with write_joints(results / "joints.parquet") as joints:
@@ -46,5 +51,5 @@ def track_recording(
     write_run_record(results / "run.json", record)
     with write_contacts(results / "contacts.parquet"):
         pass  # nobody touches a patient who is nowhere
-    write_measured(results, ProcessingConfig(), MeasureConfig())
+    write_measured(results, ProcessingConfig(), MeasureConfig(), trials)
     write_report(results)

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import signal
 import sys
 import time
 
@@ -14,7 +13,7 @@ from cyclopts import App
 from recording_builder import write_recording
 from results_builder import make_frame, standing_joints, write_results
 
-from anchorpose.cli import GROUPS, main
+from anchorpose.cli import GROUPS, STOPPING, main
 from anchorpose.joints import JOINT_NAMES
 
 NAMES = "demo simulate check calibrate track evaluate measure report inspect motions verify benchmark"
@@ -59,7 +58,7 @@ def test_options_reach_the_tracker_on_top_of_the_file(tmp_path):
 def test_an_interrupt_leaves_nothing_and_exits_with_130(tmp_path, monkeypatch, capsys):
     recording = write_recording(tmp_path / "r", frames=3)
 
-    def interrupted(path, results, config, progress, calibration, corrections, threads):
+    def interrupted(path, results, config, progress, calibration, corrections, threads, events):
         (results / "joints.parquet").write_bytes(b"half")
         raise KeyboardInterrupt
 
@@ -69,11 +68,11 @@ def test_an_interrupt_leaves_nothing_and_exits_with_130(tmp_path, monkeypatch, c
     assert "Nothing was written" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+@pytest.mark.parametrize(("number", "code"), [(int(number), 128 + number) for number in STOPPING])
 def test_a_signal_leaves_nothing_or_says_how_to_go_on(tmp_path, monkeypatch, capsys, number, code):
     recording = write_recording(tmp_path / "r", frames=3)
 
-    def stopped(path, results, config, progress, calibration, corrections, threads):
+    def stopped(path, results, config, progress, calibration, corrections, threads, events):
         (results / "journal").mkdir()
         (results / "journal" / "begun.json").write_text('{"identity": "1"}')
         (results / "journal" / "learnt").write_bytes(b"1")
@@ -128,17 +127,6 @@ def test_what_makes_no_sense_is_refused_with_a_remedy(tmp_path, monkeypatch, ref
     monkeypatch.chdir(tmp_path)
     assert sentence in " ".join(refusal(command).replace("│", " ").split())
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_demo_writes_everything_it_names_and_refuses_to_replace_it(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["demo", "--quick"]) == 0
-    out = tmp_path / "anchorpose-demo"
-    assert {path.name for path in out.iterdir()} == {"simulated", "results", "evaluation.json"}
-    assert (out / "results" / "report.html").exists()
-    assert "anchorpose-demo/results/report.html" in capsys.readouterr().out
-    assert main(["demo", "--quick"]) == 2
-    assert {path.name for path in tmp_path.iterdir()} == {"anchorpose-demo"}
 
 
 def test_help_names_every_verb_once_in_a_group(capsys):

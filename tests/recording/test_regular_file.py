@@ -1,7 +1,6 @@
 """A pipe, a device, a folder or a broken link in place of a file is refused at once, by its name."""
 
 import os
-import resource
 import shutil
 import subprocess
 import sys
@@ -15,6 +14,7 @@ from anchorpose.recording import regular_file
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.recording.regular_file import Unreadable, list_file, read_bounded, read_whole
 
+resource = pytest.importorskip("resource", reason="limits of a process exist on POSIX only")
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 
 

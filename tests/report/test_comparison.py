@@ -13,7 +13,8 @@ from report_builder import MEASURES, squats, write_session
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import grows_with_time
-from anchorpose.report.comparison import change_between, read_detectable, write_comparison
+from anchorpose.report.comparison import change_between, write_comparison
+from anchorpose.report.detectable import read_detectable
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import Measure, write_measures
@@ -269,3 +270,13 @@ def test_every_measure_that_is_computed_grows_with_time_or_does_not(tmp_path):
     assert grown >= set(growing.split())
     steady = "upright_share sit_to_stand_duration_mean knee_flexion_upright_greatest sway_velocity load_share"
     assert not grown & {*steady.split(), "assistance_share_upright", "hands_on_at_once_mean"}
+
+
+def test_other_events_do_not_make_another_recording(tmp_path):
+    """The same recording, tracked with other trials, is still the same recording."""
+    folders = [
+        session(tmp_path, 1, inputs_sha256={"recording.json": "1" * 64, "events.tsv": "2" * 64}),
+        session(tmp_path, 2, inputs_sha256={"recording.json": "1" * 64, "--events mine.tsv": "3" * 64}),
+    ]
+    with pytest.raises(InputError, match="same recording"):
+        write_comparison(folders, tmp_path / "c.html")

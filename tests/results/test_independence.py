@@ -8,6 +8,9 @@ from results_builder import standing_joints
 from session_builder import RATE, contact, measured, squatting_joints, support, table, value, why
 
 from anchorpose.joints import JOINT_INDEX, STATE_CODE, JointState
+from anchorpose.recording.events import Trial, Trials
+from anchorpose.results.joint_angles import joint_angles
+from anchorpose.results.measuring import MeasureConfig, measure_session
 from anchorpose.results.stand_training.independence import HOLDING, IndependenceConfig
 from anchorpose.results.stand_training.touch import NO_CONTACTS, NO_EQUIPMENT
 from anchorpose.results.tables import JointTable
@@ -158,6 +161,18 @@ def test_mirrored_sessions_exchange_left_and_right():
         assert value(one, name, "left") == pytest.approx(value(other, name, "right"))
         assert value(one, name, "right") == pytest.approx(value(other, name, "left"))
     assert [value(one, name) for name in HOLDING] == [value(other, name) for name in HOLDING]
+
+
+def test_each_trial_has_measures_of_independence_of_its_own():
+    contacts = (contact("knee_left", "person 1", 0, 49), support("hand_left", "rail-left", 100, 199))
+    trials = Trials((), tuple(Trial(k, f"c{k}", 5.0 * (k - 1), 5.0, 5.0 * (k - 1)) for k in (1, 2)))
+    joints = standing()
+    _, rows = measure_session(joints, joint_angles(joints), contacts, MeasureConfig(), trials, RAILS)
+    found = {(row.trial, row.measure, row.side): row.value for row in rows if row.part is None and row.person is None}
+    assert found[1, "knee_extended_alone_time", "left"] == pytest.approx(seconds(50), abs=0.01)
+    assert found[2, "knee_extended_alone_time", "left"] == pytest.approx(seconds(100), abs=0.06)
+    assert found[1, "upright_one_hand_time", None] == pytest.approx(0.0, abs=0.06)
+    assert found[2, "upright_one_hand_time", None] == pytest.approx(seconds(100), abs=0.06)
 
 
 def test_limits_that_cannot_work_are_refused():

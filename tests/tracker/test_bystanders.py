@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import pose_points
+from anchorpose.isolation.bystander_memory import MEMORY_S
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.mesh import build_surface
 from anchorpose.tracker import bystanders, observing
@@ -146,6 +147,31 @@ def test_who_has_left_and_a_room_with_nobody_have_no_body():
         nobody = follow_bystanders(before, views, CAMERAS, points(), A_FRAME_S)
         assert (nobody.followed, nobody.searched) == ((), ())
     assert len(bystander_likelihood(Bystanders(), points(), 0.0)) == 0
+
+
+def behind_a_wall() -> list[View]:
+    """Everything hidden by a wall a metre before each camera."""
+    return [
+        View(
+            np.full((camera.height, camera.width), 1.0, np.float32),
+            np.full((camera.height, camera.width), PixelLabel.CLUTTER, np.uint8),
+        )
+        for camera in CAMERAS
+    ]
+
+
+def test_whom_something_hides_is_kept_for_a_second_less_and_less_surely():
+    found = see(Bystanders(), posed("upright", 0.0))
+    before, spread = the_one(found), list[float]()
+    for _ in range(5):
+        found = follow_bystanders(found, behind_a_wall(), CAMERAS, points(), A_FRAME_S)
+        kept = the_one(found)
+        np.testing.assert_array_equal(kept.belief.pose.root_m, before.belief.pose.root_m)
+        spread.append(float(bystander_likelihood(found, points(), 0.0).sigma_m[0]))
+    np.testing.assert_allclose(np.diff(spread), GROWTH_M_S * A_FRAME_S, rtol=1e-4)
+    assert the_one(see(found, posed("upright", 0.0))).hidden_s == 0.0
+    late = follow_bystanders(found, behind_a_wall(), CAMERAS, points(), MEMORY_S)
+    assert (late.followed, late.searched) == ((), ())
 
 
 def test_the_nodes_of_pixels_are_those_of_every_cameras_sheet():

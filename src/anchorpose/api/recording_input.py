@@ -10,7 +10,13 @@ Progress = Callable[[int, int | None], None]
 
 
 class Watcher:
-    """Hears how long work goes on; this one stays silent. The command line's draws bars and prints notes."""
+    """Hears how long work goes on; this one stays silent. The command line's draws bars and prints notes.
+
+    how_to_resume: what the message of a run that was stopped tells to do; None: the same command with --resume.
+    """
+
+    def __init__(self, how_to_resume: str | None = None) -> None:
+        self.how_to_resume = how_to_resume
 
     def working(self, on: str, at_once: bool = True) -> AbstractContextManager[Progress]:
         """Return a context for one piece of work; what it gives is called with (done, total), None while unknown.

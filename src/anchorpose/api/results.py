@@ -60,7 +60,7 @@ class Results:
 
     @cached_property
     def measures(self) -> pd.DataFrame:
-        """A row for each clinical measure (docs/measures.md)."""
+        """A row for each clinical measure (docs/measures.md); with trials also for each trial and condition."""
         return self._frame("measures")
 
     @cached_property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,6 +12,19 @@ from anchorpose.api.results import Results
 from anchorpose.tracker.config import TrackConfig
 
 
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What tracking does differently, each as the option of ``anchorpose track``; None: not given."""
+
+    config: TrackConfig | None = None
+    calibration: Path | str | None = None
+    corrections: Path | str | None = None
+    events: Path | str | None = None
+    overwrite: bool = False
+    resume: bool = False
+    threads: int = 1
+
+
 def track(
     recording: Path | str | DepthImages,
     results: Path | str | None = None,
@@ -18,34 +32,41 @@ def track(
     config: TrackConfig | None = None,
     calibration: Path | str | None = None,
     corrections: Path | str | None = None,
+    events: Path | str | None = None,
     overwrite: bool = False,
-    resume: bool = False,
     threads: int = 1,
-    watcher: Watcher | None = None,
-    how_to_resume: str | None = None,
 ) -> Results:
     """Find the patient's 21 joints in every frame of a recording, and open what was found.
 
     recording: a recording folder, a recorder's file, or depth images in memory. results: the folder to write, which is
     there once all is done; without one, results are kept for as long as the returned object lives. config: settings
-    that differ from the defaults. calibration, corrections, overwrite, resume, threads: as the options of
-    ``anchorpose track``. watcher: hears of progress. how_to_resume: words for the message of a run that is stopped.
+    that differ from the defaults. The rest as the options of ``anchorpose track``.
     Raises InputError where the recording cannot be used, or the folder exists and is not to be overwritten.
     """
+    options = Options(config, calibration, corrections, events, overwrite, threads=threads)
+    return track_watched(recording, results, options, Watcher())
+
+
+def track_watched(
+    recording: Path | str | DepthImages, results: Path | str | None, options: Options, watcher: Watcher
+) -> Results:
+    """``track`` with somebody who hears of the progress."""
     from anchorpose.pipeline import track_recording
     from anchorpose.results.folder import RESUME, check_results_path, unfinished_results
 
-    watcher = watcher or Watcher()
-    given = None if calibration is None else Path(calibration), None if corrections is None else Path(corrections)
+    calibration, corrections, events = (
+        None if path is None else Path(path) for path in (options.calibration, options.corrections, options.events)
+    )
     with TemporaryDirectory(prefix="anchorpose-") as own:
         source = recording.write(Path(own)) if isinstance(recording, DepthImages) else Path(recording)
         kept = TemporaryDirectory(prefix="anchorpose-results-") if results is None else None
         target = Path(results) if kept is None else Path(kept.name) / "results"  # type: ignore[arg-type]
-        check_results_path(target, source, overwrite)
+        check_results_path(target, source, options.overwrite)
         source = source if isinstance(recording, DepthImages) else as_recording(source, watcher)
-        work = unfinished_results(target, source, overwrite, resume, how_to_resume or RESUME)
+        work = unfinished_results(target, source, options.overwrite, options.resume, watcher.how_to_resume or RESUME)
         with work as folder, watcher.working("Tracking") as progress:
-            track_recording(source, folder, config or TrackConfig(), progress, *given, threads=threads)
+            config = options.config or TrackConfig()
+            track_recording(source, folder, config, progress, calibration, corrections, options.threads, events)
     return Results(target, kept)
 
 

@@ -31,7 +31,7 @@ from anchorpose.remote import is_address, parts_of
 from anchorpose.results.folder import write_text_whole
 
 TABLE_ENDING: Final = ".csv"
-FILES: Final = ("calibration", "corrections", "motions", "config")
+FILES: Final = ("calibration", "corrections", "events", "motions", "config")
 NUMBERS: Final = {"height": float, "start": int, "stop": int}
 YES_OR_NO: Final = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
 SETTINGS: Final = tuple(

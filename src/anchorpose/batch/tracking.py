@@ -118,5 +118,5 @@ def _identity(session: Session, recording: Path) -> str:
     from anchorpose.track_inputs import UserInputs, read_inputs
 
     options = session.options
-    given = UserInputs(options.calibration, options.corrections)
+    given = UserInputs(options.calibration, options.corrections, options.events)
     return read_inputs(recording, options.settings(), given).identity

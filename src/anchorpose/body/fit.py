@@ -35,25 +35,26 @@ class NormalEquations:
     gradient: np.ndarray
     cost: float
 
+    def scaled(self, share: float) -> NormalEquations:
+        """Return a share of them, 0 to 1."""
+        return NormalEquations(share * self.hessian, share * self.gradient, share * self.cost)
+
 
 def pose_equations(
     body: Body,
     pose: Pose,
     posed: PosedPoints,
     constraints: Constraints,
-    predicted: Predicted | None,
+    prior: NormalEquations,
     rows_per_observation: float,
     free: FreeShape | None = None,
-    far_off: bool = False,
 ) -> NormalEquations:
-    """Normal equations of one frame: data, joint range, hinge limits, prediction; shape columns where asked for.
+    """Normal equations of one frame: data and what is known without them; shape columns where asked for.
 
-    far_off: rows may show another limb than the one that they pull, so that none counts as seen in ``joint_range``.
+    prior: of the pose, as of ``prior_equations``.
     """
     size = POSE_SIZE + (0 if free is None else sum(free))
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    hidden = None if far_off else hidden_bones(body.points, constraints, rows_per_observation)
-    prior = prior_equations(body.points, pose, predicted, hidden)
     hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE] = prior.hessian, prior.gradient
     residual = constraints.residuals(posed)
     weight = constraints.weights(residual) / rows_per_observation
@@ -181,7 +182,11 @@ def limited(change: np.ndarray) -> np.ndarray:
 def damped_step(
     body: Body, pose: Pose, rows: Constraints, predicted: Predicted | None, rows_per_observation: float
 ) -> Pose:
-    """The pose after one Gauss-Newton step; without a prediction it may be far off."""
-    posed, far_off = pose_points(body, pose), predicted is None
-    equations = pose_equations(body, pose, posed, rows, predicted, rows_per_observation, far_off=far_off)
+    """The pose after one Gauss-Newton step; without a prediction it may be far off.
+
+    Then rows may show another limb than the one that they pull, so that none counts as seen in ``joint_range``.
+    """
+    hidden = None if predicted is None else hidden_bones(body.points, rows, rows_per_observation)
+    prior = prior_equations(body.points, pose, predicted, hidden)
+    equations = pose_equations(body, pose, pose_points(body, pose), rows, prior, rows_per_observation)
     return pose.moved(limited(solve_damped(equations)), body.points.moving)

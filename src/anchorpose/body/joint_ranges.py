@@ -51,6 +51,7 @@ _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}  # about 
 
 HIP_EXTENSION: Final = 25.0 * DEGREE  # 9.4 degrees and three deviations (Roaas and Andersson 1982)
 OWN_VARIANCE: Final = 0.5  # share of a range's variance that is each joint's own: one leg raised stays probable
+SEEN_VARIANCE: Final = 4.0  # times a range's, of bones that readings show: the passive range is one deviation
 KNEE_EXTENSION: Final = 3.0 * DEGREE  # a knee bends from the rest pose as from a straight leg
 
 
@@ -112,8 +113,8 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
     """The joint range of the asset's skeleton; the root is free.
 
     hidden: rows of ``MOVING_BONES`` that nothing shows. How people who were captured bend their limbs tells what to
-    expect of these, given the others, of which the readings tell more; those have the textbooks' ranges, about the rest
-    pose. None: all are as captured.
+    expect of these, given the others, of which the readings tell more; those have the textbooks' ranges,
+    twice as wide, about the rest pose. None: all are as captured.
     """
     captured = _as_captured(asset)
     if hidden is None:
@@ -123,7 +124,7 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
     u = np.array([3 * row + axis for row in hidden for axis in range(3)], dtype=int)
     s = np.setdiff1d(np.arange(3, size), u)
     information, pull = np.zeros((size, size)), np.zeros(size)
-    information[np.ix_(s, s)] = np.linalg.inv(_textbook(asset).covariance[np.ix_(s, s)])
+    information[np.ix_(s, s)] = np.linalg.inv(SEEN_VARIANCE * _textbook(asset).covariance[np.ix_(s, s)])
     if len(u):
         given = statistics[np.ix_(u, s)]
         gain = np.linalg.solve(statistics[np.ix_(u, u)], given)

@@ -14,7 +14,7 @@ from anchorpose.body.asset import BodyAsset, joint_bones
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints
 from anchorpose.body.evidence import Evidence, evidence_rows
-from anchorpose.body.fit import limited, pose_equations
+from anchorpose.body.fit import hidden_bones, limited, pose_equations, prior_equations
 from anchorpose.body.kinematics import missing_joints
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose
 from anchorpose.body.shape_prior import ShapeBelief
@@ -98,13 +98,17 @@ def learn_shape_step(
     """One Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
 
     known: what is known without these frames. Returns what is known with them, linearised at ``shape``, and the poses.
+    All frames together have one joint range: how a person stands deviates from other people's ways alike in all of
+    them, and as an observation of every frame it would change the bones.
     """
     body, count = build_body(points, shape), known.free.coefficients
     seen, slope = np.zeros_like(known.seen), np.zeros_like(known.pull)
     eliminated = []
     for frame in frames:
         posed = pose_points(body, frame.pose)
-        equations = pose_equations(body, frame.pose, posed, frame.constraints, None, rows_per_observation, known.free)
+        hidden = hidden_bones(points, frame.constraints, rows_per_observation)
+        prior = prior_equations(points, frame.pose, None, hidden).scaled(1.0 / len(frames))
+        equations = pose_equations(body, frame.pose, posed, frame.constraints, prior, rows_per_observation, known.free)
         h, g = equations.hessian, equations.gradient
         factor = cho_factor(h[:POSE_SIZE, :POSE_SIZE] + 1e-3 * np.diag(np.diag(h)[:POSE_SIZE]))
         cross = cho_solve(factor, h[:POSE_SIZE, POSE_SIZE:])

@@ -11,7 +11,7 @@ from anchorpose.body.belief import PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints, join, no_constraints, surface_constraints
 from anchorpose.body.evidence import Evidence, evidence_rows
-from anchorpose.body.fit import damped_step, hidden_bones, pose_equations, range_information
+from anchorpose.body.fit import damped_step, hidden_bones, pose_equations, prior_equations, range_information
 from anchorpose.body.likelihood import likelihood
 from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import Pose
@@ -74,8 +74,9 @@ def posterior(
     if share < LEAST_EXPLAINED or likelihood(body, pose, evidence).total < 0.0:  # likelier without this body
         return Registration(predicted, share, False)
     expected = (predicted.pose, predicted.information)
-    hessian = pose_equations(body, pose, posed, rows, expected, config.rows_per_observation).hessian
     hidden = hidden_bones(body.points, rows, config.rows_per_observation)
+    prior = prior_equations(body.points, pose, expected, hidden)
+    hessian = pose_equations(body, pose, posed, rows, prior, config.rows_per_observation).hessian
     seen = hessian - range_information(body.points, pose, hidden)
     return Registration(PoseBelief(pose, np.linalg.inv(hessian), seen), share, True)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Final
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from anchorpose.body.skin_points import Body
+from anchorpose.body.skin_points import Body, SkinPoints
 from anchorpose.surface.surface import BodyMap
 
 LEAST_EDGE_M: Final = 1e-6  # of a missing limb; a graph has no edge of length 0
@@ -22,12 +23,8 @@ def map_body(body: Body) -> BodyMap:
     of the mesh and are some 5 % too long.
     """
     points, vertices = body.points, body.mesh.vertices
-    faces = points.asset.faces
-    edges = np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
-    length = np.maximum(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1), LEAST_EDGE_M)
-    mesh = csr_array((length, edges.T), shape=(len(vertices), len(vertices)))
+    mesh, (pairs, via) = _edge_lengths(vertices, _edges(points)), _pairs(points)
     skin = vertices[points.vertex]
-    pairs, via = _second_neighbours(_neighbours(mesh, edges, points.vertex), skin)
     path_m = np.where(via == pairs[:, 0], 0.0, np.linalg.norm(skin[via] - skin[pairs[:, 0]], axis=1))
     path_m += np.linalg.norm(skin[via] - skin[pairs[:, 1]], axis=1)
     straight = np.linalg.norm(skin[pairs[:, 0]] - skin[pairs[:, 1]], axis=1) / np.maximum(path_m, LEAST_EDGE_M)
@@ -37,6 +34,26 @@ def map_body(body: Body) -> BodyMap:
         via=via.astype(np.int32),
         straight=straight.astype(np.float32),
     )
+
+
+@cache
+def _edges(points: SkinPoints) -> np.ndarray:
+    """(e, 2) vertices of each edge of the mesh."""
+    faces = points.asset.faces
+    return np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
+
+
+def _edge_lengths(vertices: np.ndarray, edges: np.ndarray) -> csr_array:
+    length = np.maximum(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1), LEAST_EDGE_M)
+    return csr_array((length, edges.T), shape=(len(vertices), len(vertices)))
+
+
+@cache
+def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs and the point each passes, on the mean body: who is whose neighbour hardly depends on the shape."""
+    vertices, edges = points.asset.vertices, _edges(points)
+    direct = _neighbours(_edge_lengths(vertices, edges), edges, points.vertex)
+    return _second_neighbours(direct, vertices[points.vertex])
 
 
 def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.ndarray:

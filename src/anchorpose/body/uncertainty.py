@@ -24,7 +24,7 @@ from anchorpose.body.explanation import (
     node_area_m2,
     segment_of_points,
 )
-from anchorpose.body.fit import limited, pose_equations
+from anchorpose.body.fit import hidden_bones, limited, pose_equations, prior_equations
 from anchorpose.body.likelihood import likelihood, most_nats
 from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
 from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose
@@ -286,7 +286,8 @@ def _spread_by_frame(body: Body, pose: Pose, rows: Constraints, rows_per_observa
     Those may have a joint elsewhere than the pose has it: that distance is part of the error.
     """
     posed, unknown = pose_points(body, pose), (pose, vague_belief(pose).information)
-    equations = pose_equations(body, pose, posed, rows, unknown, rows_per_observation)
+    prior = prior_equations(body.points, pose, unknown, hidden_bones(body.points, rows, rows_per_observation))
+    equations = pose_equations(body, pose, posed, rows, prior, rows_per_observation)
     covariance, joints = np.linalg.inv(equations.hessian), body.mesh.joints(posed.transforms)
     jacobian = joint_jacobian(body, posed.transforms, joint_bones(body.points.asset), joints)
     away = body.joints(pose.moved(limited(-covariance @ equations.gradient), body.points.moving)) - joints

@@ -17,6 +17,7 @@ from anchorpose.cli.live_verbs import live, record
 from anchorpose.cli.recording_verbs import calibrate, check, convert, equipment, motions
 from anchorpose.cli.research_verbs import benchmark, experiment
 from anchorpose.cli.results_verbs import export, measure, report, verify
+from anchorpose.cli.settings_file import fill_from_file
 from anchorpose.cli.simulation_verbs import demo, simulate
 from anchorpose.cli.track_verbs import batch, track
 from anchorpose.cli.viewing_verbs import inspect, view
@@ -43,6 +44,7 @@ app = App(
         "Start with 'anchorpose demo'. For research use; this is not a medical device."
     ),
     default_parameter=Parameter(negative=()),
+    config=fill_from_file,
     suppress_keyboard_interrupt=False,
 )
 GROUPS: Final = {

@@ -5,6 +5,7 @@ Nothing else in the program calls ``print`` or makes a console (``tests/test_str
 
 from __future__ import annotations
 
+import os
 import sys
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
@@ -99,6 +100,25 @@ def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
     finally:
         if progress.live.is_started:
             progress.stop()
+
+
+def open_page(page: Path) -> bool:
+    """Open a page of this computer in the browser; returns False where there is none to be seen.
+
+    Nothing opens in CI, where the output goes to a file or another program, and on a machine that is used from another
+    without a display.
+    """
+    import webbrowser
+
+    return _has_display() and webbrowser.open(page.resolve().as_uri())
+
+
+def _has_display() -> bool:
+    if not sys.stdout.isatty() or "CI" in os.environ:
+        return False
+    if sys.platform in ("win32", "darwin"):
+        return "SSH_CONNECTION" not in os.environ
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 class OnConsole(Watcher):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say, show_table
+from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.errors import InputError
 from anchorpose.options import DAY_S, OUTPUT, ReferenceSettings, between
 
@@ -52,6 +53,7 @@ def evaluate(
     skip: Annotated[float, Parameter(name="--skip-s"), between(0.0, DAY_S)] = 0.0,
     options: ReferenceOptions | None = None,
     reading: ReferenceSettings | None = None,
+    defaults: SettingsFile | None = None,
 ) -> None:
     """Compare results with the true joints, with another motion capture system, or with labels in images.
 

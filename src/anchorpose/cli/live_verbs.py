@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say
+from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.cli.track_verbs import RunOptions
 from anchorpose.cli.viewing_verbs import PageOptions
 from anchorpose.errors import AnchorposeError
@@ -125,6 +126,7 @@ def record(
     empty_room: Annotated[float, between(0.0, DAY_S)] = 0.0,
     like: Path | None = None,
     finish: bool = False,
+    defaults: SettingsFile | None = None,
 ) -> None:
     """Record what depth cameras see: lossless, with the cameras' own times.
 

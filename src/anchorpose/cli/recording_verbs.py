@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from anchorpose.cli.console import OnConsole, say, show_table
+from anchorpose.cli.settings_file import SettingsFile, tracking_settings
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import FASTEST_HZ, OUTPUT, SIGNED, ConvertOptions, between, positive
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from anchorpose.check.material import Finding
 
 
-def convert(*paths: Path, options: ConvertOptions | None = None) -> None:
+def convert(*paths: Path, options: ConvertOptions | None = None, defaults: SettingsFile | None = None) -> None:
     """Make a recording of the files that a camera's own recorder wrote; what the formats are: docs/guide/convert.md.
 
     Depth, times, lens and serial number are kept exactly; colour is neither read nor copied. 'track', 'calibrate',
@@ -112,15 +113,14 @@ def calibrate(
         A markers.json that states where each printed AprilTag or the ChArUco board is: cameras whose folder holds an
         image of them, infrared.png or color.png, are placed by these instead of by depth.
     config
-        A TOML or JSON file with settings that differ from the defaults, as for track.
+        A TOML or JSON settings file: settings of tracking, and in its table [calibrate] defaults for these options.
     """
     from anchorpose.api.recording_input import as_recording
     from anchorpose.calibration.calibration import calibration_rows
     from anchorpose.pipeline import calibrate_recording
     from anchorpose.results.folder import CALIBRATION, check_results_path, new_results_folder
-    from anchorpose.tracker.config import load_track_config
 
-    settings = load_track_config(config)
+    settings = tracking_settings(config)
     source = recording.resolve()
     target = output if output is not None else source.with_name(f"{source.name}-calibration")
     check_results_path(target, recording, overwrite, CALIBRATION)

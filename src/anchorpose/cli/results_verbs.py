@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say, show_table
+from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import DAY_S, FASTEST_HZ, OUTPUT, ExportConfig, between, positive
 
@@ -54,7 +55,15 @@ class MeasureOptions:
             raise AnchorposeError(f"{sentence_of(error)}; correct --cutoff or --longest-gap.") from None
 
 
-def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = None) -> None:
+def measure(
+    results: Path,
+    /,
+    *,
+    events: Path | None = None,
+    by: str = "",
+    options: MeasureOptions | None = None,
+    defaults: SettingsFile | None = None,
+) -> None:
     """Measure a session again: joint angles, time upright, standing up, extension, sway, symmetry and assistance.
 
     Reads joints.parquet and contacts.parquet of the folder and replaces angles, posture, episodes and measures. These
@@ -66,6 +75,9 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
     ----------
     results
         A results folder made by 'anchorpose track'.
+    events
+        A table of the trials (events.tsv: onset, duration, trial_type and what you set or noted): every measure is then
+        also given per trial and per condition. It replaces the trials that the results have; without it, these stay.
     by
         Who does this, for the log of the results that 'anchorpose verify' reads: your initials or pseudonym.
     """
@@ -73,13 +85,18 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
     from anchorpose.report.measure_section import measure_rows
     from anchorpose.results.folder import naming_place
     from anchorpose.results.measuring import WRITTEN, MeasureConfig, processing_sentence, write_measured
+    from anchorpose.results.trial_input import read_trials_of
 
     given = options or MeasureOptions()
+    trials, hashes = (None, {}) if events is None else read_trials_of(results, events)
     with naming_place(results):
-        measured = write_measured(results, given.settings(), MeasureConfig())
-    log_event(results, "measure", WRITTEN, by, {"smooth": given.smooth, "fill": given.fill})
+        measured = write_measured(results, given.settings(), MeasureConfig(), trials)
+    log_event(results, "measure", WRITTEN, by, {"smooth": given.smooth, "fill": given.fill, **hashes})
     show_table(("", "value ± 95 %", "inferred", "why not"), measure_rows(measured.measures))
     say(f"Everything is in {results / 'measures.parquet'}; docs/measures.md explains each number.")
+    if measured.trials is not None:
+        count, names = len(measured.trials.rows), ", ".join(measured.trials.conditions)
+        say(f"It has them for {count} trials as well (conditions: {names}); 'anchorpose report' compares these.")
     if measured.policy is not None:
         say(f"Processed angles are in {results / 'angles_processed.parquet'}.")
         say(processing_sentence(measured.policy))
@@ -94,6 +111,7 @@ def export(
     overwrite: bool = False,
     by: str = "",
     options: ExportConfig | None = None,
+    defaults: SettingsFile | None = None,
 ) -> None:
     """Write results in the formats of other programs: OpenSim, C3D, Excel, R, MATLAB, Blender, BIDS.
 
@@ -132,12 +150,16 @@ def report(
     *others: Path,
     out: Annotated[Path | None, OUTPUT] = None,
     label: Annotated[list[str] | None, Parameter(negative=())] = None,
+    date: Annotated[list[str] | None, Parameter(negative=())] = None,
     reliability: Path | None = None,
+    measure: Annotated[list[str] | None, Parameter(negative=())] = None,
     by: str = "",
+    defaults: SettingsFile | None = None,
 ) -> None:
     """Make report.html of a results folder again, or compare several sessions of one patient on one page.
 
-    One folder: its report.html is made from its tables and pictures. Several folders: one page with their measures side
+    One folder: its report.html is made from its tables and pictures; where it has trials ('anchorpose measure
+    --events'), their conditions are compared. Several folders: one page with their measures side
     by side, which also shows the changes that are larger than the measurement error.
 
     Parameters
@@ -150,8 +172,14 @@ def report(
         The page to write for several sessions, for example comparison.html.
     label
         The name of a session on that page, for example --label before --label after; once for each session.
+    date
+        The day of a session as 2025-03-28, for trends over three sessions or more; once for each session. By default
+        the labels, where all of them are dates.
     reliability
         A table that 'anchorpose reliability' wrote: smaller changes than its MDC95 are marked as not shown.
+    measure
+        The name of a measure to compare between conditions, as in measures.parquet; once for each. By default, the main
+        measures.
     by
         Who makes the page of one session again, for the log that 'anchorpose verify' reads: your initials or pseudonym.
     """
@@ -163,15 +191,14 @@ def report(
         if out is None:
             remedy = "give the page to write their comparison to, with -o FILE.html"
             raise InputError(results, "is one of several sessions", remedy)
-        say(f"Open {write_comparison((results, *others), out, label or (), reliability)} in a browser.")
-    elif out is not None or label or reliability is not None:
-        raise InputError(
-            results,
-            "is the only session",
-            "give another one to compare it with, or leave out -o, --label and --reliability",
-        )
+        if measure:
+            raise InputError(results, "is one of several sessions", "leave out --measure: all measures are compared")
+        say(f"Open {write_comparison((results, *others), out, label or (), reliability, date or ())} in a browser.")
+    elif out is not None or label or date:
+        remedy = "give another one to compare it with, or leave out -o, --label and --date"
+        raise InputError(results, "is the only session", remedy)
     else:
-        page = write_report(results)
+        page = write_report(results, reliability, measure or ())
         log_event(results, "report", (page.name,), by)
         say(f"Open {page} in a browser.")
 

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say
+from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, positive, whole
 from anchorpose.simulate.choices import BraceName, Build, Equipment, LensName, Scene, Sensor, Speed
 
 if TYPE_CHECKING:
+    from anchorpose.results.evaluate import Evaluation
     from anchorpose.simulate.bodies import OtherBody
     from anchorpose.simulate.config import SimulationConfig
 
@@ -169,7 +171,7 @@ class SimulateOptions:
         return rehabilitation(settings, self.movements, self.movement, equipment, settings.passers_by)
 
 
-def simulate(out: Path, /, *, options: SimulateOptions | None = None) -> None:
+def simulate(out: Path, /, *, options: SimulateOptions | None = None, defaults: SettingsFile | None = None) -> None:
     """Make a recording of a simulated patient, whose true joints are known, to try things out.
 
     Parameters
@@ -192,7 +194,9 @@ DEMO_SEED = 3  # a scene in which the patient, and no therapist, stands nearest 
 DEMO_FPS = 15.0  # enough for slow movements, and half the work of 30
 
 
-def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None:
+def demo(
+    out: Path = Path("anchorpose-demo"), /, *, quick: bool = False, tables: bool = False, no_open: bool = False
+) -> None:
     """See it work: a simulated patient in a standing frame is recorded, tracked and compared with the true joints.
 
     Takes one to two minutes, longer the first time, and needs nothing but this program.
@@ -203,6 +207,10 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
         The folder to write.
     quick
         One second of recording only, to check an installation.
+    tables
+        Also print the errors of every joint and angle.
+    no_open
+        Do not open the report in the browser.
     """
     from anchorpose.recording.writable import check_place
 
@@ -212,8 +220,22 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
     seconds = QUICK_SECONDS if quick else DEMO_SECONDS
     # before the imports, which take seconds
     say(f"1. Simulating {seconds:g} s of a patient in a standing frame, one camera, one therapist.")
-    from anchorpose.cli.console import print_outcome, progress_bar
+    from anchorpose.cli.console import open_page
     from anchorpose.cli.evaluate_verbs import print_evaluation
+    from anchorpose.report.page import REPORT_FILE
+
+    evaluation = _simulate_and_track(out, seconds)
+    if tables:
+        print_evaluation(evaluation)
+    _print_account(evaluation, out)
+    report = out / "results" / REPORT_FILE
+    opened = not no_open and open_page(report)
+    say(f"The report is {'open in the browser' if opened else 'a page for the browser'}: {report}")
+
+
+def _simulate_and_track(out: Path, seconds: float) -> Evaluation:
+    """Write the recording, its results and their errors into ``out``, which appears when all is done."""
+    from anchorpose.cli.console import progress_bar
     from anchorpose.pipeline import track_recording
     from anchorpose.results.evaluate import evaluate
     from anchorpose.results.evaluation_file import write_evaluation
@@ -236,6 +258,18 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
         say("3. Comparing with the true joints, which a real recording does not have.")
         evaluation = evaluate(results, simulated / "truth" / "truth.npz")
         write_evaluation(folder / "evaluation.json", evaluation)
-    print_evaluation(evaluation)
-    print_outcome(out / "results")
-    say(f"The recording is {out / 'simulated' / 'recording'}, the figures above are {out / 'evaluation.json'}.")
+    return evaluation
+
+
+def _print_account(evaluation: Evaluation, out: Path) -> None:
+    """What came out in words, and what to do next."""
+    from anchorpose.cli.demo_account import account
+
+    say("")
+    for sentence in account(evaluation):
+        say(sentence)
+    say("")
+    results, simulated = out / "results", out / "simulated"
+    say(f"Every joint and angle: anchorpose evaluate {results} --truth {simulated / 'truth' / 'truth.npz'}")
+    say(f"Every frame:           anchorpose view {results} {simulated / 'recording'}")
+    say("A recording of yours:  anchorpose track RECORDING -o RESULTS")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say
+from anchorpose.cli.settings_file import tracking_settings
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import (
     FARTHEST_M,
@@ -47,7 +48,8 @@ class RunOptions:
     recording. Without it, poses that are null in recording.json are estimated."""
 
     config: Path | None = None
-    """A TOML or JSON file with settings that differ from the defaults."""
+    """A TOML or JSON settings file: settings of tracking, and in a table with the name of the verb, such as [track],
+    defaults for these options."""
 
     overwrite: bool = False
     """Replace an existing results folder."""
@@ -55,11 +57,10 @@ class RunOptions:
     def settings(self, **more: Any) -> TrackConfig:
         """The settings of the file with the options on top; raises AnchorposeError where they do not fit."""
         from anchorpose.settings import sentence_of
-        from anchorpose.tracker.config import load_track_config
 
         place, frame = (None, None) if self.patient is None else parse_patient(self.patient)
         given = {"height_m": self.height, "patient_xz_m": place, "patient_frame": frame, **more}
-        settings = load_track_config(self.config)
+        settings = tracking_settings(self.config)
         try:
             return replace(settings, **{name: value for name, value in given.items() if value is not None})
         except ValueError as error:
@@ -75,11 +76,15 @@ class TrackOptions(RunOptions):
     """A file of corrections made in 'anchorpose view': the person who was named is tracked, frames that were marked as
     unusable get no joints, and corrected joints are where the reviewer put them."""
 
+    events: Path | None = None
+    """A table of the trials (events.tsv: onset, duration, trial_type and what you set or noted), in place of the
+    recording's own: every measure is then also given per trial and per condition."""
+
     motions: Path | None = None
     """A file of reference movements made by 'anchorpose motions build', to predict from instead of those that come with
     the program."""
 
-    smooth: bool = False
+    smooth: bool | None = None
     """Track backward in time as well and combine both passes: a limb that is lost in one direction is often found in
     the other. Takes about twice as long."""
 
@@ -99,7 +104,7 @@ class TrackOptions(RunOptions):
     def settings(self, **more: Any) -> TrackConfig:
         """See ``RunOptions.settings``."""
         motions = None if self.motions is None else str(self.motions)
-        return super().settings(start=self.start, stop=self.stop, smooth=self.smooth or None, motions=motions, **more)
+        return super().settings(start=self.start, stop=self.stop, smooth=self.smooth, motions=motions, **more)
 
 
 def track(recording: str, /, *, results: Annotated[str, OUTPUT], options: TrackOptions | None = None) -> None:
@@ -131,21 +136,19 @@ def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: st
 
     go_on: what the user does to go on where it is stopped, None for the same command with --resume.
     """
-    from anchorpose.api.track import track as track_whole
+    from anchorpose.api.track import Options, track_watched
     from anchorpose.cli.console import OnConsole, print_outcome
 
-    track_whole(
-        recording,
-        results,
-        config=given.settings(),
-        calibration=given.calibration,
-        corrections=given.corrections,
-        overwrite=given.overwrite,
-        resume=given.resume,
-        threads=given.threads,
-        watcher=OnConsole(),
-        how_to_resume=go_on,
+    options = Options(
+        given.settings(),
+        given.calibration,
+        given.corrections,
+        given.events,
+        given.overwrite,
+        given.resume,
+        given.threads,
     )
+    track_watched(recording, results, options, OnConsole(go_on))
     print_outcome(results)
 
 
@@ -185,7 +188,7 @@ def batch(
     index: Annotated[int | None, whole(0, MOST_FRAMES)] = None,
     summary: bool = False,
     config: Path | None = None,
-    smooth: bool = False,
+    smooth: bool | None = None,
 ) -> int:
     """Track many recordings, several at a time, and write a table and a page over all of them.
 
@@ -213,7 +216,8 @@ def batch(
     summary
         Track nothing; write the tables and the page from what is there.
     config
-        A TOML or JSON file with settings for all recordings, as for 'anchorpose track'.
+        A TOML or JSON settings file: settings of tracking for all recordings, and in its table [batch] defaults for
+        these options.
     smooth
         Track all recordings backward in time as well, as 'anchorpose track --smooth'.
     """

@@ -11,6 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say
+from anchorpose.cli.settings_file import SettingsFile, tracking_settings
 from anchorpose.options import LARGEST_PORT, MOST_FRAMES, OUTPUT, SIGNED, whole
 
 
@@ -55,7 +56,14 @@ class ViewOptions(PageOptions):
     """Your initials or pseudonym, for the corrections; otherwise the page asks you once."""
 
 
-def view(results: Path, recording: Path | None = None, /, *, options: ViewOptions | None = None) -> None:
+def view(
+    results: Path,
+    recording: Path | None = None,
+    /,
+    *,
+    options: ViewOptions | None = None,
+    defaults: SettingsFile | None = None,
+) -> None:
     """Look at results in the browser, and mark what is wrong with them.
 
     Plays the patient's skeleton and body at recorded speed, with the points of the depth cameras around them and the
@@ -96,7 +104,7 @@ class InspectOptions:
     blue. With --as-tracked: where the patient stands at the start, as in 'anchorpose track'."""
 
     config: Path | None = None
-    """A TOML or JSON file with settings that differ from the defaults, as for 'anchorpose track'."""
+    """A TOML or JSON settings file: settings of tracking, and in its table [inspect] defaults for these options."""
 
     as_tracked: bool = False
     """Learn the body and follow the patient from where tracking begins: the result of 'anchorpose track' for this frame
@@ -134,10 +142,9 @@ def inspect(
     from anchorpose.cli.track_verbs import parse_patient
     from anchorpose.pages.inspection_page import INSPECTION, PAGE_FILE, inspect_recording
     from anchorpose.results.folder import check_results_path, new_results_folder
-    from anchorpose.tracker.config import load_track_config
 
     given = options or InspectOptions()
-    settings = load_track_config(given.config)
+    settings = tracking_settings(given.config)
     if given.patient is not None:
         place, at = parse_patient(given.patient)
         settings = replace(settings, patient_xz_m=place, patient_frame=at)

@@ -1,13 +1,14 @@
 """Export a results folder: every format into a folder of its own, all of them or none; CSV is written here.
 
-CSV has every table of the results as it is, wide tables of joints and angles, and a dictionary of all columns.
+CSV has every table of the results as it is, wide tables of joints and angles, a long table of the measures of all
+trials, and a dictionary of all columns.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from glob import escape
 from importlib import metadata
@@ -28,12 +29,15 @@ from anchorpose.exports.opensim_trc import write_trc
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import ExportConfig
 from anchorpose.recording.document import cell_text, read_json
+from anchorpose.recording.events import Trial, TrialColumn, Trials
 from anchorpose.recording.writable import check_place
 from anchorpose.report.words import read_words
 from anchorpose.results.folder import FolderKind, check_results_path, whole_or_nothing
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.parquet import opened_parquet, pieces
+from anchorpose.results.records import MEASURES, MEASURES_FILE, Measure, read_trial_measures
 from anchorpose.results.run_record import hash_files
+from anchorpose.results.trial_table import FIXED, TRIALS_FILE, read_trial_table
 
 _MEANING: Final = {
     row["column"]: (row["unit"], row["meaning"]) for row in read_words("anchorpose.exports", "columns.csv")
@@ -44,15 +48,30 @@ DICTIONARY_FILE: Final = "data_dictionary.csv"
 DICTIONARY_HEAD: Final = ("file", "column", "type", "unit", "meaning", "missing")
 
 
-def _described(file: str, name: str, kind: str, column: str, thing: str = "") -> tuple[str, ...]:
-    """A row of the dictionary. An unknown column has no unit and no meaning; thing: what a wide one is about."""
+BY_TRIAL_FILE: Final = "measures_by_trial.csv"
+TRIAL_HEAD: Final = ("trial", "condition", "onset_s", "duration_s")
+TRIAL_MEASURE: Final = tuple(field.name for field in MEASURES.schema if field.name not in TRIAL_HEAD)
+
+
+def _described(
+    file: str, name: str, kind: str, column: str, thing: str = "", own: Mapping[str, TrialColumn] | None = None
+) -> tuple[str, ...]:
+    """A row of the dictionary. An unknown column has no unit and no meaning; thing: what a wide one is about; own: the
+    user's columns of trials, by name."""
     unit, meaning = _MEANING.get(column, ("", ""))
+    if own and column in own:
+        unit, meaning = own[column].unit or "", own[column].description or "as given in the events file"
     return file, name, kind, unit, f"{thing}: {meaning}" if thing else meaning, "empty cell"
 
 
 def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """A CSV for each table without images, joints_wide.csv, angles_wide.csv and data_dictionary.csv."""
+    """A CSV for each table without images, joints_wide.csv, angles_wide.csv and data_dictionary.csv.
+
+    Where there are trials, measures_by_trial.csv has a row per trial and measure.
+    """
     dictionary, notes, rows = list[tuple[str, ...]](), list[str](), 0
+    trials = read_trial_table(source.folder / TRIALS_FILE) if (source.folder / TRIALS_FILE).exists() else None
+    own = {} if trials is None else {column.name: column for column in trials.columns}
     for path in sorted(source.folder.glob("*.parquet")):
         with opened_parquet(path) as file:
             schema, count = file.schema_arrow, file.metadata.num_rows
@@ -61,7 +80,8 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
         name = f"{path.stem}.csv"
         rows += count
         _write(folder / name, schema.names, _rows(path))
-        dictionary += [_described(name, field.name, _kind(field.type), field.name) for field in schema]
+        of_user = own if path.name == TRIALS_FILE else {}
+        dictionary += [_described(name, field.name, _kind(field.type), field.name, own=of_user) for field in schema]
         notes += _metadata(name, schema)
     samples = source.samples
     joints = {f"{axis}_m": samples.position_m[..., place] for place, axis in enumerate("xyz")}
@@ -70,6 +90,8 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
     dictionary += _write_wide(folder / "joints_wide.csv", source, JOINT_NAMES, joints)
     if samples.angles:
         dictionary += _write_wide(folder / "angles_wide.csv", source, samples.angles, angles)
+    if trials is not None:
+        dictionary += _write_by_trial(folder / BY_TRIAL_FILE, source, trials)
     _write(folder / DICTIONARY_FILE, DICTIONARY_HEAD, dictionary)
     return Product(
         axes="X forward, Y up, Z to the patient's right",
@@ -83,6 +105,23 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
             *notes,
         ),
     )
+
+
+def _write_by_trial(path: Path, source: Source, trials: Trials) -> list[tuple[str, ...]]:
+    """A row per trial and measure with all that is known of the trial, for mixed models; returns the dictionary."""
+    names = [*TRIAL_HEAD, *(column.name for column in trials.columns), *TRIAL_MEASURE]
+    by_number = {trial.number: trial for trial in trials.rows}
+    measures = [row for row in read_trial_measures(source.folder / MEASURES_FILE) if row.trial in by_number]
+    _write(path, names, (_by_trial_row(by_number[row.trial], row) for row in measures if row.trial is not None))
+    kinds = {field.name: _kind(field.type) for field in (*MEASURES.schema, *FIXED)}
+    kinds |= {column.name: "text" if column.unit is None else "number" for column in trials.columns}
+    own = {column.name: column for column in trials.columns}
+    return [_described(path.name, name, kinds[name], name, own=own) for name in names]
+
+
+def _by_trial_row(trial: Trial, measure: Measure) -> list[str]:
+    about = (trial.number, trial.condition, trial.onset_s, trial.duration_s, *trial.cells)
+    return [_cell(value) for value in (*about, *(getattr(measure, name) for name in TRIAL_MEASURE))]
 
 
 def _metadata(name: str, schema: pa.Schema) -> list[str]:

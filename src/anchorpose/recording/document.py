@@ -224,19 +224,20 @@ def read_json(path: Path, largest_bytes: int = LARGEST_BYTES) -> dict[str, Any]:
     return values
 
 
-def read_rows(path: Path) -> list[tuple[int, list[str]]]:
+def read_rows(path: Path, delimiter: str = ",", largest_bytes: int = LARGEST_TABLE) -> list[tuple[int, list[str]]]:
     """Return (number of the last line, cells without spaces around them) of each row that is not empty.
 
-    Raises InputError where the file cannot be read, or is not CSV.
+    Raises InputError where the file cannot be read, or is not a table with that delimiter.
     """
-    text = read_text(path, LARGEST_TABLE)
+    text = read_text(path, largest_bytes)
     if "\0" in text:
-        raise InputError(path, "holds null characters", "save it again as CSV in UTF-8")
-    rows = csv.reader(StringIO(text, newline=""))
+        raise InputError(path, "holds null characters", "save it again as text in UTF-8")
+    rows = csv.reader(StringIO(text, newline=""), delimiter=delimiter)
     try:
         found = [(rows.line_num, [cell.strip() for cell in row]) for row in rows]
     except csv.Error as error:
-        raise InputError(path, f"is not CSV in line {rows.line_num} ({error})", "correct that line") from None
+        kind = "CSV" if delimiter == "," else "a table"
+        raise InputError(path, f"is not {kind} in line {rows.line_num} ({error})", "correct that line") from None
     return [(number, row) for number, row in found if any(row)]
 
 
@@ -270,9 +271,14 @@ def load_config(path: Path, kind: type[Document]) -> Document:
     Raises InputError for a file that is neither TOML nor JSON, an unknown name (with the nearest known one), a value of
     the wrong type, and an impossible value.
     """
+    return validate(path, kind, read_config(path))
+
+
+def read_config(path: Path) -> dict[str, Any]:
+    """Return the values of a configuration file; raises InputError where it is neither TOML nor JSON."""
     if path.suffix not in (".toml", ".json"):
         raise InputError(path, "is neither .toml nor .json", "give a configuration file of one of the two")
-    return validate(path, kind, read_json(path) if path.suffix == ".json" else read_toml(path))
+    return read_json(path) if path.suffix == ".json" else read_toml(path)
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import largest_png, read_depth_image, read_stream_image
 from anchorpose.recording.document import read_document
 from anchorpose.recording.equipment import equipment_files, read_equipment
+from anchorpose.recording.events import events_files
 from anchorpose.recording.recording import UNKNOWN, DepthStream, FolderFiles, FrameSet, Recording, pair_frames
 from anchorpose.recording.recording_file import SHORTEST_STEP_S, RecordingDocument, find_duplicates, read_timestamps
 from anchorpose.recording.regular_file import STAMP, is_there, list_file, reason
@@ -232,6 +233,7 @@ def input_files(recording: Recording) -> Iterator[Path]:
     """Yield every file that was read for ``recording``, depth images included, in a fixed order."""
     document = recording.folder / "recording.json"
     yield document
+    yield from events_files(recording.folder)
     equipment = read_document(document, RecordingDocument).equipment
     if equipment:
         yield from equipment_files(recording.folder / equipment)

@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.recording.events import GIVEN
 from anchorpose.report.session import Session
 from anchorpose.report.words import listed, number
 from anchorpose.results.records import MEASURES_FILE, Measure
@@ -153,10 +154,11 @@ def _require_different(sessions: Sequence[Session]) -> None:
     for session in sessions:
         if session.folder.resolve() in {other.folder.resolve() for other in seen.values()}:
             raise InputError(session.folder, "is given twice", "give each session once")
-        if session.inputs and session.inputs in seen:
-            problem = f"was made from the same recording as {seen[session.inputs].folder}"
+        recorded = tuple(entry for entry in session.inputs if not entry[0].startswith(("events.", GIVEN)))
+        if recorded and recorded in seen:
+            problem = f"was made from the same recording as {seen[recorded].folder}"
             raise InputError(session.folder / JOINTS_FILE, problem, "compare results of different recordings")
-        seen[session.inputs or session.folder.resolve()] = session
+        seen[recorded or session.folder.resolve()] = session
 
 
 def _versions(first: dict[str, Any], later: dict[str, Any]) -> list[str]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -18,9 +19,9 @@ import numpy as np
 from markupsafe import Markup
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import read_rows, require_distinct
 from anchorpose.recording.writable import check_file, new_folder
 from anchorpose.report.comparable import differences, require_comparable, unlike_time
+from anchorpose.report.detectable import Detectable, read_detectable
 from anchorpose.report.measure_section import (
     grouped_measures,
     inferred_share,
@@ -33,6 +34,7 @@ from anchorpose.report.motion_section import INFERRED_STATES, angle_figures, sta
 from anchorpose.report.session import Session, read_session
 from anchorpose.report.summary import summary
 from anchorpose.report.timeline import short_timeline
+from anchorpose.report.trend import dates_in, parse_dates, trend_section
 from anchorpose.report.words import Form, figure, named_part, render_page
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.records import Measure
@@ -40,29 +42,30 @@ from anchorpose.results.uncertainty import NORMAL_95
 
 MARK: Final = '<meta name="generator" content="anchorpose report">'  # in the head of the page
 
-Detectable = dict[tuple[str, str | None, str], float]
-"""By measure, side and unit: the least change that errors and days alone exceed 5 times in 100."""
-
-RELIABILITY_COLUMNS: Final = ("measure", "side", "unit", "mdc95")
-RELIABILITY_REMEDY: Final = "give the table that 'anchorpose reliability SESSIONS.csv -o FILE.csv' writes"
-
 
 def write_comparison(
-    folders: Sequence[Path], page: Path, labels: Sequence[str] = (), reliability: Path | None = None
+    folders: Sequence[Path],
+    page: Path,
+    labels: Sequence[str] = (),
+    reliability: Path | None = None,
+    dates: Sequence[str] = (),
 ) -> Path:
     """Writes one page on two or more results folders, in the order given; the others are compared with the first.
 
     labels: one per session; by default the name of its recording, or of its folder where two recordings share a name.
-    reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide.
+    reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide. dates: one per
+    session, as 2025-03-28, for trends; by default the labels, where all of them are dates.
     Raises InputError where a folder is unusable or they cannot be compared; nothing is written then.
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
     check_file(page, MARK, *folders, reliability)
+    days = parse_dates(dates, len(folders), page)
     sessions = [read_session(folder, f"s{number}") for number, folder in enumerate(folders, 1)]
     require_comparable(sessions)
     detectable = {} if reliability is None else read_detectable(reliability)
-    text = _page(sessions, _labels(sessions, labels), detectable)
+    names = _labels(sessions, labels)
+    text = _page(sessions, names, detectable, days or parse_dates(dates_in(names), len(folders), page))
     with new_folder(page.resolve().parent, page):
         write_text_whole(page, text)
     return page
@@ -80,7 +83,9 @@ def _labels(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
     return next((names for names in (recordings, folders) if len(set(names)) == len(names)), paths)
 
 
-def _page(sessions: Sequence[Session], labels: Sequence[str], detectable: Detectable) -> str:
+def _page(
+    sessions: Sequence[Session], labels: Sequence[str], detectable: Detectable, days: Sequence[date] | None
+) -> str:
     named = list(zip(sessions, labels, strict=True))
     return render_page(
         "anchorpose.report",
@@ -93,6 +98,7 @@ def _page(sessions: Sequence[Session], labels: Sequence[str], detectable: Detect
         differences=differences(sessions, labels),
         sessions=[(label, summary(session), short_timeline(session, label)) for session, label in named],
         changes=change_groups(sessions, detectable),
+        trend=trend_section(sessions, days, detectable),
         angles=angle_rows(sessions),
     )
 
@@ -225,31 +231,3 @@ def _range(session: Session, name: str) -> Markup:
     inferred = state_share(session.angles.state_code[:, column], *INFERRED_STATES)
     form = Form(times=100.0, after=" % inferred", share=True)
     return Markup("{} to {}, median {}<br>{}").format(low, high, middle, figure(inferred, form))
-
-
-def read_detectable(path: Path) -> Detectable:
-    """The measures that have a value; raises InputError for another table."""
-    lines = [line for _, line in read_rows(path)]
-    head = lines[0] if lines else []
-    require_distinct(path, head)
-    found: Detectable = {}
-    for row in (dict(zip(head, line, strict=False)) for line in lines[1:]):
-        if any(row.get(name) is None for name in RELIABILITY_COLUMNS):
-            raise InputError(
-                path, f"does not have the columns {', '.join(RELIABILITY_COLUMNS)} in all rows", RELIABILITY_REMEDY
-            )
-        if row["mdc95"]:
-            found[row["measure"], row["side"] or None, row["unit"]] = _threshold(path, row["mdc95"])
-    if not found:
-        raise InputError(path, "holds no minimal detectable change", RELIABILITY_REMEDY)
-    return found
-
-
-def _threshold(path: Path, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise InputError(path, f"has the minimal detectable change '{text}'", RELIABILITY_REMEDY)
-    return value

@@ -72,7 +72,7 @@ def curve_row(curves: Sequence[Curve], quantity: Quantity, bins: Bins, height: i
     axis = make_axis([(e.low, e.high) for e in lines], bands, quantity.least_span)
     drawn = zip(curves, lines, bands, strict=True)
     shapes = [shape for curve, line, band in drawn for shape in _shapes(curve, line, band, bins, axis)]
-    ends = () if len(curves) < 2 else _ends([curve.side for curve in curves], lines, axis, height)
+    ends = () if len(curves) < 2 else end_marks([curve.side for curve in curves], lines, axis, height)
     return Row(label=quantity.label, height=height, shapes=tuple(shapes), axis=axis, marks=ends, kind="curves")
 
 
@@ -118,7 +118,7 @@ def _shapes(
     return [(f"band {side}", band_path(*band, bins, axis)), *spread, *lines]
 
 
-def _ends(sides: Sequence[str], lines: Sequence[Envelope], axis: Axis, height: int) -> tuple[Mark, ...]:
+def end_marks(sides: Sequence[str], lines: Sequence[Envelope], axis: Axis, height: int) -> tuple[Mark, ...]:
     """The initials of the curves beside their last value, pushed apart where they would meet."""
     known = [(side, line.high[np.isfinite(line.high)]) for side, line in zip(sides, lines, strict=True)]
     places = sorted((float(axis.down(values[-1:])[0]) / UNITS, side) for side, values in known if len(values))

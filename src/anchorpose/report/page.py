@@ -13,9 +13,12 @@ import cv2
 import numpy as np
 
 from anchorpose.calibration.first_frames import USUAL_DISTANCE_M
+from anchorpose.errors import InputError
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import LOST
 from anchorpose.recording.regular_file import read_image
+from anchorpose.report.condition_section import condition_section
+from anchorpose.report.detectable import Detectable, read_detectable
 from anchorpose.report.measure_section import measure_section
 from anchorpose.report.motion_section import angle_section, joint_charts, state_table
 from anchorpose.report.session import Session, read_session
@@ -190,17 +193,24 @@ WEBP_QUALITY: Final = 80
 """Lines and names stay sharp at a quarter of the bytes of PNG; the PNG pictures are in the results folder."""
 
 
-def write_report(results: Path) -> Path:
+def write_report(results: Path, reliability: Path | None = None, measures: Sequence[str] = ()) -> Path:
     """Writes report.html into a results folder and returns its path; the same folder gives the same bytes.
 
-    Raises InputError where a table or run.json is missing or cannot be used; nothing is written then.
+    reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide about differences
+    between conditions; measures: names of the measures that are compared between conditions, empty for the main
+    measures. Raises InputError where a table or run.json is missing or cannot be used, and where reliability or
+    measures are given and there are no trials; nothing is written then.
     """
     session = read_session(results)
-    write_text_whole(results / REPORT_FILE, _page(session))
+    if session.trials is None and (reliability is not None or measures):
+        remedy = "leave out --reliability and --measure, or run 'anchorpose measure' with --events first"
+        raise InputError(results, "has no trials whose conditions could be compared", remedy)
+    detectable = {} if reliability is None else read_detectable(reliability)
+    write_text_whole(results / REPORT_FILE, _page(session, detectable, measures))
     return results / REPORT_FILE
 
 
-def _page(session: Session) -> str:
+def _page(session: Session, detectable: Detectable, chosen: Sequence[str]) -> str:
     return render_page(
         "anchorpose.report",
         "templates/page.html",
@@ -217,6 +227,8 @@ def _page(session: Session) -> str:
         timeline=timeline(session),
         moments=moment_section(session),
         measures=measure_section(session),
+        conditions=condition_section(session, detectable, chosen),
+        repeated=bool(detectable),
         angles=angle_section(session),
         states=state_table(session),
         joints=joint_charts(session),

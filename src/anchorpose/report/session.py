@@ -11,6 +11,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import STATE_CODE, JointState
+from anchorpose.recording.events import Trials
 from anchorpose.report.chart import Bins, make_bins
 from anchorpose.report.words import counted
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained
@@ -27,6 +28,7 @@ from anchorpose.results.records import (
     read_definition,
     read_episodes,
     read_measures,
+    read_trial_measures,
 )
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.stand_training.stance import stance_state
@@ -41,6 +43,7 @@ from anchorpose.results.tables import (
     read_joints,
     read_posture,
 )
+from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
 from anchorpose.results.verify import require_own
 
 MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
@@ -56,7 +59,8 @@ class Session:
     None where their file does not say. posture_seen (n,) bool: whether all joints that determine posture were seen; the
     state in posture.parquet is that of the centre of mass. contacts: None where the folder has no table of them, so
     that touch is not known. explained: how well each pose explains its frame, None without that table. bins: how its
-    frames are grouped in every chart of its page.
+    frames are grouped in every chart of its page. trials: None without any; trial_measures: of all trials, then of all
+    conditions.
     """
 
     folder: Path
@@ -73,6 +77,8 @@ class Session:
     contacts: tuple[Contact, ...] | None
     explained: ExplainedTable | None
     bins: Bins
+    trials: Trials | None = None
+    trial_measures: tuple[Measure, ...] = ()
 
     @property
     def recording(self) -> str:
@@ -90,7 +96,7 @@ def read_session(folder: Path, name: str = "") -> Session:
         if not (folder / file).is_file():
             problem = "is missing: the folder was written by an older version, or by hand"
             raise InputError(folder / file, problem, f"run 'anchorpose measure {folder}' and try again")
-    require_own(folder, (JOINTS_FILE, CONTACTS_FILE, EXPLAINED_FILE, *MEASURED), run)
+    require_own(folder, (JOINTS_FILE, CONTACTS_FILE, EXPLAINED_FILE, TRIALS_FILE, *MEASURED), run)
     joints = read_joints(folder / JOINTS_FILE)
     angles, posture = read_angles(folder / ANGLES_FILE), read_posture(folder / POSTURE_FILE)
     explained = read_explained(folder / EXPLAINED_FILE) if (folder / EXPLAINED_FILE).is_file() else None
@@ -113,6 +119,8 @@ def read_session(folder: Path, name: str = "") -> Session:
         contacts=read_contacts(folder / CONTACTS_FILE) if (folder / CONTACTS_FILE).is_file() else None,
         explained=explained,
         bins=make_bins(joints.frame, joints.time_s, name),
+        trials=read_trial_table(folder / TRIALS_FILE) if (folder / TRIALS_FILE).is_file() else None,
+        trial_measures=read_trial_measures(folder / MEASURES_FILE),
     )
 
 

@@ -33,6 +33,7 @@ from anchorpose.results.explained import EXPLAINED_FILE, unexplained
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT, Contact, Episode
 from anchorpose.results.tables import JOINTS_FILE, NOT_UPRIGHT, POSTURE_FILE, UPRIGHT
+from anchorpose.results.trial_table import TRIALS_FILE, trial_rows
 from anchorpose.results.uncertainty import NORMAL_95
 
 SHARES: Final = Axis(0.0, 100.0, (0.0, 100.0))
@@ -47,6 +48,7 @@ def timeline(session: Session) -> Chart:
         title="Timeline of the session: posture, contacts, what was seen of the joints, and their uncertainty",
         caption="The session over time",
         rows=[
+            *condition_rows(session),
             *posture_rows(session),
             *touch_rows(session),
             heading("Joints"),
@@ -55,12 +57,18 @@ def timeline(session: Session) -> Chart:
             *kept_rows(session),
         ],
         readings=[
+            *trial_readings(session),
             *posture_readings(session),
             touch_reading(session),
             *(_share_reading(STATE_WORDS[state], f"joints_{state}", share, session.bins) for state, share in shares),
             *_confidence_readings(session),
         ],
-        sources=[*_event_files(session), JOINTS_FILE, *(() if session.explained is None else (EXPLAINED_FILE,))],
+        sources=[
+            *_trial_files(session),
+            *_event_files(session),
+            JOINTS_FILE,
+            *(() if session.explained is None else (EXPLAINED_FILE,)),
+        ],
         bins=session.bins,
     )
 
@@ -76,6 +84,42 @@ def short_timeline(session: Session, label: str) -> Chart:
         sources=_event_files(session),
         bins=session.bins,
     )
+
+
+MOST_CONDITIONS: Final = 12
+"""Rows at most: with more names the page of measures is easier to read than a picture."""
+
+
+def condition_rows(session: Session) -> list[Row]:
+    """A row per condition with its trials; none without trials, or with very many conditions."""
+    trials = session.trials
+    if trials is None or len(trials.conditions) > MOST_CONDITIONS:
+        return []
+    rows = [heading("Conditions")]
+    for name in trials.conditions:
+        during = np.zeros(len(session.joints.frame))
+        for trial in trials.rows:
+            if trial.condition == name:
+                during[trial_rows(trial, session.joints.time_s)] = 1.0
+        rows.append(_state_row(name, session.bins, 14, posture=worst(during, session.bins)))
+    return rows
+
+
+def trial_readings(session: Session) -> list[Reading]:
+    """The trials of each group of frames; nothing without trials."""
+    if session.trials is None:
+        return []
+    texts: list[list[str]] = [[] for _ in range(session.bins.count)]
+    first, last = session.bins.start, session.bins.last
+    for trial in session.trials.rows:
+        rows = trial_rows(trial, session.joints.time_s)
+        for k in np.flatnonzero((first < rows.stop) & (last >= rows.start)):
+            texts[k].append(f"{trial.number} ({trial.condition})".replace(",", ";"))
+    return [Reading(label="trial", text=Column("trial", ["; ".join(text) for text in texts]))]
+
+
+def _trial_files(session: Session) -> tuple[str, ...]:
+    return () if session.trials is None else (TRIALS_FILE,)
 
 
 def _event_files(session: Session) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from anchorpose.recording.events import Trials
 from anchorpose.results.frame_time import frame_seconds
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.processing import ProcessingConfig, process_angles
@@ -24,8 +25,6 @@ from anchorpose.results.records import (
     Measure,
     read_contacts,
     read_equipment_names,
-    with_equipment,
-    with_people,
     write_episodes,
     write_measures,
 )
@@ -38,7 +37,7 @@ from anchorpose.results.stand_training.extension import (
 )
 from anchorpose.results.stand_training.independence import IndependenceConfig, independence_measures
 from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, unknown, upright
-from anchorpose.results.stand_training.steps import find_steps, step_episodes, step_measures
+from anchorpose.results.stand_training.steps import Step, find_steps, step_episodes, step_measures
 from anchorpose.results.stand_training.tasks import task_measures
 from anchorpose.results.stand_training.touch import (
     NEVER_FOUND,
@@ -49,6 +48,7 @@ from anchorpose.results.stand_training.touch import (
     touch_of,
 )
 from anchorpose.results.stand_training.upright import (
+    Transition,
     TransitionConfig,
     time_measures,
     transition_episodes,
@@ -71,6 +71,8 @@ from anchorpose.results.tables import (
     write_posture,
     write_processed_angles,
 )
+from anchorpose.results.trial_measures import measures_by_trial, trial_intervals, within
+from anchorpose.results.trial_table import INTERVALS_FILE, TRIALS_FILE, read_trial_table, write_intervals, write_trials
 from anchorpose.results.verify import require_own
 from anchorpose.settings import settings
 
@@ -97,7 +99,7 @@ def assistance_measures(session: Session) -> list[Measure]:
 
     Only frames in which the patient was found count: in others contacts are unknown.
     """
-    contacts = session.contacts
+    contacts = session.helping
     if contacts is None or not session.found.any():
         why = NO_CONTACTS if contacts is None else NEVER_FOUND
         return [unknown(name, unit, why) for name, unit in CONTACT_MEASURES]
@@ -164,12 +166,14 @@ def measure_session(
     angles: AngleTable,
     contacts: tuple[Contact, ...] | None,
     config: MeasureConfig,
+    trials: Trials | None = None,
     equipment: Sequence[str] = (),
 ) -> tuple[Session, list[Measure]]:
     """The session with its posture and episodes, and every measure of docs/measures.md.
 
     contacts: with people and equipment, None where they are unknown, which is not the same as no contact. equipment:
-    the parts that contacts were looked for with; where there are none, whether the patient held on is unknown.
+    the parts that contacts were looked for with; where there are none, whether the patient held on is unknown. With
+    trials, the measures of the whole recording are followed by the measures of every trial and of every condition.
     """
     body = centre_of_mass(joints)
     found = stance(joints, body.position_m)
@@ -190,10 +194,22 @@ def measure_session(
         stance=found,
         seconds=frame_seconds(joints.time_s),
         episodes=(*bouts, *transition_episodes(joints, found, moves), *step_episodes(joints, steps)),
-        contacts=None if contacts is None else with_people(contacts),
-        supports=None if contacts is None or not equipment else with_equipment(contacts),
+        contacts=contacts,
+        equipment=tuple(equipment),
     )
-    return session, [
+    measures = _measures(session, moves, steps, config)
+    if trials is None:
+        return session, measures
+
+    def of_trial(part: Session, rows: slice) -> list[Measure]:
+        return _measures(part, within(moves, rows), within(steps, rows), config)
+
+    return session, [*measures, *measures_by_trial(session, trials, measures, config.sway.settle_s, of_trial)]
+
+
+def _measures(session: Session, moves: list[Transition], steps: list[Step], config: MeasureConfig) -> list[Measure]:
+    """Every measure of a session, or of a part of it, with the transitions and steps that lie in it."""
+    return [
         *time_measures(session, config.upright),
         *transition_measures(session, moves),
         *extension_measures(session, config.extension),
@@ -207,27 +223,33 @@ def measure_session(
     ]
 
 
-WRITTEN: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE, PROCESSED_FILE)
+WRITTEN: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE, PROCESSED_FILE, TRIALS_FILE, INTERVALS_FILE)
 """What ``write_measured`` writes, or removes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureResult:
-    """All measures; policy: that of ``ProcessedAngles``, None without processing."""
+    """measures: of the whole recording; policy: that of ``ProcessedAngles``, None without processing; trials: of
+    which there are measures as well, None without any."""
 
     measures: tuple[Measure, ...]
     policy: str | None
+    trials: Trials | None = None
 
 
-def write_measured(results: Path, processing: ProcessingConfig, config: MeasureConfig) -> MeasureResult:
+def write_measured(
+    results: Path, processing: ProcessingConfig, config: MeasureConfig, trials: Trials | None = None
+) -> MeasureResult:
     """Writes angles, posture, episodes and measures of a results folder, and the processed angles if any.
 
-    Angles and measures always come from the joints as tracked: ``processing`` makes angles_processed.parquet and
-    nothing else, and without processing that file is removed. All files are written before the first is
-    replaced.
+    trials: replace the folder's trials; None keeps them. Angles and measures always come from the joints as
+    tracked: ``processing`` makes angles_processed.parquet and nothing else, and without processing that file is
+    removed. All files are written before the first is replaced.
     Raises InputError where joints or contacts cannot be used, AnchorposeError where the filter does not fit.
     """
-    require_own(results, (JOINTS_FILE, CONTACTS_FILE))
+    require_own(results, (JOINTS_FILE, CONTACTS_FILE, *((TRIALS_FILE,) if trials is None else ())))
+    if trials is None and (results / TRIALS_FILE).exists():
+        trials = read_trial_table(results / TRIALS_FILE)
     joints = read_joints(results / JOINTS_FILE)
     path = results / CONTACTS_FILE
     contacts, equipment = (read_contacts(path), read_equipment_names(path)) if path.exists() else (None, ())
@@ -237,18 +259,22 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
         if processed is not None:
             write_processed_angles(work / PROCESSED_FILE, processed)
         angles = joint_angles(joints)
-        session, measures = measure_session(joints, angles, contacts, config, equipment)
+        session, measures = measure_session(joints, angles, contacts, config, trials, equipment)
         write_angles(work / ANGLES_FILE, angles)
         write_posture(work / POSTURE_FILE, session.posture)
         write_episodes(work / EPISODES_FILE, session.episodes)
         write_measures(work / MEASURES_FILE, measures, asdict(config))
+        if trials is not None:
+            write_trials(work / TRIALS_FILE, trials)
+            write_intervals(work / INTERVALS_FILE, trial_intervals(session, trials))
         for written in sorted(work.iterdir()):
             written.replace(results / written.name)
         if processed is None:
             (results / PROCESSED_FILE).unlink(missing_ok=True)
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    return MeasureResult(tuple(measures), None if processed is None else processed.policy)
+    whole = tuple(row for row in measures if row.condition is None)
+    return MeasureResult(whole, None if processed is None else processed.policy, trials)
 
 
 def processing_sentence(policy: str) -> str:

@@ -55,13 +55,13 @@ def open_parquet(path: Path, schema: pa.Schema) -> Any:
     )
 
 
-def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, added: Mapping[str, Any] | None = None) -> pa.Table:
+def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping[str, Any] | None = None) -> pa.Table:
     """A table with exactly the columns of ``schema``, without a null where it has none; raises InputError otherwise.
 
-    rows: a pyarrow expression that selects the rows to read; None for all. added: the value of each column that files
-    of earlier versions lack.
+    rows: a pyarrow expression that selects the rows to read; None for all. later: columns that files of older versions
+    lack, and the value that they have there.
     """
-    table = _with_columns(read_any_parquet(path, rows), schema, added or {})
+    table = _with_columns(read_any_parquet(path, rows), schema, later or {})
     require_columns(path, table.schema, schema)
     for column in schema:
         if not column.nullable and table[column.name].null_count:
@@ -69,11 +69,11 @@ def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, added: Mapping
     return table
 
 
-def _with_columns(table: pa.Table, schema: pa.Schema, added: Mapping[str, Any]) -> pa.Table:
-    """The table with each column of ``added`` that it lacks, at its place in ``schema``."""
+def _with_columns(table: pa.Table, schema: pa.Schema, later: Mapping[str, Any]) -> pa.Table:
+    """The table with each column of ``later`` that it lacks, at its place in ``schema``."""
     for place, column in enumerate(schema):
-        if column.name in added and column.name not in table.schema.names:
-            values = pa.array([added[column.name]] * table.num_rows, column.type)
+        if column.name in later and column.name not in table.schema.names:
+            values = pa.array([later[column.name]] * table.num_rows, column.type)
             table = table.add_column(min(place, table.num_columns), column, values)
     return table
 
@@ -176,9 +176,9 @@ class RecordTable(Generic[Row]):
     """A table with one row per record.
 
     record: the dataclass of a row, whose attributes have the names of the columns. known: the texts that may stand in a
-    column. limits: the least and the most that a number of a column may be. added: columns that files of earlier
-    versions lack, and what they held then. rows_per_group: fixed, since row groups decide the bytes of the file.
-    may_be_empty: whether the program ever writes the table without rows.
+    column. limits: the least and the most that a number of a column may be. rows_per_group: fixed, since row groups
+    decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows. later: columns
+    that files of older versions lack, and the value that they have there.
     """
 
     file: str
@@ -186,9 +186,9 @@ class RecordTable(Generic[Row]):
     schema: pa.Schema
     known: Mapping[str, Collection[str]] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    added: Mapping[str, Any] = field(default_factory=dict)
     rows_per_group: int = 1024
     may_be_empty: bool = True
+    later: Mapping[str, Any] = field(default_factory=dict)
     remedy: str
 
     def write(self, path: Path, records: Sequence[Row], metadata: dict[str, str] | None = None) -> None:
@@ -209,7 +209,7 @@ class RecordTable(Generic[Row]):
 
     def read(self, path: Path, rows: Any = None) -> tuple[Row, ...]:
         """All records, or those that the pyarrow expression ``rows`` selects; raises InputError for another table."""
-        table = read_parquet(path, self.schema, rows, self.added)
+        table = read_parquet(path, self.schema, rows, self.later)
         if rows is None and not self.may_be_empty and not table.num_rows:
             raise InputError(path, "has no rows", self.remedy)
         return self.records(path, table)

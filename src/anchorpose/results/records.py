@@ -20,6 +20,7 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JointState
 from anchorpose.recording.document import parse_json
+from anchorpose.recording.events import MOST_TRIALS
 from anchorpose.recording.recording_file import FARTHEST_TIME_S
 from anchorpose.results.corrections import LATEST_FRAME
 from anchorpose.results.parquet import (
@@ -97,7 +98,7 @@ CONTACTS: Final = RecordTable(
     schema=schema_of(Contact, "part", "with", "person", *_SPAN_LIMITS, "state", "seen_share", "area_cm2", "gap_mm"),
     known={"part": REGIONS},
     limits={**_SPAN_LIMITS, "seen_share": (0, 1), "area_cm2": (0, LARGEST_VALUE), "gap_mm": (-1e6, 1e6)},
-    added={"with": PERSON},
+    later={"with": PERSON},
     remedy=TRACK_AGAIN,
 )
 CONTACTS_FILE, read_contacts = CONTACTS.file, CONTACTS.read
@@ -183,8 +184,10 @@ class Measure:
     side: "left", "right" or None. part: a region of the body (``REGIONS``), person: as in contacts.parquet; None where
     the measure is not about a single part or person. value: None where it is unknown, and then ``why`` says why. sigma:
     one standard deviation of the value, None where it is unknown (counts). frames: how many it rests on.
-    inferred_share: share of these frames in which a joint that it uses was inferred rather than seen.
-    Raises ValueError where value and why disagree: one of the two is given, never both.
+    inferred_share: share of these frames in which a joint that it uses was inferred rather than seen. condition, trial:
+    of which condition or trial of events.tsv (trials are numbered from 1); both None for the whole recording, only
+    trial None for a whole condition.
+    Raises ValueError unless exactly one of value and why is given, and for a trial without a condition.
     """
 
     measure: str
@@ -197,11 +200,22 @@ class Measure:
     frames: int
     inferred_share: float | None = None
     why: str | None = None
+    condition: str | None = None
+    trial: int | None = None
 
     def __post_init__(self) -> None:
         if (self.value is None) != (self.why is not None):
             raise ValueError(f"{self.measure} has the value {self.value} and the reason for none {self.why!r}")
+        if self.trial is not None and self.condition is None:
+            raise ValueError(f"{self.measure} has the trial {self.trial} without a condition")
 
+    @property
+    def key(self) -> MeasureKey:
+        """What is measured, of which side, part and person, whatever trial it is of."""
+        return self.measure, self.side, self.part, self.person
+
+
+MeasureKey = tuple[str, str | None, str | None, str | None]
 
 MEASURES: Final = RecordTable(
     file="measures.parquet",
@@ -212,11 +226,27 @@ MEASURES: Final = RecordTable(
         "sigma": (0, LARGEST_VALUE),
         "frames": (0, LATEST_FRAME),
         "inferred_share": (0, 1),
+        "trial": (1, MOST_TRIALS),
     },
     may_be_empty=False,
+    later={"condition": None, "trial": None},
     remedy=MEASURE_AGAIN,
 )
-MEASURES_FILE, read_measures = MEASURES.file, MEASURES.read
+MEASURES_FILE: Final = MEASURES.file
+
+
+def read_measures(path: Path) -> tuple[Measure, ...]:
+    """The measures of the whole recording; raises InputError for another table."""
+    return tuple(row for row in MEASURES.read(path) if row.condition is None)
+
+
+def read_trial_measures(path: Path) -> tuple[Measure, ...]:
+    """The measures of all trials, then of all conditions; none where the results have no trials.
+
+    Raises InputError for another table.
+    """
+    return tuple(row for row in MEASURES.read(path) if row.condition is not None)
+
 
 DEFINITION_KEY: Final = "measure_definition"
 """Of the schema's metadata: a JSON text of ``Definition``."""

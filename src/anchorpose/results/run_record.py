@@ -23,6 +23,7 @@ from anchorpose.body.visibility import PoorDepth, PoorKind
 from anchorpose.errors import InputError
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.recording.document import LARGEST_WITH_HASHES, FileInFolder, Text, Version, read_json, validate
+from anchorpose.recording.events import RecordedSpan
 from anchorpose.recording.recording_file import CameraPose, Seconds
 from anchorpose.recording.regular_file import LARGEST_ARRAYS, open_regular, require_regular
 from anchorpose.results.corrections import CorrectionsRecord, Frame, Sha256
@@ -221,6 +222,7 @@ class RunRecord:
     code: str = ""  # hash of the package's code
     identity: str = ""  # SHA-256 over inputs, settings, code and libraries: the same one means the same joints
     recording: Text  # name of the recording folder, not its path: results travel
+    recorded: RecordedSpan | None = None  # of all frames; None where all were tracked, and in older results
     frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
     floor_height_m: float | None = None  # Y of the floor in the world, None where no camera sees it

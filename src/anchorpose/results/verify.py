@@ -23,6 +23,7 @@ from pydantic import Field, ValidationError
 
 from anchorpose.errors import InputError
 from anchorpose.recording.document import Entry, parse_json
+from anchorpose.recording.events import GIVEN
 from anchorpose.recording.reader import input_files, open_recording
 from anchorpose.recording.regular_file import is_there, read_whole
 from anchorpose.results.corrections import Utc
@@ -30,6 +31,7 @@ from anchorpose.results.parquet import MEASURE_AGAIN
 from anchorpose.results.records import EPISODES_FILE, MEASURES_FILE
 from anchorpose.results.run_record import RUN_FILE, hash_files, output_files, read_run
 from anchorpose.results.tables import ANGLES_FILE, POSTURE_FILE, PROCESSED_FILE
+from anchorpose.results.trial_table import INTERVALS_FILE, TRIALS_FILE
 from anchorpose.settings import Unfit
 from anchorpose.versions import code_digest, versions
 
@@ -134,7 +136,9 @@ def _chained(previous: str, line: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-MEASURED: Final = frozenset({ANGLES_FILE, POSTURE_FILE, PROCESSED_FILE, EPISODES_FILE, MEASURES_FILE})
+MEASURED: Final = frozenset(
+    {ANGLES_FILE, POSTURE_FILE, PROCESSED_FILE, EPISODES_FILE, MEASURES_FILE, TRIALS_FILE, INTERVALS_FILE}
+)
 """Tables that 'anchorpose measure' writes again from the joints."""
 
 
@@ -249,11 +253,14 @@ def _compare(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, Fit
 
 
 def _inputs(run: Mapping[str, Any], recording: Path | None) -> dict[str, Fits] | None:
-    """The files of the recording; reference movements are hashed with them, and are not looked for."""
+    """The files of the recording; reference movements and events from elsewhere are hashed with them, and are not
+    looked for."""
     if recording is None:
         return None
     found = dict(hash_files(input_files(open_recording(recording)), recording))
-    return _compare({name: sha for name, sha in run["inputs_sha256"].items() if not name.endswith(".npz")}, found)
+    hashes = run["inputs_sha256"].items()
+    own = {name: sha for name, sha in hashes if not name.endswith(".npz") and not name.startswith(GIVEN)}
+    return _compare(own, found)
 
 
 def _program(run: Mapping[str, Any]) -> tuple[str, ...]:

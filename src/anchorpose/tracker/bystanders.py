@@ -28,7 +28,7 @@ from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.shape_prior import child_belief, shape_of_height
 from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
-from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
+from anchorpose.isolation.bystander_memory import MEMORY_S, BystanderMemory, empty_memory, update_memory
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.separation import separate
@@ -78,13 +78,17 @@ FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between searches for a body that 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystander:
-    """A person with a body: label, shape and pose; change (POSE_SIZE,) of the pose in the last ``elapsed_s``."""
+    """A person with a body: label, shape and pose; change (POSE_SIZE,) of the pose in the last ``elapsed_s``.
+
+    hidden_s: for how long too little of the person was seen to fit the body.
+    """
 
     label: int
     body: Body
     belief: PoseBelief
     change: np.ndarray
     elapsed_s: float
+    hidden_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +110,9 @@ class Bystanders:
 
 def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: float) -> OwnershipLikelihood:
     """Likely places of their skin ``elapsed_s`` after the frame they were fitted to; 0: in that frame itself."""
-    spread = SKIN_SIGMA_M + GROWTH_M_S * abs(elapsed_s)
     found = []
     for one in bystanders.followed:
+        spread = SKIN_SIGMA_M + GROWTH_M_S * (abs(elapsed_s) + one.hidden_s)
         skin = pose_points(one.body, _ahead(one, points, elapsed_s)).points_m.astype(np.float32)
         owner, sigma = np.full(len(skin), one.label, np.uint8), np.full(len(skin), spread, np.float32)
         found.append(OwnershipLikelihood(skin, owner, sigma))
@@ -152,28 +156,33 @@ def follow_bystanders(
 ) -> Bystanders:
     """Everybody's body in the next frame, from the pixels with each person's label.
 
-    A body that no longer accounts for what is seen of the person is dropped, and searched for again.
+    A body that no longer accounts for what is seen of the person is dropped, and searched for again. A person whom
+    something hides stays for ``MEMORY_S``, as long as no camera sees past the body: what comes to sight there again is
+    this person, and not the patient.
     """
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
 
-    def next_of(label: int) -> Bystander | Search:
+    shown = _labels(views)
+
+    def next_of(label: int) -> Bystander | Search | None:
         last = searched.get(label, Search(label, 0, FIRST_PAUSE))
         if last.wait > 0:
             return replace(last, wait=last.wait - 1)
-        evidence = person_evidence(views, cameras, label)
-        found = _follow(known[label], evidence, points, elapsed_s) if label in known else None
+        evidence, one = person_evidence(views, cameras, label), known.get(label)
+        found = None if one is None or label not in shown else _follow(one, evidence, points, elapsed_s)
         found = found or _begun(label, rough_person(views, cameras, label), evidence)
-        return found or _failed(label, last.pause)
+        found = found or (None if one is None else _hidden(one, evidence, elapsed_s))
+        return found or (_failed(label, last.pause) if label in shown else None)
 
-    return _all_of(each(next_of, _labels(views)))
+    return _all_of(each(next_of, sorted({*shown, *known})))
 
 
 def _failed(label: int, pause: int = FIRST_PAUSE) -> Search:
     return Search(label, pause, min(2 * pause, LONGEST_PAUSE))
 
 
-def _all_of(now: Sequence[Bystander | Search]) -> Bystanders:
+def _all_of(now: Sequence[Bystander | Search | None]) -> Bystanders:
     followed = tuple(one for one in now if isinstance(one, Bystander))
     return Bystanders(followed, tuple(one for one in now if isinstance(one, Search)))
 
@@ -233,7 +242,15 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
     if not found.found or found.explained < LEAST_EXPLAINED or not _is_person(one.body, found.belief.pose, evidence):
         return None
     change = one.belief.pose.change_to(found.belief.pose, points.moving)
-    return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s)
+    return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s, hidden_s=0.0)
+
+
+def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander | None:
+    """The person where the body was last; None where a camera sees past it, or after ``MEMORY_S``."""
+    hidden_s = one.hidden_s + abs(elapsed_s)
+    if hidden_s > MEMORY_S or not _is_person(one.body, one.belief.pose, evidence):
+        return None
+    return replace(one, change=np.zeros(POSE_SIZE), hidden_s=hidden_s)
 
 
 class RoughPerson(NamedTuple):

@@ -17,7 +17,6 @@ from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.people import IsolationConfig
 from anchorpose.motion.database import SHIPPED
 from anchorpose.motion.prediction import MotionConfig
-from anchorpose.recording.document import load_config
 from anchorpose.recording.recording_file import FARTHEST_CAMERA_M
 from anchorpose.results.contact_intervals import ContactConfig
 from anchorpose.settings import Count, Positive, settings
@@ -92,8 +91,3 @@ class TrackConfig:
     def motion_file(self) -> Path:
         """The file of reference movements."""
         return SHIPPED if self.motions is None else Path(self.motions)
-
-
-def load_track_config(path: Path | None) -> TrackConfig:
-    """Return the settings of ``anchorpose track``; see ``load_config``. None = the defaults."""
-    return TrackConfig() if path is None else load_config(path, TrackConfig)

@@ -12,7 +12,7 @@ import numpy as np
 from anchorpose.body.belief import PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import anchor_points, join, place_constraints
-from anchorpose.body.fit import damped_step, hidden_bones, pose_equations, range_information
+from anchorpose.body.fit import damped_step, hidden_bones, pose_equations, prior_equations, range_information
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.limb_proposals import CHAINS, CONTRADICTED_M, contradicted_by
 from anchorpose.body.pose import Pose
@@ -138,8 +138,9 @@ def filter_matches(
     for _ in range(FILTER_STEPS):
         pose = damped_step(body, pose, rows, expected, config.rows_per_observation)
     posed = pose_points(body, pose)
-    hessian = pose_equations(body, pose, posed, rows, expected, config.rows_per_observation).hessian
     hidden = hidden_bones(body.points, rows, config.rows_per_observation)
+    prior = prior_equations(body.points, pose, expected, hidden)
+    hessian = pose_equations(body, pose, posed, rows, prior, config.rows_per_observation).hessian
     return PoseBelief(pose, np.linalg.inv(hessian), hessian - range_information(body.points, pose, hidden))
 
 

@@ -140,13 +140,13 @@ def _extension(session: Session, part: _Part, config: IndependenceConfig) -> lis
     if not found.is_known.any():
         return [unknown(measure, unit, NOT_KNOWN, part.side) for measure, unit in names.items()]
     rows = [_row(session, part, f"{name}_time", found, _Free(found.frames, 0.0))]
-    if session.contacts is None:
+    if session.helping is None:
         return rows + [unknown(measure, names[measure], NO_CONTACTS, part.side) for measure in list(names)[1:]]
-    rows.append(_row(session, part, f"{name}_hands_off_time", found, _free(session, part, found, session.contacts)))
+    rows.append(_row(session, part, f"{name}_hands_off_time", found, _free(session, part, found, session.helping)))
     alone = [f"{name}_alone_{what}" for what in ("time", "bouts", "longest")]
     if session.supports is None:
         return rows + [unknown(measure, names[measure], NO_EQUIPMENT, part.side) for measure in alone]
-    free = _free(session, part, found, (*session.contacts, *session.supports))
+    free = _free(session, part, found, (*session.helping, *session.supports))
     runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
     codes = found.codes[found.is_known]
     return [
@@ -213,10 +213,10 @@ def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
 def _unaided(session: Session) -> list[Measure]:
     """Bouts upright without anybody's hand on the patient; the time itself is ``hands_free_upright_time``."""
     names = {"hands_free_upright_bouts": "count", "hands_free_upright_longest": "s"}
-    why = _why_unknown(session, NO_CONTACTS if session.contacts is None else None)
-    if why is not None or session.contacts is None:
+    why = _why_unknown(session, NO_CONTACTS if session.helping is None else None)
+    if why is not None or session.helping is None:
         return [unknown(name, unit, str(why)) for name, unit in names.items()]
-    touch = touch_of(session.joints.frame, session.contacts)
+    touch = touch_of(session.joints.frame, session.helping)
     free = session.upright & session.found & (touch.at_once == 0)
     is_known = session.found & (session.posture.upright != UNKNOWN)
     runs = runs_of_known(free, is_known, session.joints.time_s)

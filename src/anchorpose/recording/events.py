@@ -1,0 +1,295 @@
+"""Read events.tsv, the trials of a recording and their conditions, with the units of its columns in events.json.
+
+The form is that of BIDS: onset and duration in seconds, trial_type, then columns of the user's own. Onset 0 is the
+first frame of the first camera that measured, whatever that camera's clock shows there, and whether or not that frame
+is tracked. A trial is one row, numbered from 1 in the order of the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Final
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from anchorpose.errors import InputError
+from anchorpose.options import plain_number
+from anchorpose.recording.document import Entry, read_json, read_rows, require_distinct, validate
+from anchorpose.recording.regular_file import is_there
+from anchorpose.settings import LARGEST, Unfit
+
+EVENTS_FILE: Final = "events.tsv"
+REQUIRED: Final = ("onset", "duration", "trial_type")
+MISSING: Final = "n/a"
+
+GIVEN: Final = "--events "
+"""How the name begins, among the hashes of a run's inputs, of an events file from outside of the recording."""
+
+LARGEST_EVENTS: Final = 4 * 2**20
+"""Bytes of an events.tsv: a session has some hundred trials, of a hundred bytes each."""
+
+MOST_TRIALS: Final = 2000
+MOST_COLUMNS: Final = 100
+LONGEST_TEXT: Final = 200
+"""Characters of a name or of a cell."""
+
+ROUNDING_S: Final = 0.001
+"""Onsets and durations are often written to the millisecond: trials may overlap by so much."""
+
+BLOCK_COLUMN: Final = "block"
+"""The column whose texts name the blocks within which the order of the conditions was drawn."""
+
+UNITS: Final = (
+    *("s", "ms", "us", "min", "Hz", "kHz", "mA", "uA", "A", "V", "mV", "uC", "W"),
+    *("deg", "mm", "cm", "m", "m/s", "kg", "N", "Nm", "%", "bpm", "mmHg", "degC", "count", "score", "1", "arbitrary"),
+)
+"""Units that a numeric column may have. A number without a dimension has 1, a scale of a device's own arbitrary."""
+
+_SPELLINGS: Final = {"µs": "us", "μs": "us", "µA": "uA", "μA": "uA", "µC": "uC", "μC": "uC", "°": "deg", "°C": "degC"}
+
+RESERVED: Final = frozenset(
+    (
+        *("trial", "condition", "onset_s", "duration_s", "start_s", "end_s", "measure", "side", "part", "person"),
+        *("value", "unit", "sigma", "frames", "inferred_share", "why"),
+    )
+)
+"""Columns that the results have beside the user's own."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrialColumn:
+    """A column of the user's own. unit: one of ``UNITS``; None for a column of texts."""
+
+    name: str
+    unit: str | None
+    description: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One row of events.tsv.
+
+    number: from 1, in the order of the file. condition: its trial_type. onset_s: since the recording's first frame.
+    start_s, end_s: on the clock of the first camera; a frame at start_s belongs to the trial, one at end_s does not.
+    cells: of each ``TrialColumn`` a number, a text, or None where there is none.
+    """
+
+    number: int
+    condition: str
+    onset_s: float
+    duration_s: float
+    start_s: float
+    cells: tuple[float | str | None, ...] = ()
+
+    @property
+    def end_s(self) -> float:
+        """When the trial has ended."""
+        return self.start_s + self.duration_s
+
+
+@dataclass(frozen=True, slots=True)
+class Trials:
+    """All trials of a recording in the order of the file, at least one."""
+
+    columns: tuple[TrialColumn, ...]
+    rows: tuple[Trial, ...]
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Each condition once, in the order in which they first stand in the file; the first is the reference."""
+        return tuple(dict.fromkeys(trial.condition for trial in self.rows))
+
+    def column(self, name: str) -> tuple[float | str | None, ...]:
+        """The cells of a column; raises ValueError where there is none of that name."""
+        place = [column.name for column in self.columns].index(name)
+        return tuple(trial.cells[place] for trial in self.rows)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedSpan:
+    """When a recording began and ended, seconds on the clock of its first camera. The last frame lasts a usual step."""
+
+    first_s: float
+    end_s: float
+
+
+def recorded_span(time_s: np.ndarray) -> RecordedSpan:
+    """The span of all frames (n,) of the first camera, tracked or not; a single frame has no duration."""
+    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    return RecordedSpan(float(time_s[0]), float(time_s[-1]) + step_s)
+
+
+def events_files(folder: Path) -> list[Path]:
+    """Those of events.tsv and events.json that a recording folder holds."""
+    path = folder / EVENTS_FILE
+    return [file for file in (path, sidecar_of(path)) if is_there(file)] if is_there(path) else []
+
+
+def sidecar_of(path: Path) -> Path:
+    """The file of units beside an events file: events.json beside events.tsv."""
+    return path.with_suffix(".json")
+
+
+def read_trials(path: Path, span: RecordedSpan) -> Trials:
+    """The trials of an events file; raises InputError naming the file, the line and the remedy.
+
+    Refused are missing and repeated columns, texts in place of numbers, trials without a duration, outside of the
+    recording or overlapping, and numbers without a unit in the file beside it.
+    """
+    lines = read_rows(path, delimiter="\t", largest_bytes=LARGEST_EVENTS)
+    head = lines[0][1] if lines else []
+    _require_head(path, head)
+    _require_rows(path, head, lines[1:])
+    described = _read_sidecar(sidecar_of(path), head)
+    trials = [_trial(path, line, dict(zip(head, cells, strict=True)), span) for line, cells in lines[1:]]
+    numbered = list(zip([line for line, _ in lines[1:]], trials, strict=True))
+    _require_apart(path, numbered)
+    own = [name for name in head if name not in REQUIRED]
+    columns, cells = list[TrialColumn](), list[list[float | str | None]]()
+    for name in own:
+        place = head.index(name)
+        found = [(line, row[place]) for line, row in lines[1:]]
+        column = _column(path, name, [text for _, text in found], described.get(name))
+        columns.append(column)
+        cells.append([_cell(path, line, column, text) for line, text in found])
+    rows = tuple(
+        Trial(number, each.condition, each.onset_s, each.duration_s, each.start_s, tuple(column[k] for column in cells))
+        for k, (number, each) in enumerate(enumerate(trials, 1))
+    )
+    return Trials(tuple(columns), rows)
+
+
+_HEAD_REMEDY: Final = (
+    "begin it with the line onset, duration, trial_type, separated by tabs: a spreadsheet saves this as text with tabs"
+)
+
+
+def _require_head(path: Path, head: Sequence[str]) -> None:
+    missing = [name for name in REQUIRED if name not in head]
+    if missing:
+        raise InputError(path, f"line 1 has no column {', '.join(missing)}", _HEAD_REMEDY)
+    require_distinct(path, [name.casefold() for name in head])
+    if len(head) > MOST_COLUMNS:
+        raise InputError(path, f"line 1 has {len(head)} columns", f"keep {MOST_COLUMNS} at most")
+    for name in head:
+        if not name or not name.isprintable() or len(name) > LONGEST_TEXT:
+            raise InputError(path, f"line 1 has a column named '{name[:40]!r}'"[:80], "give each column a short name")
+        if name.casefold() in RESERVED:
+            raise InputError(path, f"line 1 has a column '{name}', a name of the results' own", "rename it")
+
+
+def _require_rows(path: Path, head: Sequence[str], rows: Sequence[tuple[int, list[str]]]) -> None:
+    if not rows:
+        raise InputError(path, "holds no trial", "add one line per trial, or remove the file")
+    if len(rows) > MOST_TRIALS:
+        raise InputError(path, f"holds {len(rows)} trials", f"give {MOST_TRIALS} at most")
+    for line, cells in rows:
+        if len(cells) != len(head):
+            problem = f"line {line} has {len(cells)} cells, not {len(head)}"
+            raise InputError(path, problem, f"give every line all cells, {MISSING} where a value is missing")
+        long = next((cell for cell in cells if len(cell) > LONGEST_TEXT or not cell.isprintable()), None)
+        if long is not None:
+            raise InputError(path, f"line {line} has the cell {long[:40]!r}", "write a short text without breaks")
+
+
+def _trial(path: Path, line: int, cells: dict[str, str], span: RecordedSpan) -> Trial:
+    """The trial of a line, still without number and own columns."""
+    onset_s, duration_s = (_number(path, line, name, cells[name]) for name in ("onset", "duration"))
+    if onset_s is None or duration_s is None or cells["trial_type"] in ("", MISSING):
+        name = next(name for name in REQUIRED if cells[name] in ("", MISSING))
+        raise InputError(path, f"line {line} has no {name}", "fill it in, or remove the line")
+    if duration_s <= 0:
+        what = "a negative duration" if duration_s < 0 else "the duration 0"
+        raise InputError(path, f"line {line} has {what}", "write how many seconds the trial lasted")
+    recorded_s = span.end_s - span.first_s
+    if onset_s < 0 or onset_s + duration_s > recorded_s + ROUNDING_S:
+        problem = (
+            f"line {line} is a trial from {onset_s:g} to {onset_s + duration_s:g} s, outside of the recording "
+            f"(0 to {recorded_s:.3f} s)"
+        )
+        raise InputError(path, problem, "count seconds from the first frame of the first camera")
+    return Trial(0, cells["trial_type"], onset_s, duration_s, span.first_s + onset_s)
+
+
+def _number(path: Path, line: int, name: str, text: str) -> float | None:
+    """A number; None where it is missing."""
+    if text in ("", MISSING):
+        return None
+    try:
+        value = plain_number(text)
+    except ValueError:
+        value = np.inf
+    if not abs(value) <= LARGEST:
+        remedy = f"write a number with a decimal point, or {MISSING} where there is none"
+        raise InputError(path, f"line {line} has the {name} '{text[:40]}', which is not a number", remedy)
+    return float(value)
+
+
+def _require_apart(path: Path, numbered: Sequence[tuple[int, Trial]]) -> None:
+    ordered = sorted(numbered, key=lambda each: each[1].onset_s)
+    for (line, before), (other, after) in pairwise(ordered):
+        if after.onset_s < before.onset_s + before.duration_s - ROUNDING_S:
+            problem = (
+                f"line {other} begins at {after.onset_s:g} s, before the trial of line {line} has ended at "
+                f"{before.onset_s + before.duration_s:g} s"
+            )
+            raise InputError(path, problem, "correct onset or duration: trials may not overlap")
+
+
+def _require_unit(unit: str) -> str:
+    known = _SPELLINGS.get(unit, unit)
+    if known in UNITS:
+        return known
+    guess = next((f"write '{name}'; " for name in UNITS if name.casefold() == unit.casefold()), "")
+    raise Unfit(f"is the unknown unit '{unit[:40]}'", f"{guess}known units are {', '.join(UNITS)}")
+
+
+class ColumnEntry(Entry, extra="ignore"):
+    """What events.json says of a column; BIDS has more keys, which are not used."""
+
+    units: Annotated[str, AfterValidator(_require_unit)] | None = Field(
+        default=None, alias="Units", description="a unit such as mA"
+    )
+    levels: dict[str, object] | None = Field(default=None, alias="Levels", description="the texts of the column")
+    description: str = Field(default="", alias="Description", max_length=2000)
+
+
+def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
+    """What the file of units says of each own column; nothing where it is absent."""
+    if not is_there(path):
+        return {}
+    document = read_json(path, LARGEST_EVENTS)
+    own = {name: entry for name, entry in document.items() if name in head and name not in REQUIRED}
+    return validate(path, dict[str, ColumnEntry], own)
+
+
+def _column(path: Path, name: str, texts: Sequence[str], entry: ColumnEntry | None) -> TrialColumn:
+    """A column of numbers where it has a unit, of texts where a cell is none; raises InputError for a lack of unit."""
+    description = "" if entry is None else entry.description
+    known = [text for text in texts if text not in ("", MISSING)]
+    if name == BLOCK_COLUMN or (entry is not None and entry.units is None and entry.levels is not None):
+        return TrialColumn(name, None, description)
+    if entry is not None and entry.units is not None:
+        return TrialColumn(name, entry.units, description)
+    if known and all(_is_number(text) for text in known):
+        remedy = f'write {{"{name}": {{"Units": "mA"}}}} with the right unit there, or "1" for a number without any'
+        raise InputError(path, f"has numbers in the column '{name}' without a unit in {sidecar_of(path).name}", remedy)
+    return TrialColumn(name, None, description)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        plain_number(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _cell(path: Path, line: int, column: TrialColumn, text: str) -> float | str | None:
+    if column.unit is not None:
+        return _number(path, line, column.name, text)
+    return None if text in ("", MISSING) else text

@@ -1,0 +1,192 @@
+"""The conditions of a session's trials: every main measure under each, the differences, and curves over parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from anchorpose.errors import InputError
+from anchorpose.recording.events import Trials
+from anchorpose.report.comparable import ALIKE, grows_with_time
+from anchorpose.report.detectable import Detectable
+from anchorpose.report.measure_section import PRINTED, title_of, value_and_error, value_form, words_of
+from anchorpose.report.parameter_curves import parameter_charts
+from anchorpose.report.session import Session
+from anchorpose.report.still_chart import StillChart
+from anchorpose.report.words import Form, figure, listed
+from anchorpose.results.condition_effect import BLOCKS, FREE, PAIRS, Effect, effects
+from anchorpose.results.permutation import ALPHA
+from anchorpose.results.records import MEASURES_FILE, Measure, MeasureKey
+from anchorpose.results.uncertainty import NORMAL_95
+
+LEFT_OUT: Final = ("recorded_time", "found_time", "unknown_time", "sway_time")
+"""Times that say how much was recorded, not what the patient did."""
+
+CURVES: Final = (
+    "upright_share",
+    "knee_flexion_upright_mean",
+    "hip_flexion_upright_mean",
+    "sway_velocity",
+    "assistance_share_upright",
+)
+"""Measures that are drawn over parameters where the user chose none."""
+
+DESIGNS: Final = {
+    PAIRS: "Neighbouring trials of two conditions are compared in pairs, since they alternate.",
+    BLOCKS: "Trials are compared within the blocks that the events file names.",
+    FREE: "All trials of two conditions are compared with each other.",
+}
+
+
+class ConditionRow(NamedTuple):
+    """A condition: its name, how many of its trials have a value, the mean, the difference and what it shows."""
+
+    condition: str
+    trials: str
+    value: Markup
+    difference: Markup
+    verdict: Markup
+
+
+class ConditionGroup(NamedTuple):
+    """A measure under all conditions."""
+
+    title: str
+    meaning: str
+    rows: list[ConditionRow]
+
+
+class ConditionSection(NamedTuple):
+    """about: sentences on the trials; designs: how they are compared; tested: how many differences are tested; groups;
+    charts."""
+
+    about: list[str]
+    designs: list[str]
+    tested: int
+    groups: list[ConditionGroup]
+    charts: list[StillChart]
+
+
+def condition_section(
+    session: Session, detectable: Detectable | None = None, chosen: Sequence[str] = ()
+) -> ConditionSection | None:
+    """None where the session has no trials.
+
+    detectable: minimal detectable changes of repeated sessions. chosen: names of measures; empty for the main measures.
+    Raises InputError for a measure that the session does not have.
+    """
+    trials = session.trials
+    if trials is None:
+        return None
+    by_trial = _by_key(session, chosen)
+    found = {key: _effects(rows, trials, detectable or {}) for key, rows in by_trial.items()}
+    means = {(row.condition, row.key): row for row in session.trial_measures if row.trial is None}
+    groups = [_group(rows, found[key], trials, means) for key, rows in by_trial.items()]
+    used = dict.fromkeys(effect.design for each in found.values() for effect in each)
+    drawn = chosen or CURVES
+    return ConditionSection(
+        about=_about(trials),
+        designs=[DESIGNS[design] for design in used],
+        tested=sum(effect.p is not None for each in found.values() for effect in each),
+        groups=groups,
+        charts=parameter_charts(trials, {k: rows for k, rows in by_trial.items() if k[0] in drawn}),
+    )
+
+
+def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Measure]]:
+    """The rows of all trials of each measure that is shown, in the order of reading; without any value, none."""
+    names = list(chosen) or [name for name in PRINTED if name not in LEFT_OUT]
+    found: dict[MeasureKey, list[Measure]] = {}
+    for name in names:
+        rows = [row for row in session.trial_measures if row.measure == name and row.trial is not None]
+        if not rows and chosen:
+            problem = f"has no measure '{name}' of trials"
+            raise InputError(session.folder / MEASURES_FILE, problem, "docs/measures.md names all of them")
+        for row in rows:
+            if row.part is None and row.person is None:
+                found.setdefault(row.key, []).append(row)
+    return {key: rows for key, rows in found.items() if any(row.value is not None for row in rows)}
+
+
+def _effects(rows: Sequence[Measure], trials: Trials, detectable: Detectable) -> list[Effect]:
+    first = rows[0]
+    return effects(rows, trials, detectable.get((first.measure, first.side, first.unit)), _unlike_times(rows, trials))
+
+
+def _unlike_times(rows: Sequence[Measure], trials: Trials) -> str | None:
+    """Why a measure that grows with time is not tested: the trials that have a value do not last alike."""
+    known = {row.trial for row in rows if row.value is not None}
+    lasting = [trial.duration_s for trial in trials.rows if trial.number in known]
+    if not lasting or not grows_with_time(rows[0]) or max(lasting) - min(lasting) <= ALIKE * max(lasting):
+        return None
+    return f"it grows with time, and trials last {min(lasting):g} to {max(lasting):g} s"
+
+
+def _about(trials: Trials) -> list[str]:
+    counts = [f"{sum(trial.condition == name for trial in trials.rows)} of {name}" for name in trials.conditions]
+    sentences = [f"{len(trials.rows)} trials: {listed(counts)}."]
+    if len(trials.conditions) == 1:
+        sentences.append("With a single condition there is nothing to compare.")
+    else:
+        sentences.append(f"Differences are to {trials.conditions[0]}, which stands first in the events file.")
+    return sentences
+
+
+def _group(
+    rows: Sequence[Measure],
+    found: Sequence[Effect],
+    trials: Trials,
+    means: dict[tuple[str | None, MeasureKey], Measure],
+) -> ConditionGroup:
+    effect_of = {effect.condition: effect for effect in found}
+    named = [_row(name, rows, means[name, rows[0].key], effect_of.get(name)) for name in trials.conditions]
+    return ConditionGroup(title_of(rows[0]), words_of(rows[0].measure).meaning, named)
+
+
+def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | None) -> ConditionRow:
+    own = [row for row in rows if row.condition == name]
+    known = sum(row.value is not None for row in own)
+    unknown = Markup('<i class="why">no value: {}</i>')
+    value = unknown.format(mean.why) if mean.value is None else value_and_error(mean)
+    if effect is None:
+        return ConditionRow(name, f"{known} of {len(own)}", value, Markup("reference"), Markup())
+    return ConditionRow(name, f"{known} of {len(own)}", value, _difference(effect, mean), _verdict(effect, mean))
+
+
+def _difference(effect: Effect, like: Measure) -> Markup:
+    """The difference with its interval; the digits are those that the interval justifies."""
+    if effect.difference is None:
+        return Markup('<span class="unknown">not known</span>')
+    form = _form(effect, like)
+    sign = "+" if effect.difference > 0 else ""
+    text = Markup("{}{}").format(sign, figure(effect.difference, form))
+    if effect.low is None or effect.high is None:
+        return text
+    return Markup("{} ({} to {})").format(text, figure(effect.low, form), figure(effect.high, form))
+
+
+def _form(effect: Effect, like: Measure) -> Form:
+    reach = None if effect.low is None or effect.high is None else (effect.high - effect.low) / 2.0
+    sigma = None if not reach else reach / NORMAL_95
+    return value_form(Measure(measure=like.measure, value=effect.difference, unit=like.unit, sigma=sigma, frames=0))
+
+
+def _verdict(effect: Effect, like: Measure) -> Markup:
+    cell = Markup('<span class="change {}">{}</span>')
+    if effect.p is None:
+        return cell.format("untested", f"not tested: {effect.why}")
+    p = f"p {_p_text(effect.p)}{'' if effect.exact else ', by a sample of all orders'}"
+    if effect.shown:
+        return cell.format("exceeds", f"a difference: {p}")
+    if effect.p >= ALPHA:
+        return cell.format("within", f"not shown: {p}")
+    limit = _form(effect, like).write(float(effect.detectable or np.nan))
+    what = "below the minimal detectable change" if effect.repeated else "within the errors of measurement"
+    return cell.format("within", f"not shown: {what} (± {limit}), {p}")
+
+
+def _p_text(p: float) -> str:
+    return "below 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"

@@ -1,0 +1,114 @@
+"""Curves of measures over the numbers that were set in each trial, such as an amplitude, with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from anchorpose.recording.events import TrialColumn, Trials
+from anchorpose.report.measure_section import unit_of, words_of
+from anchorpose.report.still_chart import Line, Points, StillChart, across, still_row
+from anchorpose.report.words import decimals_for, number
+from anchorpose.results.condition_effect import CONFIDENCE
+from anchorpose.results.records import Measure, MeasureKey
+from anchorpose.results.uncertainty import NORMAL_95, SYSTEMATIC_SHARE
+
+LEAST_LEVELS: Final = 2
+MOST_TICKS: Final = 9
+
+
+class Level(NamedTuple):
+    """All trials with the same number: at, how many, their mean, and half of its 95 % interval (NaN: not known)."""
+
+    at: float
+    trials: int
+    mean: float
+    half: float
+
+
+def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray) -> list[Level]:
+    """The mean of the trials at each number, in rising order.
+
+    at, value, sigma (n,); sigma NaN where unknown. The interval holds the scatter of the trials, at least their random
+    errors; of a single trial these alone. The systematic error, which would move all levels alike, is left out.
+    """
+    return [_level(float(place), value[at == place], sigma[at == place]) for place in np.unique(at)]
+
+
+def _level(at: float, value: np.ndarray, sigma: np.ndarray) -> Level:
+    count = len(value)
+    random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum(sigma**2)) / count**2
+    if count == 1:
+        return Level(at, 1, float(value[0]), NORMAL_95 * float(np.sqrt(random)))
+    variance = float(np.fmax(value.var(ddof=1) / count, random))
+    return Level(
+        at, count, float(value.mean()), float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, count - 1) * np.sqrt(variance))
+    )
+
+
+def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure]]) -> list[StillChart]:
+    """A chart for each measure and numeric column with two numbers or more; left and right in one chart."""
+    names = dict.fromkeys(key[0] for key in found)
+    numeric = [column for column in trials.columns if column.unit is not None]
+    charts = (
+        _chart(column, trials, [rows for key, rows in found.items() if key[0] == name])
+        for name in names
+        for column in numeric
+    )
+    return [chart for chart in charts if chart is not None]
+
+
+def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure]]) -> StillChart | None:
+    """None where no side has values at two numbers."""
+    cells = dict(zip([trial.number for trial in trials.rows], trials.column(column.name), strict=True))
+    points, lines, table = list[Points](), list[Line](), list[tuple[str, Sequence[str]]]()
+    times, unit = unit_of(sides[0][0].unit)
+    for rows in sides:
+        known = [row for row in rows if row.value is not None and isinstance(cells.get(row.trial or 0), float)]
+        at = np.array([cells[row.trial or 0] for row in known], dtype=np.float64)
+        value = times * np.array([row.value for row in known], dtype=np.float64)
+        sigma = times * np.array([np.nan if row.sigma is None else row.sigma for row in known])
+        levels, side = levels_of(at, value, sigma), rows[0].side or ""
+        if len(levels) < LEAST_LEVELS:
+            continue
+        points.append(Points(side=side, x=at, y=value, reach=NORMAL_95 * sigma))
+        lines.append(_line(side, levels))
+        table += [_cells(side, level, column, unit) for level in levels]
+    if not points:
+        return None
+    name, what = sides[0][0].measure, words_of(sides[0][0].measure).title
+    span = (min(float(each.x.min()) for each in points), max(float(each.x.max()) for each in points))
+    axis = f"{column.name}, {column.unit}" if column.unit not in ("1", "arbitrary") else column.name
+    return StillChart(
+        identity=f"parameter-{name}-{trials.columns.index(column)}",
+        title=f"{what} over {axis}",
+        caption=f"{what} over {axis}",
+        row=still_row(unit.strip() or what, points, lines, span),
+        ticks=_ticks(np.unique(np.concatenate([each.x for each in points])), span),
+        head=(axis, "trials", "mean", "95 % interval"),
+        rows=table,
+    )
+
+
+def _line(side: str, levels: Sequence[Level]) -> Line:
+    at, mean, half = (np.array([getattr(level, name) for level in levels]) for name in ("at", "mean", "half"))
+    return Line(side=side, x=at, y=mean, low=mean - half, high=mean + half)
+
+
+def _cells(side: str, level: Level, column: TrialColumn, unit: str) -> tuple[str, Sequence[str]]:
+    known = np.isfinite(level.half)
+    decimals = decimals_for(level.half if known and level.half else None, level.mean)
+    mean, low, high = (number(v, decimals) for v in (level.mean, level.mean - level.half, level.mean + level.half))
+    interval = f"{low} to {high}{unit}" if known else "no error is stated"
+    name = f"{level.at:g}" + (f", {side}" if side else "")
+    return name, (str(level.trials), f"{mean}{unit}", interval)
+
+
+def _ticks(levels: np.ndarray, span: tuple[float, float]) -> list[tuple[float, str]]:
+    """Every level, or the first, the last and some between them."""
+    if len(levels) > MOST_TICKS:
+        levels = levels[np.unique(np.linspace(0, len(levels) - 1, MOST_TICKS).astype(int))]
+    return [(float(share), f"{level:g}") for share, level in zip(across(levels, span), levels.tolist(), strict=True)]

@@ -1,0 +1,114 @@
+"""A chart that does not move: measured points with their errors, and a line with its band, over any horizontal axis.
+
+As in the curves over time, left is solid and right dashed, their points are round and square, and colour only repeats
+this. Every number of a chart stands in the table below it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from anchorpose.report.chart import UNITS, Envelope, Row, make_axis
+from anchorpose.report.curves import end_marks
+
+HEIGHT: Final = 170
+MARGIN: Final = 0.06
+"""Share of the width that is left free at either end, so that no point lies on the border."""
+
+APART: Final = 6
+"""Units between the left and the right side's points at one place, so that both are seen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Points:
+    """Measured values of one side ("left", "right" or ""): x (n,), y (n,), reach (n,) of each error bar or NaN."""
+
+    side: str
+    x: np.ndarray
+    y: np.ndarray
+    reach: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Line:
+    """A line of one side through x (k,), y (k,), and its band from low to high (k,), NaN where it has none."""
+
+    side: str
+    x: np.ndarray
+    y: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StillChart:
+    """identity: its id on the page; title: for those who cannot see it; caption: above it; row: the picture; ticks:
+    (share of the width, text) along the bottom; head, rows: the numbers as a table, cells of texts."""
+
+    identity: str
+    title: str
+    caption: str
+    row: Row
+    ticks: Sequence[tuple[float, str]]
+    head: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[str]]]
+
+
+def across(values: np.ndarray, span: tuple[float, float]) -> np.ndarray:
+    """Shares of the width; span: the least and the greatest value."""
+    low, high = span
+    share = (values - low) / (high - low) if high > low else np.full(np.shape(values), 0.5)
+    return MARGIN + (1.0 - 2.0 * MARGIN) * np.asarray(share, dtype=np.float64)
+
+
+def still_row(label: str, points: Sequence[Points], lines: Sequence[Line], span: tuple[float, float]) -> Row:
+    """The picture; span: the least and the greatest x."""
+    values = [(each.y, each.y) for each in points] + [(each.y, each.y) for each in lines]
+    bands = [(np.where(np.isnan(p.reach), p.y, p.y - p.reach), p.y + np.nan_to_num(p.reach)) for p in points]
+    bands += [(np.fmin(each.low, each.y), np.fmax(each.high, each.y)) for each in lines]
+    known = [float(value) for low, _ in values for value in low if np.isfinite(value)]
+    size = max((abs(value) for value in known), default=1.0) or 1.0
+    axis = make_axis(values, bands, 0.05 * size)
+    shapes = list[tuple[str, str]]()
+    for line in lines:
+        x, side = _units(across(line.x, span)), line.side or "both"
+        shapes.append((f"band {side}", _band(x, axis.down(line.low), axis.down(line.high), line)))
+        shapes.append((f"line {side} thick", _path(x, axis.down(line.y))))
+    for each in points:
+        x, side = _units(across(each.x, span)) + (APART if each.side == "right" else 0), each.side or "both"
+        shapes.append((f"bar {side}", _bars(x, axis.down(each.y - each.reach), axis.down(each.y + each.reach), each)))
+        shapes.append(
+            (f"dot {side}", "".join(f"M{a:.0f} {b:.0f}h0" for a, b in zip(x, axis.down(each.y), strict=True)))
+        )
+    sided = [line for line in lines if line.side]
+    ends = end_marks([line.side for line in sided], [_envelope(line) for line in sided], axis, HEIGHT)
+    return Row(label=label, height=HEIGHT, shapes=tuple(shapes), axis=axis, marks=ends, kind="curves")
+
+
+def _units(share: np.ndarray) -> np.ndarray:
+    return np.round(UNITS * share)
+
+
+def _path(x: np.ndarray, y: np.ndarray) -> str:
+    return "M" + "L".join(f"{a:.0f} {b:.0f}" for a, b in zip(x, y, strict=True)) if len(x) else ""
+
+
+def _band(x: np.ndarray, low: np.ndarray, high: np.ndarray, line: Line) -> str:
+    known = np.isfinite(line.low) & np.isfinite(line.high)
+    if known.sum() < 2:
+        return ""
+    there, back = _path(x[known], high[known]), _path(x[known][::-1], low[known][::-1])
+    return f"{there}L{back[1:]}z"
+
+
+def _bars(x: np.ndarray, low: np.ndarray, high: np.ndarray, points: Points) -> str:
+    known = np.isfinite(points.reach)
+    return "".join(f"M{a:.0f} {b:.0f}V{c:.0f}" for a, b, c in zip(x[known], high[known], low[known], strict=True))
+
+
+def _envelope(line: Line) -> Envelope:
+    return Envelope(line.y, line.y, np.ones(len(line.y), dtype=bool))

@@ -1,0 +1,267 @@
+"""The trend of each measure over the dates of several sessions: a straight line with its 95 % band, or why it has none.
+
+Ordinary least squares over time. A session is the unit, and sessions are taken to scatter independently about the line.
+The scatter counts at least as much as the stated errors of measurement, so that three sessions that happen to lie on a
+line have no band narrower than their errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+from itertools import pairwise
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+from scipy import stats
+
+from anchorpose.errors import InputError
+from anchorpose.report.comparable import unlike_time
+from anchorpose.report.detectable import Detectable
+from anchorpose.report.measure_section import PRINTED, title_of, unit_of, value_form, words_of
+from anchorpose.report.session import Session
+from anchorpose.report.still_chart import Line, Points, StillChart, across, still_row
+from anchorpose.report.words import figure
+from anchorpose.results.condition_effect import CONFIDENCE
+from anchorpose.results.records import Measure, MeasureKey
+from anchorpose.results.uncertainty import NORMAL_95
+
+LEAST_SESSIONS: Final = 3
+DAYS: Final = 7.0
+"""Slopes are per week."""
+
+NO_DATES: Final = "There is no trend: the dates of the sessions are not known. Give --date once for each session."
+TOO_FEW: Final = "There is no trend: it needs {} sessions of different days at least, and these are {}."
+NOT_MEASURED: Final = ("recorded_time", "found_time", "unknown_time", "sway_time")
+
+
+def parse_dates(texts: Sequence[str], count: int, page: Path) -> list[date] | None:
+    """The dates of the sessions in their order; None for none. Raises InputError for others."""
+    if not texts:
+        return None
+    if len(texts) != count:
+        problem = f"{len(texts)} dates are given for {count} sessions"
+        raise InputError(page, problem, "give --date once for each session, in the same order")
+    dates = [_parse(text, page) for text in texts]
+    if any(later < before for before, later in pairwise(dates)):
+        raise InputError(page, "the dates of the sessions go back in time", "give sessions and dates in order of time")
+    return dates
+
+
+def _parse(text: str, page: Path) -> date:
+    try:
+        return date.fromisoformat(text)
+    except ValueError:
+        raise InputError(page, f"the date '{text[:40]}' is none", "write year, month and day as 2025-03-28") from None
+
+
+def dates_in(labels: Sequence[str]) -> list[str]:
+    """The labels where all of them are dates in the order of time, else nothing."""
+    try:
+        dates = [date.fromisoformat(label) for label in labels]
+    except ValueError:
+        return []
+    return list(labels) if dates == sorted(dates) else []
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A straight line through sessions: slope per unit of x with its 95 % half interval, intercept, and what the band
+    needs: the scatter about the line, the quantile of t, the mean of x, the sum of squares of x and their count."""
+
+    slope: float
+    half: float
+    intercept: float
+    scatter: float
+    quantile: float
+    middle: float
+    squares: float
+    count: int
+
+    def band(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The line at x (k,), and half of its 95 % interval there."""
+        half = self.quantile * self.scatter * np.sqrt(1.0 / self.count + (x - self.middle) ** 2 / self.squares)
+        return self.intercept + self.slope * x, half
+
+
+def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
+    """Least squares through x, y (n,), n at least 3 with different x; sigma (n,), NaN where no error is stated."""
+    count, middle = len(x), float(x.mean())
+    squares = float(np.sum((x - middle) ** 2))
+    slope = float(np.sum((x - middle) * (y - y.mean())) / squares)
+    intercept = float(y.mean()) - slope * middle
+    found = float(np.sum((y - intercept - slope * x) ** 2)) / (count - 2)
+    scatter = float(np.sqrt(np.fmax(found, np.mean(sigma**2))))
+    quantile = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, count - 2))
+    return Fit(slope, quantile * scatter / np.sqrt(squares), intercept, scatter, quantile, middle, squares, count)
+
+
+class TrendRow(NamedTuple):
+    """A measure: its title, meaning, slope per week, change over the whole time, and what it shows."""
+
+    title: str
+    meaning: str
+    slope: Markup
+    change: Markup
+    verdict: Markup
+
+
+class TrendSection(NamedTuple):
+    """why: why there is no trend at all; else rows and charts."""
+
+    why: str
+    rows: list[TrendRow]
+    charts: list[StillChart]
+
+
+def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, detectable: Detectable) -> TrendSection:
+    """The trends of the main measures, in the order of reading; detectable: as for changes between sessions."""
+    if dates is None:
+        return TrendSection(NO_DATES, [], [])
+    days = len(set(dates))
+    if days < LEAST_SESSIONS:
+        return TrendSection(TOO_FEW.format(LEAST_SESSIONS, days), [], [])
+    x = np.array([(each - dates[0]).days / DAYS for each in dates])
+    rows, drawn = list[TrendRow](), dict[str, list[_Followed]]()
+    for key in _keys(sessions):
+        followed = _follow(sessions, key, x)
+        rows.append(_row(followed, detectable))
+        if followed.fit is not None:
+            drawn.setdefault(key[0], []).append(followed)
+    return TrendSection("", rows, [_chart(name, sides, dates) for name, sides in drawn.items()])
+
+
+def _keys(sessions: Sequence[Session]) -> list[MeasureKey]:
+    found = dict.fromkeys(row.key for each in sessions for row in each.measures if not (row.part or row.person))
+    return [key for name in PRINTED for key in found if key[0] == name and name not in NOT_MEASURED]
+
+
+class _Followed(NamedTuple):
+    """A measure over all sessions: like one of its rows; x, value, sigma (n,), NaN where there is none; why: why it is
+    not fitted."""
+
+    like: Measure
+    x: np.ndarray
+    value: np.ndarray
+    sigma: np.ndarray
+    fit: Fit | None
+    why: str
+
+
+def _follow(sessions: Sequence[Session], key: MeasureKey, x: np.ndarray) -> _Followed:
+    rows = [next((row for row in each.measures if row.key == key), None) for each in sessions]
+    value = np.array([np.nan if row is None or row.value is None else row.value for row in rows])
+    sigma = np.array([np.nan if row is None or row.sigma is None else row.sigma for row in rows])
+    like = next(row for row in rows if row is not None)
+    known = np.isfinite(value)
+    if len(np.unique(x[known])) < LEAST_SESSIONS:
+        days = len(np.unique(x[known]))
+        return _Followed(like, x, value, sigma, None, f"only {days} days have a value, {LEAST_SESSIONS} are needed")
+    used = [each for each, here in zip(sessions, known, strict=True) if here]
+    unlike = (unlike_time(like, used[0].measures, each.measures) for each in used[1:])
+    if any(unlike):
+        return _Followed(like, x, value, sigma, None, "it grows with time, and the sessions last differently")
+    if np.ptp(value[known]) == 0.0:
+        return _Followed(like, x, value, sigma, None, "it has the same value in all sessions")
+    return _Followed(like, x, value, sigma, fit_line(x[known], value[known], sigma[known]), "")
+
+
+def _row(followed: _Followed, detectable: Detectable) -> TrendRow:
+    like, fit = followed.like, followed.fit
+    title, meaning = title_of(like), words_of(like.measure).meaning
+    cell = Markup('<span class="change {}">{}</span>')
+    if fit is None:
+        empty = Markup('<span class="unknown">none</span>')
+        return TrendRow(title, meaning, empty, empty, cell.format("untested", f"not tested: {followed.why}"))
+    known = followed.x[np.isfinite(followed.value)]
+    weeks = float(known[-1] - known[0])
+    limit = detectable.get((like.measure, like.side, like.unit))
+    change = fit.slope * weeks
+    verdict = _verdict(fit, change, limit, like)
+    return TrendRow(
+        title,
+        meaning,
+        _interval(fit.slope, fit.half, like),
+        _interval(change, fit.half * weeks, like),
+        cell.format(*verdict),
+    )
+
+
+def _verdict(fit: Fit, change: float, limit: float | None, like: Measure) -> tuple[str, str]:
+    if abs(fit.slope) <= fit.half:
+        return "within", "not shown: the interval holds 0"
+    if limit is not None and abs(change) <= limit:
+        return "within", f"not shown: below the minimal detectable change (± {value_form(like).write(limit)})"
+    return "exceeds", f"{'▲ rising' if change > 0 else '▼ falling'}"
+
+
+def _interval(value: float, half: float, like: Measure) -> Markup:
+    sigma = half / NORMAL_95 if half else None
+    form = value_form(Measure(measure=like.measure, value=value, unit=like.unit, sigma=sigma, frames=0))
+    sign = "+" if value > 0 else ""
+    ends = (figure(value - half, form), figure(value + half, form))
+    return Markup("{}{} ({} to {})").format(sign, figure(value, form), *ends)
+
+
+def _chart(name: str, sides: Sequence[_Followed], dates: Sequence[date]) -> StillChart:
+    """All sessions of a measure, left and right in one chart, with the lines and their bands."""
+    points, lines, table = list[Points](), list[Line](), list[tuple[str, Sequence[str]]]()
+    times, unit = unit_of(sides[0].like.unit)
+    span = (float(sides[0].x[0]), float(sides[0].x[-1]))
+    for each in sides:
+        side, known = each.like.side or "", np.isfinite(each.value)
+        points.append(
+            Points(side=side, x=each.x[known], y=times * each.value[known], reach=NORMAL_95 * times * each.sigma[known])
+        )
+        lines.append(_line(side, each, span, times))
+        table += _cells(side, each, dates)
+    title = words_of(name).title
+    shares = across(sides[0].x, span)
+    return StillChart(
+        identity=f"trend-{name}",
+        title=f"{title} over the dates of the sessions",
+        caption=title,
+        row=still_row(unit.strip() or title, points, lines, span),
+        ticks=[(float(share), each.isoformat()) for share, each in _spread(shares, dates)],
+        head=("session", "value"),
+        rows=table,
+    )
+
+
+DRAWN: Final = 25
+"""Places along a line at which its band, which is curved, is drawn."""
+
+
+def _line(side: str, followed: _Followed, span: tuple[float, float], times: float) -> Line:
+    x = np.linspace(*span, DRAWN)
+    assert followed.fit is not None
+    y, half = followed.fit.band(x)
+    return Line(side=side, x=x, y=times * y, low=times * (y - half), high=times * (y + half))
+
+
+def _cells(side: str, followed: _Followed, dates: Sequence[date]) -> list[tuple[str, Sequence[str]]]:
+    rows = list[tuple[str, Sequence[str]]]()
+    for day, value, sigma in zip(dates, followed.value.tolist(), followed.sigma.tolist(), strict=True):
+        if np.isfinite(value):
+            stated = sigma if np.isfinite(sigma) and sigma > 0 else None
+            like = followed.like
+            form = value_form(Measure(measure=like.measure, value=value, unit=like.unit, sigma=stated, frames=0))
+            reach = "" if stated is None else f" ± {form.write(NORMAL_95 * stated)}"
+            rows.append((day.isoformat() + (f", {side}" if side else ""), (form.write(value) + reach,)))
+    return rows
+
+
+APART: Final = 0.12
+"""Share of the width between the written dates, about that of a date."""
+
+
+def _spread(shares: np.ndarray, dates: Sequence[date]) -> list[tuple[float, date]]:
+    """The dates that have room beside each other."""
+    kept = list[tuple[float, date]]()
+    for share, day in zip(shares.tolist(), dates, strict=True):
+        if not kept or share - kept[-1][0] >= APART:
+            kept.append((share, day))
+    return kept

@@ -1,0 +1,199 @@
+"""State how a measure differs between a condition and the reference: difference, interval, p, or why it has none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy import stats
+
+from anchorpose.recording.events import BLOCK_COLUMN, Trials
+from anchorpose.results.permutation import (
+    ALPHA,
+    Blocks,
+    blocks_needed,
+    holm,
+    neighbours,
+    pairs_needed,
+    permutation_p,
+    trials_needed,
+    usable,
+)
+from anchorpose.results.records import Measure
+from anchorpose.results.uncertainty import NORMAL_95, SYSTEMATIC_SHARE
+
+CONFIDENCE: Final = 0.95
+
+PAIRS, BLOCKS, FREE = "pairs", "blocks", "free"
+"""How the order may have been drawn: within pairs of neighbouring trials, within named blocks, or over all trials."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effect:
+    """The difference of a condition to the reference.
+
+    reference, condition: their names; counts: how many of their trials were compared. difference: condition minus
+    reference; low, high: its 95 % interval, None where there are too few trials. p: of the permutation test, adjusted
+    for the other conditions; exact: whether all assignments were looked at. detectable: the least difference that the
+    errors of measurement alone exceed 5 times in 100, None where no error is stated. repeated: detectable is an MDC95
+    of repeated sessions. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: why it is not tested; then p is None.
+    """
+
+    reference: str
+    condition: str
+    counts: tuple[int, int]
+    difference: float | None = None
+    low: float | None = None
+    high: float | None = None
+    p: float | None = None
+    exact: bool = True
+    detectable: float | None = None
+    repeated: bool = False
+    design: str = FREE
+    why: str | None = None
+
+    @property
+    def shown(self) -> bool:
+        """Whether a difference is shown: p is below 0.05, and the errors of measurement do not explain it."""
+        if self.p is None or self.difference is None or self.p >= ALPHA:
+            return False
+        return self.detectable is None or abs(self.difference) > self.detectable
+
+
+def effects(
+    rows: Sequence[Measure], trials: Trials, repeated: float | None = None, why: str | None = None
+) -> list[Effect]:
+    """The effect of every condition but the reference on one measure; rows: of its trials, in the order of the file.
+
+    The reference is the condition that stands first in the file. repeated: the measure's MDC95 where it is known. why:
+    why the measure is not tested at all, None where it is.
+    """
+    by_number = {row.trial: row for row in rows}
+    reference, *others = trials.conditions
+    found = [_effect(by_number, trials, (reference, name), len(others)) for name in others]
+    if repeated is not None:
+        found = [replace(each, detectable=repeated, repeated=True) for each in found]
+    if why is not None:
+        return [replace(each, p=None, why=each.why or why) for each in found]
+    tested = [each for each in found if each.p is not None]
+    adjusted = dict(zip([t.condition for t in tested], holm([t.p for t in tested if t.p is not None]), strict=True))
+    return [replace(each, p=adjusted.get(each.condition)) for each in found]
+
+
+def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[str, str], comparisons: int) -> Effect:
+    design, order, block = _design(trials, names)
+    rows = [by_number.get(trials.rows[place].number) for place in order]
+    known = np.array([row is not None and row.value is not None for row in rows])
+    treated = np.array([trials.rows[place].condition == names[1] for place in order])
+    chosen = known.copy()
+    chosen[known] = usable(treated[known], block[known])
+    counts = (int((chosen & ~treated).sum()), int((chosen & treated).sum()))
+    empty = Effect(reference=names[0], condition=names[1], counts=counts, design=design)
+    if not chosen.any():
+        return replace(empty, why="no trials with a value can be compared")
+    used = [row for row, here in zip(rows, chosen, strict=True) if here and row is not None]
+    value = np.array([row.value for row in used], dtype=np.float64)
+    sigma = np.array([np.nan if row.sigma is None else row.sigma for row in used])
+    blocks = Blocks(treated[chosen], block[chosen])
+    spread = spread_of(value, sigma, blocks)
+    difference = float(blocks.weights @ value)
+    reach = None if spread.half is None else (difference - spread.half, difference + spread.half)
+    effect = replace(empty, difference=difference, detectable=spread.detectable)
+    effect = effect if reach is None else replace(effect, low=reach[0], high=reach[1])
+    if np.ptp(value) == 0.0:
+        return replace(effect, why="all trials have the same value")
+    if blocks.smallest_p >= ALPHA / comparisons:
+        return replace(effect, why=_too_few(design, blocks, comparisons))
+    p, exact = permutation_p(value, blocks)
+    return replace(effect, p=p, exact=exact)
+
+
+def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np.ndarray]:
+    """How the order was drawn, the places of the trials of two conditions in the order of time, and their blocks.
+
+    A trial without the name of its block is a block of its own, which has nothing to be compared with.
+    """
+    order = np.array(sorted(range(len(trials.rows)), key=lambda place: trials.rows[place].onset_s))
+    order = np.array([place for place in order.tolist() if trials.rows[place].condition in names])
+    if any(column.name == BLOCK_COLUMN for column in trials.columns):
+        texts = trials.column(BLOCK_COLUMN)
+        numbers = {text: number for number, text in enumerate(dict.fromkeys(texts)) if text is not None}
+        return BLOCKS, order, np.array([numbers.get(texts[place], -1 - place) for place in order.tolist()])
+    treated = np.array([trials.rows[place].condition == names[1] for place in order.tolist()])
+    pairs = neighbours(treated)
+    return (FREE, order, np.zeros(len(order), dtype=int)) if pairs is None else (PAIRS, order, pairs)
+
+
+def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
+    """Why a test cannot show anything, and what it would need."""
+    reference, treated = int((~blocks.treated).sum()), int(blocks.treated.sum())
+    several = "" if comparisons == 1 else f" of {comparisons} comparisons"
+    if design == PAIRS:
+        there, needed = f"{len(blocks.members)} pairs", f"{pairs_needed(comparisons)} pairs are"
+    elif design == BLOCKS:
+        there, needed = f"{len(blocks.members)} blocks", f"{blocks_needed(blocks, comparisons)} like the first are"
+    else:
+        there = f"{reference} and {treated} trials"
+        needed = f"{trials_needed(comparisons)} of each condition are"
+    return (
+        f"too few trials: with {there} p cannot be below {blocks.smallest_p:.2g}; {needed} needed for p below "
+        f"{ALPHA / comparisons:.2g}{several}"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """half: of the 95 % interval of a difference; detectable: see ``Effect``; None where they are not known."""
+
+    half: float | None
+    detectable: float | None
+
+
+def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
+    """How uncertain the weighted difference of values (n,) with errors sigma (n,), NaN where unknown, is.
+
+    The scatter of the trials holds their random errors already; it counts at least as much as these. Of the systematic
+    error, which all trials of a session share, that part is added by which the conditions differ.
+    """
+    weights = blocks.weights
+    random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum((weights * sigma) ** 2))
+    systematic = SYSTEMATIC_SHARE * float(weights @ sigma) ** 2
+    stated = bool(np.isfinite(sigma).all())
+    detectable = NORMAL_95 * float(np.sqrt(random + systematic)) if stated else None
+    scatter, freedom = scatter_of(value, blocks)
+    if not np.isfinite(scatter):
+        return Spread(None, detectable)
+    variance = max(scatter, random) + systematic if stated else scatter
+    return Spread(float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, freedom) * np.sqrt(variance)), detectable)
+
+
+def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:
+    """Variance of the weighted difference as the trials scatter, and its degrees of freedom; NaN for too few trials.
+
+    In one block as Welch 1947 (doi:10.1093/biomet/34.1-2.28), who lets the conditions scatter differently. In several,
+    from the scatter within conditions where each block repeats them, and else from that of the blocks' differences.
+    """
+    cells = [(value[p][~blocks.treated[p]], value[p][blocks.treated[p]]) for p in blocks.members]
+    if len(cells) == 1:
+        return _welch(*cells[0])
+    repeats = [len(values) for cell in cells for values in cell]
+    if min(repeats) > 1:
+        freedom = sum(repeats) - len(repeats)
+        within = sum(float(np.sum((values - values.mean()) ** 2)) for cell in cells for values in cell) / freedom
+        return within * float(np.sum(blocks.weights**2)), float(freedom)
+    share = np.array([blocks.weights[p][blocks.treated[p]].sum() for p in blocks.members])
+    differences = np.array([treated.mean() - reference.mean() for reference, treated in cells])
+    off = differences - float(share @ differences)
+    freedom = len(cells) - 1
+    return float(np.sum(share * off**2) * np.sum(share**2) / (1.0 - np.sum(share**2))), float(freedom)
+
+
+def _welch(reference: np.ndarray, treated: np.ndarray) -> tuple[float, float]:
+    if min(len(reference), len(treated)) < 2:
+        return float("nan"), float("nan")
+    parts = np.array([each.var(ddof=1) / len(each) for each in (reference, treated)])
+    sizes, total = np.array([len(reference), len(treated)]), float(parts.sum())
+    freedom = total**2 / float(np.sum(parts**2 / (sizes - 1))) if total > 0 else float(sizes.sum() - 2)
+    return total, freedom

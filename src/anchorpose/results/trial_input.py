@@ -1,0 +1,35 @@
+"""Read an events file for results that are there already, on the clock of the recording that they were made from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from anchorpose.errors import InputError
+from anchorpose.recording.events import RecordedSpan, Trials, read_trials, recorded_span, sidecar_of
+from anchorpose.recording.regular_file import is_there
+from anchorpose.results.parquet import TRACK_AGAIN
+from anchorpose.results.run_record import RUN_FILE, hash_files, read_run
+from anchorpose.results.tables import JOINTS_FILE, read_joints
+
+
+def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]:
+    """The trials, and the SHA-256 of the events file and of its file of units, by name.
+
+    Raises InputError where the file cannot be used, or it is not known when the recording began.
+    """
+    trials = read_trials(events, _span_of(results))
+    files = [file for file in (events, sidecar_of(events)) if is_there(file)]
+    return trials, dict(hash_files(files, events.parent))
+
+
+def _span_of(results: Path) -> RecordedSpan:
+    """When the recording began and ended: as run.json states it, or as the joints show where all was tracked."""
+    run: dict[str, Any] = read_run(results / RUN_FILE)
+    if run.get("recorded"):
+        return RecordedSpan(**run["recorded"])
+    config = run.get("config") or {}
+    if config.get("start") or config.get("stop") is not None:
+        problem = "does not state when the recording began, and not all of it was tracked"
+        raise InputError(results / RUN_FILE, problem, f"{TRACK_AGAIN}, with --events")
+    return recorded_span(read_joints(results / JOINTS_FILE).time_s)

@@ -1,0 +1,199 @@
+"""The same measures for each trial and each condition: a session is cut into trials, and trials are averaged.
+
+Posture, transitions and steps are found in the whole recording first, so that a trial that begins while the patient
+stands begins upright. What a measure is computed from is then cut: a new measure needs nothing to be given per trial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields, replace
+from itertools import chain
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from anchorpose.recording.events import Trial, Trials
+from anchorpose.results.frame_time import frame_seconds
+from anchorpose.results.records import EPISODE_KINDS, Contact, Episode, Measure, MeasureKey
+from anchorpose.results.stand_training.stance import Session
+from anchorpose.results.trial_table import CONTACT, EPISODE, TrialInterval, trial_rows
+from anchorpose.results.uncertainty import SYSTEMATIC_SHARE
+
+Table = TypeVar("Table")
+Found = TypeVar("Found")
+
+LEAST_FRAMES: Final = 2
+"""One frame alone has no duration."""
+
+TOO_FEW_FRAMES: Final = "fewer than two frames of this trial were tracked"
+
+MeasureRows = Callable[[Session, slice], Sequence[Measure]]
+"""Measures of a session that was cut to these rows of the whole one."""
+
+
+def measures_by_trial(
+    session: Session, trials: Trials, whole: Sequence[Measure], settle_s: float, measure: MeasureRows
+) -> list[Measure]:
+    """The measures of every trial in the order of the file, then of every condition.
+
+    whole: the measures of the whole recording; a person or a part that a trial does not have counts 0 s and 0 contacts
+    there. settle_s: how long after standing up the patient still settles. measure: computes the measures of a cut
+    session.
+    """
+    rows = [_of_trial(session, trial, whole, settle_s, measure) for trial in trials.rows]
+    return [
+        *(row for each in rows for row in each),
+        *condition_measures(trials, [row for each in rows for row in each]),
+    ]
+
+
+def _of_trial(
+    session: Session, trial: Trial, whole: Sequence[Measure], settle_s: float, measure: MeasureRows
+) -> list[Measure]:
+    rows = trial_rows(trial, session.joints.time_s)
+    if rows.stop - rows.start < LEAST_FRAMES:
+        empty: dict[str, Any] = {"value": None, "sigma": None, "frames": 0, "inferred_share": None}
+        empty |= {"why": TOO_FEW_FRAMES}
+        return [replace(row, **empty, condition=trial.condition, trial=trial.number) for row in whole]
+    found = {row.key: row for row in measure(cut_session(session, rows, settle_s), rows)}
+    absent = (_absent(row, found) for row in whole if row.key not in found)
+    complete = [*found.values(), *(row for row in absent if row is not None)]
+    return [replace(row, condition=trial.condition, trial=trial.number) for row in complete]
+
+
+def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
+    """A time or a count of a part or a person that does not occur in a trial: 0, or unknown where contacts are."""
+    general = found.get((like.measure, None, None, None))
+    if general is None or like.unit not in ("s", "count"):
+        return None
+    value = None if general.value is None else 0.0
+    return replace(like, value=value, sigma=None, frames=0, inferred_share=None, why=general.why)
+
+
+def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
+    """The session of some frames; contacts end at its ends, and episodes are kept that reach into it.
+
+    Also kept are episodes that ended up to settle_s before: the patient may still settle after standing up.
+    """
+    joints = _cut(session.joints, rows)
+    start_s, end_s = float(joints.time_s[0]), float(joints.time_s[-1])
+    contacts = session.contacts
+    return replace(
+        session,
+        joints=joints,
+        angles=_cut(session.angles, rows),
+        posture=_cut(session.posture, rows),
+        stance=_cut(session.stance, rows),
+        seconds=frame_seconds(joints.time_s),
+        episodes=tuple(e for e in session.episodes if e.end_s + settle_s >= start_s and e.start_s <= end_s),
+        contacts=None if contacts is None else tuple(c for _, c in _clipped(contacts, joints.frame, joints.time_s)),
+    )
+
+
+def _cut(table: Table, rows: slice) -> Table:
+    """The rows of all arrays of a dataclass."""
+    values = {each.name: getattr(table, each.name) for each in fields(table)}  # type: ignore[arg-type]
+    arrays: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
+    return replace(table, **arrays)  # type: ignore[type-var]
+
+
+def within(found: Sequence[Found], rows: slice) -> list[Found]:
+    """Those whose ``frames`` lie in the rows from beginning to end, with frames counted from the first of them."""
+    first = rows.start
+    whole = [each for each in found if first <= each.frames.start and each.frames.stop <= rows.stop]  # type: ignore[attr-defined]
+    return [
+        replace(each, frames=slice(each.frames.start - first, each.frames.stop - first))  # type: ignore[attr-defined,type-var]
+        for each in whole
+    ]
+
+
+Interval = TypeVar("Interval", Contact, Episode)
+
+
+def _clipped(found: Sequence[Interval], frame: np.ndarray, time_s: np.ndarray) -> Iterator[tuple[int, Interval]]:
+    """Place and part of each interval that lies in the frames (k,) at time_s (k,)."""
+    for place, each in enumerate(found):
+        inside = np.flatnonzero((frame >= each.first_frame) & (frame <= each.last_frame))
+        if len(inside):
+            first, last = int(inside[0]), int(inside[-1])
+            ends: dict[str, Any] = {"first_frame": int(frame[first]), "last_frame": int(frame[last])}
+            ends |= {"start_s": float(time_s[first]), "end_s": float(time_s[last])}
+            yield place, replace(each, **ends)
+
+
+def trial_intervals(session: Session, trials: Trials) -> list[TrialInterval]:
+    """The part of every episode and contact in every trial, in the order of trials, episodes first."""
+    episodes = sorted(session.episodes, key=lambda each: (each.start_s, EPISODE_KINDS.index(each.kind)))
+    found = list[TrialInterval]()
+    for trial in trials.rows:
+        rows = trial_rows(trial, session.joints.time_s)
+        frame, time_s, seconds = session.joints.frame[rows], session.joints.time_s[rows], session.seconds[rows]
+        clipped: chain[tuple[int, Episode | Contact]] = chain(
+            _clipped(episodes, frame, time_s), _clipped(session.contacts or (), frame, time_s)
+        )
+        for place, each in clipped:
+            during = (frame >= each.first_frame) & (frame <= each.last_frame)
+            found.append(_interval(trial, place, each, float(seconds[during].sum())))
+    return found
+
+
+def _interval(trial: Trial, row: int, part: Contact | Episode, seconds: float) -> TrialInterval:
+    return TrialInterval(
+        trial=trial.number,
+        condition=trial.condition,
+        table=CONTACT if isinstance(part, Contact) else EPISODE,
+        row=row,
+        kind=part.part if isinstance(part, Contact) else part.kind,
+        person=part.person if isinstance(part, Contact) else None,
+        first_frame=part.first_frame,
+        last_frame=part.last_frame,
+        start_s=part.start_s,
+        end_s=part.end_s,
+        seconds=seconds,
+    )
+
+
+def condition_measures(trials: Trials, rows: Sequence[Measure]) -> list[Measure]:
+    """Mean of each measure over the trials of a condition that have a value; rows: of all trials."""
+    found: dict[tuple[str, MeasureKey], list[Measure]] = {}
+    for row in rows:
+        found.setdefault((str(row.condition), row.key), []).append(row)
+    ordered = sorted(found.items(), key=lambda item: trials.conditions.index(item[0][0]))
+    return [_mean(each) for _, each in ordered]
+
+
+def _mean(rows: Sequence[Measure]) -> Measure:
+    """The mean of a measure over trials; unknown where no trial has a value."""
+    known, first = [row for row in rows if row.value is not None], rows[0]
+    if not known:
+        reasons = dict.fromkeys(str(row.why) for row in rows)
+        return replace(first, trial=None, frames=0, inferred_share=None, why="; ".join(reasons))
+    return replace(
+        first,
+        value=float(np.mean([row.value for row in known if row.value is not None])),
+        sigma=sigma_of_trial_mean([row.sigma for row in known]),
+        frames=sum(row.frames for row in known),
+        inferred_share=_inferred(known),
+        why=None,
+        trial=None,
+    )
+
+
+def _inferred(rows: Sequence[Measure]) -> float | None:
+    """The share over the frames of all rows; None where no row has one."""
+    shares = [(row.inferred_share, row.frames) for row in rows if row.inferred_share is not None and row.frames]
+    frames = sum(count for _, count in shares)
+    return sum(share * count for share, count in shares) / frames if frames else None
+
+
+def sigma_of_trial_mean(sigma: Sequence[float | None]) -> float | None:
+    """Sigma of the mean of trials of one recording; None where a trial has none.
+
+    The systematic share of the variance is common to all trials; the random rest is averaged.
+    """
+    known = np.array([each for each in sigma if each is not None])
+    if len(known) < len(sigma):
+        return None
+    random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum(known**2)) / len(known) ** 2
+    return float(np.sqrt(SYSTEMATIC_SHARE * float(np.mean(known)) ** 2 + random))

@@ -1,0 +1,143 @@
+"""Store the trials of a results folder, and which contacts and episodes lie in each: two tables beside the measures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+
+from anchorpose.errors import InputError
+from anchorpose.recording.document import parse_json
+from anchorpose.recording.events import MOST_TRIALS, UNITS, Trial, TrialColumn, Trials
+from anchorpose.recording.recording_file import FARTHEST_TIME_S
+from anchorpose.results.corrections import LATEST_FRAME
+from anchorpose.results.parquet import RecordTable, open_parquet, read_any_parquet, require_columns, schema_of
+from anchorpose.settings import LARGEST, Unfit
+
+TRIALS_FILE: Final = "trials.parquet"
+COLUMNS_KEY: Final = "trial_columns"
+"""Of the schema's metadata: name, unit and description of each column of the user's own, as JSON."""
+
+TRIALS_REMEDY: Final = "run 'anchorpose measure' on its folder again, with --events"
+
+FIXED: Final = pa.schema(
+    [
+        pa.field("trial", pa.int32(), nullable=False),
+        pa.field("condition", pa.string(), nullable=False),
+        *(pa.field(name, pa.float64(), nullable=False) for name in ("onset_s", "duration_s", "start_s", "end_s")),
+    ]
+)
+"""The columns before the user's own."""
+
+
+def write_trials(path: Path, trials: Trials) -> None:
+    """Write trials.parquet: a row per trial in the order of the file, own columns as numbers or texts."""
+    own = [pa.field(column.name, _type_of(column)) for column in trials.columns]
+    described = [{"name": c.name, "unit": c.unit, "description": c.description} for c in trials.columns]
+    schema = pa.schema([*FIXED, *own], metadata={COLUMNS_KEY: json.dumps(described, sort_keys=True)})
+    rows = trials.rows
+    fixed = ([getattr(row, name if name != "trial" else "number") for row in rows] for name in FIXED.names)
+    cells = ([row.cells[place] for row in rows] for place in range(len(trials.columns)))
+    arrays = [pa.array(values, field.type) for values, field in zip([*fixed, *cells], schema, strict=True)]
+    with open_parquet(path, schema) as writer:
+        writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+
+
+def read_trial_table(path: Path) -> Trials:
+    """The trials of a results folder; raises InputError for another table."""
+    table = read_any_parquet(path)
+    columns = _columns(path, table.schema.metadata or {})
+    own = [pa.field(column.name, _type_of(column)) for column in columns]
+    require_columns(path, table.schema, pa.schema([*FIXED, *own]))
+    rows = table.to_pylist()
+    for number, row in enumerate(rows, 1):
+        values = [row[name] for name in ("onset_s", "duration_s", "start_s")]
+        known = row["condition"] and row["trial"] == number and all(v is not None and abs(v) <= LARGEST for v in values)
+        if not known or row["duration_s"] <= 0:
+            raise InputError(path, f"has a trial that cannot be, in row {number}", TRIALS_REMEDY)
+    if not rows or len(rows) > MOST_TRIALS:
+        raise InputError(path, f"holds {len(rows)} trials", TRIALS_REMEDY)
+    return Trials(columns, tuple(_trial(row, columns) for row in rows))
+
+
+def _trial(row: dict[str, Any], columns: Sequence[TrialColumn]) -> Trial:
+    return Trial(
+        number=row["trial"],
+        condition=row["condition"],
+        onset_s=row["onset_s"],
+        duration_s=row["duration_s"],
+        start_s=row["start_s"],
+        cells=tuple(row[column.name] for column in columns),
+    )
+
+
+def _type_of(column: TrialColumn) -> pa.DataType:
+    return pa.string() if column.unit is None else pa.float64()
+
+
+def _columns(path: Path, metadata: dict[bytes, bytes]) -> tuple[TrialColumn, ...]:
+    try:
+        found = tuple(TrialColumn(**each) for each in parse_json(metadata.get(COLUMNS_KEY.encode(), b"")))
+    except (Unfit, TypeError):
+        raise InputError(path, "does not describe its columns", TRIALS_REMEDY) from None
+    texts = [text for each in found for text in (each.name, each.description)]
+    if not all(isinstance(text, str) for text in texts) or any(c.unit not in (None, *UNITS) for c in found):
+        raise InputError(path, "describes its columns by something else than texts and units", TRIALS_REMEDY)
+    return found
+
+
+def trial_rows(trial: Trial, time_s: np.ndarray) -> slice:
+    """The rows of a trial among frames at time_s (n,), increasing; a frame at its end belongs to the next trial.
+
+    Half a millisecond is allowed for the rounding of written times.
+    """
+    ends = np.searchsorted(time_s, np.array([trial.start_s, trial.end_s]) - ROUNDING_S)
+    return slice(int(ends[0]), int(ends[1]))
+
+
+ROUNDING_S: Final = 0.0005
+
+EPISODE, CONTACT = "episodes", "contacts"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialInterval:
+    """The part of an episode or a contact that lies in a trial.
+
+    table: ``episodes`` or ``contacts``, and row: its row there, from 0. kind: the episode's, or the touched part of the
+    body; person: who touches, None for an episode. first_frame, last_frame and start_s, end_s: of the part in the
+    trial, both included. seconds: the sum of the time of these frames.
+    """
+
+    trial: int
+    condition: str
+    table: str
+    row: int
+    kind: str
+    person: str | None
+    first_frame: int
+    last_frame: int
+    start_s: float
+    end_s: float
+    seconds: float
+
+
+INTERVALS: Final = RecordTable(
+    file="trial_intervals.parquet",
+    record=TrialInterval,
+    schema=schema_of(TrialInterval),
+    known={"table": (EPISODE, CONTACT)},
+    limits={
+        "trial": (1, MOST_TRIALS),
+        **dict.fromkeys(("row", "first_frame", "last_frame"), (0, LATEST_FRAME)),
+        **dict.fromkeys(("start_s", "end_s"), (-FARTHEST_TIME_S, FARTHEST_TIME_S)),
+        "seconds": (0, LARGEST),
+    },
+    remedy=TRIALS_REMEDY,
+)
+INTERVALS_FILE, read_intervals, write_intervals = INTERVALS.file, INTERVALS.read, INTERVALS.write

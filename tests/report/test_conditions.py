@@ -1,0 +1,198 @@
+"""The report of a session with trials: every condition in a row, differences with intervals, curves, and refusals."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+import pytest
+from page_reader import PageReader
+from results_builder import make_frame, standing_joints, write_results
+from trials_builder import trials_in_turn, write_trial_results
+
+from anchorpose.cli import main
+from anchorpose.errors import InputError
+from anchorpose.recording.events import Trial, Trials
+from anchorpose.report.condition_section import condition_section
+from anchorpose.report.page import write_report
+from anchorpose.report.parameter_curves import levels_of
+from anchorpose.report.session import Session, read_session
+from anchorpose.results.measuring import MeasureConfig, write_measured
+from anchorpose.results.processing import ProcessingConfig
+from anchorpose.results.records import read_trial_measures
+
+IN_TURN = [None, 40.0, None, 20.0] * 3
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_trial_results(tmp_path_factory.mktemp("conditions") / "r", IN_TURN)
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> PageReader:
+    return PageReader(write_report(folder))
+
+
+def table_of(page: PageReader) -> dict[str, dict[str, list[str]]]:
+    """Of each measure the cells of each condition."""
+    table = next(t for t in page.find("table") if t.children[0].text == "Measures under each condition")
+    found: dict[str, dict[str, list[str]]] = {}
+    for row in (row for row in page.find("tr") if table in row.ancestors):
+        cells = [cell.text.strip() for cell in row.children]
+        if len(cells) == 1:
+            name = cells[0]
+        elif row.ancestors[-1].tag == "tbody":
+            found.setdefault(name, {})[cells[0]] = cells[1:]
+    return found
+
+
+def numbers(text: str) -> list[float]:
+    return [float(one) for one in re.findall(r"[-\d.]+", text.replace("\u2212", "-"))]
+
+
+def test_every_condition_has_a_row_with_the_mean_of_its_trials(folder, page):
+    rows = table_of(page)["knee flexion while upright, mean, left"]
+    assert list(rows) == ["off", "on"]
+    measured = [
+        row
+        for row in read_trial_measures(folder / "measures.parquet")
+        if row.measure == "knee_flexion_upright_mean" and row.side == "left" and row.trial is not None
+    ]
+    for name in ("off", "on"):
+        own = [row.value for row in measured if row.condition == name]
+        assert rows[name][0] == "6 of 6"
+        assert numbers(rows[name][1])[0] == pytest.approx(np.mean(own), abs=0.06)
+    assert rows["off"][2] == "reference"
+
+
+def test_a_difference_is_shown_with_its_interval_and_p(page):
+    _, difference, verdict = table_of(page)["knee flexion while upright, mean, left"]["on"][1:]
+    value, low, high = numbers(difference)
+    assert low < value < high < 0
+    assert value == pytest.approx(-6.0, abs=1.0)
+    assert verdict == "a difference: p 0.031"  # 2 of 64 assignments
+    assert "a difference" not in table_of(page)["estimated share of the load, left"]["on"][3]
+
+
+def test_the_page_says_how_trials_were_compared_and_how_many_differences_were_tested(folder, page):
+    text = next(section.text for section in page.find("section", id="conditions"))
+    assert "12 trials: 6 of off and 6 of on. Differences are to off" in text
+    assert "Neighbouring trials of two conditions are compared in pairs" in text
+    section = condition_section(read_session(folder))
+    tested = sum("p " in row.verdict and "not tested" not in row.verdict for g in section.groups for row in g.rows)
+    assert f"{tested} differences are tested" in " ".join(text.split())
+    assert page.find("a", href="#conditions")
+
+
+def test_a_measure_is_drawn_over_the_amplitude_with_every_trial_and_its_numbers_in_a_table(page):
+    (chart,) = page.find("figure", id="parameter-knee_flexion_upright_mean-0")
+    paths = [path for path in page.find("path") if chart in path.ancestors]
+    dots = [path.attributes["d"] for path in paths if path.attributes["class"].startswith("dot")]
+    assert [each.count("M") for each in dots] == [6, 6]  # left and right; trials that were off have no amplitude
+    assert "NaN" not in "".join(path.attributes["d"] for path in paths)
+    assert "nan" not in "".join(path.attributes["d"] for path in paths)
+    rows = [row.text for row in page.find("tr") if chart in row.ancestors]
+    assert [row.split(",")[0] for row in rows[1:]] == ["20", "40", "20", "40"]
+    assert page.find("figure", id="parameter-knee_flexion_upright_mean-1") == []  # electrodes are no number
+
+
+def test_chosen_measures_alone_are_compared_and_drawn(folder, tmp_path, capsys, refusal):
+    assert main(["report", str(folder), "--measure", "hip_flexion_upright_mean"]) == 0
+    page = PageReader(folder / "report.html")
+    assert set(table_of(page)) == {f"hip flexion while upright, mean, {side}" for side in ("left", "right")}
+    assert [one.attributes["id"] for one in page.find("figure", **{"class": "still"})] == [
+        "parameter-hip_flexion_upright_mean-0"
+    ]
+    assert "has no measure 'gait_speed' of trials" in refusal(["report", str(folder), "--measure", "gait_speed"])
+    assert "leave out --measure" in refusal(["report", str(folder), str(folder), "-o", "c.html", "--measure", "x"])
+
+
+def test_below_the_minimal_detectable_change_nothing_is_shown(folder, tmp_path):
+    table = tmp_path / "reliability.csv"
+    table.write_text("measure,side,unit,mdc95\nknee_flexion_upright_mean,left,deg,9.5\n")
+    page = PageReader(write_report(folder, table))
+    rows = table_of(page)
+    verdict = rows["knee flexion while upright, mean, left"]["on"][3]
+    assert verdict == "not shown: below the minimal detectable change (± 9.5°), p 0.031"
+    assert rows["knee flexion while upright, mean, right"]["on"][3] == "a difference: p 0.031"
+
+
+def test_without_trials_there_is_no_section_and_the_options_are_refused(tmp_path, refusal):
+    folder = write_results(tmp_path / "r", [make_frame(k, k / 10, standing_joints()) for k in range(30)])
+    write_measured(folder, ProcessingConfig(), MeasureConfig())
+    page = PageReader(write_report(folder))
+    assert page.find("section", id="conditions") == []
+    assert "has no trials whose conditions" in refusal(["report", str(folder), "--measure", "upright_share"])
+
+
+def with_trials(folder: Path, trials: Trials) -> Session:
+    write_measured(folder, ProcessingConfig(), MeasureConfig(), trials)
+    return read_session(folder)
+
+
+def test_trials_that_last_differently_are_not_tested_by_what_grows_with_time(tmp_path):
+    folder = write_trial_results(tmp_path / "r", IN_TURN)
+    trials = trials_in_turn(IN_TURN)
+    short = tuple(replace(row, duration_s=3.0 if row.condition == "off" else 4.0) for row in trials.rows)
+    section = condition_section(with_trials(folder, replace(trials, rows=short)))
+    verdicts = {group.title: str(group.rows[1].verdict) for group in section.groups}
+    assert "it grows with time, and trials last 3 to 4 s" in verdicts["time upright"]
+    assert "a difference" in verdicts["knee flexion while upright, mean, left"]
+
+
+def test_too_few_trials_say_how_many_are_needed_and_one_condition_has_nothing_to_compare(tmp_path):
+    folder = write_trial_results(tmp_path / "r", IN_TURN)
+    few = Trials((), tuple(Trial(k + 1, name, 4.0 * k, 4.0, 4.0 * k) for k, name in enumerate("ABAB")))
+    section = condition_section(with_trials(folder, few), chosen=("knee_flexion_upright_mean",))
+    assert "6 pairs are needed" in section.groups[0].rows[1].verdict
+    assert section.tested == 0
+    assert section.charts == []
+    one = Trials((), (Trial(1, "on", 0.0, 8.0, 0.0),))
+    section = condition_section(with_trials(folder, one))
+    assert "With a single condition there is nothing to compare." in section.about
+    assert [row.condition for row in section.groups[0].rows] == ["on"]
+
+
+def test_names_of_conditions_cannot_become_markup(tmp_path):
+    folder = write_trial_results(tmp_path / "r", IN_TURN)
+    trials = trials_in_turn(IN_TURN)
+    renamed = tuple(replace(row, condition=f"<b>{row.condition}") for row in trials.rows)
+    with_trials(folder, replace(trials, rows=renamed))
+    text = write_report(folder).read_text(encoding="utf-8")
+    assert "<b>off" not in text
+    assert "&lt;b&gt;off" in text
+
+
+def test_levels_have_the_interval_of_their_scatter_and_at_least_of_their_random_error():
+    at, sigma = np.array([10.0, 10.0, 10.0, 20.0]), np.full(4, 2.0)
+    low, high = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, 0.1))
+    assert (low.at, low.trials, low.mean) == (10.0, 3, 2.0)
+    assert low.half == pytest.approx(4.3026527 * 1.0 / np.sqrt(3), rel=1e-6)  # t of two degrees of freedom
+    assert high.half == pytest.approx(1.96 * np.sqrt(0.3) * 0.1)  # a single trial has its error of measurement only
+    same, _ = levels_of(at, np.array([2.0, 2.0, 2.0, 7.0]), sigma)
+    assert same.half == pytest.approx(4.3026527 * np.sqrt(0.3 * 4.0 / 3), rel=1e-6)
+    unknown, alone = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, np.nan))
+    assert unknown.half == pytest.approx(4.3026527 / np.sqrt(3), rel=1e-6)
+    assert np.isnan(alone.half)
+
+
+def test_a_damaged_table_of_trials_is_refused(tmp_path):
+    folder = write_trial_results(tmp_path / "r", IN_TURN)
+    (folder / "trials.parquet").write_bytes(b"PAR1")
+    with pytest.raises(InputError, match=r"trials\.parquet"):
+        write_report(folder)
+
+
+def test_the_timeline_shows_when_each_condition_was_given(folder, page):
+    (chart,) = page.find("figure", id="timeline")
+    rows = {
+        row.children[0].text: [path.attributes["d"] for path in page.find("path") if row in path.ancestors]
+        for row in page.find("div")
+        if row.attributes.get("class") == "row state" and chart in row.ancestors
+    }
+    for name in ("off", "on"):
+        assert rows[name][-1].count("M") == 6
+    (link,) = [each for each in page.find("a", **{"class": "csv"}) if chart in each.ancestors]
+    assert "1 (off)" in unquote(link.attributes["href"])
