@@ -28,7 +28,8 @@ from anchorpose.research.benchmark.labels import (
     trunk_pixel,
     within,
 )
-from anchorpose.results.evaluate import ContactScore, Evaluation, evaluate
+from anchorpose.results.contact_scores import ContactScore
+from anchorpose.results.evaluate import Evaluation, evaluate
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.uncertainty import NORMAL_95
@@ -63,12 +64,14 @@ def against_truth(ready: Ready, results: Path) -> Scores:
 
 
 def contacts_by_part(ready: Ready, results: Path) -> Iterator[tuple[str, Scores]]:
-    """Yield precision and recall of contacts with people, by frame and by part that was touched or reported."""
+    """Yield precision and recall of contacts with people and with equipment, by frame and by part that was touched or
+    reported."""
     assert ready.truth is not None
-    found = evaluate(results, ready.truth, SKIP_S).contacts
-    if found is not None:
-        yield "all parts", _contact_scores(found.overall)
-        yield from ((part, _contact_scores(score)) for part, score in found.per_part)
+    evaluation = evaluate(results, ready.truth, SKIP_S)
+    for prefix, found in (("", evaluation.contacts), ("equipment: ", evaluation.supports)):
+        if found is not None:
+            yield f"{prefix}all parts", _contact_scores(found.overall)
+            yield from ((f"{prefix}{part}", _contact_scores(score)) for part, score in found.per_part)
 
 
 def _scores_of(found: Evaluation) -> Scores:

@@ -297,7 +297,7 @@ SUITES: Final[dict[str, Suite]] = {
     "rooms": Suite("cluttered rooms, one camera at an unknown place", rooms),
     "starts": Suite("the first pose from a single frame", starts),
     "real": Suite("labels by eye and an inertial sensor on real depth", real),
-    "contacts": Suite("contacts with people, by body part", contacts),
+    "contacts": Suite("contacts with people and equipment, by body part", contacts),
     "sensors": Suite("every camera, lens and size of hole that can be simulated", sensors),
     "kidnapped": Suite("wrong poses in mid-recording that the tracker must leave", kidnapped),
     "facings": Suite("the right body and the same turned round, followed side by side", facings),

@@ -60,7 +60,6 @@ from anchorpose.results.tables import (
 )
 from anchorpose.results.verify import add_event
 from anchorpose.track_inputs import ReviewFile, TrackInputs
-from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.learning_pass import LearntPatient
 from anchorpose.tracker.room import Room, Run
@@ -73,7 +72,7 @@ def write_results(
 
     Pictures show frames whose depth images the run's recording has. learnt: the patient's body, None without one.
     """
-    written = _write_frames(results, frames, run.config)
+    written = _write_frames(results, frames, run)
     shape = None if learnt is None else learnt.shape
     with run.stage("results"):
         write_measured(results, ProcessingConfig(), MeasureConfig(), inputs.trials)
@@ -86,19 +85,19 @@ def write_results(
         add_event(results, "track", (RUN_FILE, REPORT_FILE), about={"recording": account.recording})
 
 
-def _write_frames(results: Path, frames: Iterable[TrackedFrame], config: TrackConfig) -> Written:
+def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Written:
     """Stream joints, poses, what they explain, anchors, labels and contacts to their tables; collect problems."""
     dropped, lost, shares = list[DroppedFrame](), list[LostInterval](), list[float | None]()
     poor = list[PoorInterval]()
-    points = body_points()
-    intervals = ContactIntervals(region_of_points(points), area_of_point(points), config.contacts)
+    points, equipment = body_points(), run.room.recording.part_names
+    intervals = ContactIntervals(region_of_points(points), area_of_point(points), run.config.contacts, equipment)
     with (
         write_joints(results / JOINTS_FILE) as table,
         write_poses(results / POSES_FILE) as poses,
         write_explained(results / EXPLAINED_FILE) as explained,
         write_anchors(results / ANCHORS_FILE) as anchors,
         write_people(results / PEOPLE_FILE) as people,
-        write_contacts(results / CONTACTS_FILE) as contacts,
+        write_contacts(results / CONTACTS_FILE, equipment) as contacts,
     ):
         for tracked in frames:
             record = tracked.record
@@ -109,7 +108,7 @@ def _write_frames(results: Path, frames: Iterable[TrackedFrame], config: TrackCo
             explained.append(record.explained)
             anchors.append(record.anchors)
             frame, time_s = record.joints.frame, record.joints.time_s
-            for contact in intervals.push(frame, time_s, record.near):
+            for contact in intervals.push(frame, time_s, record.near, record.gaps):
                 contacts.append(contact)
             dropped += [DroppedFrame(frame, time_s, why) for why in record.problems]
             note_lost(lost, frame, time_s, record.why_lost)

@@ -1,5 +1,7 @@
 """Sessions made up for the tests of measures: a stick figure that stands, sits, sways and is touched as asked for."""
 
+from dataclasses import replace
+
 import numpy as np
 from results_builder import standing_joints
 
@@ -48,10 +50,10 @@ def table(position_m: np.ndarray, sigma_m: float = 0.005, lost: dict[str, slice]
 
 
 def measured(
-    joints: JointTable, contacts: tuple[Contact, ...] | None = ()
+    joints: JointTable, contacts: tuple[Contact, ...] | None = (), equipment: tuple[str, ...] = ()
 ) -> tuple[Session, dict[tuple[str | None, ...], Measure]]:
     """The session, and its measures by name, side, part and person."""
-    session, measures = measure_session(joints, joint_angles(joints), contacts, MeasureConfig())
+    session, measures = measure_session(joints, joint_angles(joints), contacts, MeasureConfig(), equipment=equipment)
     found = {(m.measure, m.side, m.part, m.person): m for m in measures}
     assert len(found) == len(measures)  # no row is there twice
     return session, found
@@ -72,7 +74,7 @@ def why(found: dict[tuple[str | None, ...], Measure], name: str, side: str | Non
 
 
 def contact(part: str, person: str, first: int, last: int, seen: float = 1.0) -> Contact:
-    """Touched from one frame to another, both included."""
+    """Touched by a person from one frame to another, both included."""
     return Contact(
         part=part,
         person=person,
@@ -84,3 +86,8 @@ def contact(part: str, person: str, first: int, last: int, seen: float = 1.0) ->
         area_cm2=30.0,
         gap_mm=5.0,
     )
+
+
+def support(part: str, equipment: str, first: int, last: int, seen: float = 1.0) -> Contact:
+    """Touched by a part of the equipment from one frame to another, both included."""
+    return replace(contact(part, "", first, last, seen), person=None, with_=equipment)

@@ -208,6 +208,17 @@ def test_the_verb_refuses_a_port_in_use_and_leaves_nothing(output, tmp_path, cap
     assert not results.exists()
 
 
+def test_what_people_and_what_equipment_touch_is_sent_apart(output):
+    client = Client(output)
+    frame = standing_frame(1, 0.1, touched={"knee_left": True})
+    output.send(replace(frame, holding={"hand_left": False}))
+    sent = client.next("frame")
+    assert (sent["touched"], sent["holding"]) == ({"knee_left": True}, {"hand_left": False})
+    output.send(standing_frame(2, 0.2))
+    assert client.next("frame")["holding"] is None
+    client.close()
+
+
 def test_time_upright_counts_between_upright_frames_and_not_over_a_gap(output):
     client = Client(output)
     seconds = []

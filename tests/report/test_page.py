@@ -14,6 +14,7 @@ import pytest
 from page_reader import PageReader
 from report_builder import MEASURES, squats, write_session
 from results_builder import make_frame, standing_joints
+from session_builder import support
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES, JointState
@@ -284,6 +285,16 @@ def test_a_contact_is_dark_up_to_the_share_of_it_that_was_seen(page):
         assert (light, dark) == ("touch light", "touch")
         assert (whole, seen) == tuple(drawn(level, first, last) for level in (1.0, share))
     assert cells[50]["touched"] == "pelvis by person 2 (20 % seen); left knee by person 1 (90 % seen)"
+
+
+def test_contacts_with_equipment_have_rows_of_their_own_and_are_nobodys_hands(tmp_path):
+    contacts = (support("hand_left", "rail-left", 5, 20, 0.5), support("knee_left", "knee-pad", 0, 29))
+    page = PageReader(write_report(write_session(tmp_path / "r", squats(30), contacts=contacts)))
+    rows, cells = timeline_of(page)
+    assert {"left hand: rail-left", "left knee: knee-pad"} <= set(rows)
+    assert cells[10]["touched"] == "left hand by rail-left (50 % seen); left knee by knee-pad (100 % seen)"
+    told = text_of(page, "section")
+    assert "Nobody was seen to touch the patient. 2 parts of the body were in contact with the equipment." in told
 
 
 def test_upright_is_dark_where_it_was_seen_and_light_where_inferred(page):

@@ -23,7 +23,7 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.results.contact_intervals import ContactConfig, ContactIntervals
-from anchorpose.results.evaluate import evaluate_contacts
+from anchorpose.results.contact_scores import evaluate_contacts
 from anchorpose.results.records import Contact, read_contacts, write_contacts
 from anchorpose.results.truth import TrueTouch, read_true_touch
 

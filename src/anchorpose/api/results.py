@@ -75,7 +75,7 @@ class Results:
 
     @cached_property
     def contacts(self) -> pd.DataFrame:
-        """A row for each contact of another person with a part of the patient."""
+        """A row for each contact of another person, or a part of the equipment, with a part of the patient."""
         return self._frame("contacts")
 
     @cached_property

@@ -134,6 +134,15 @@ def seen_skin(
     return seen
 
 
+def facing_skin(posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
+    """(p,) bool: skin points that face some camera which has a depth image of the frame."""
+    facing = np.zeros(len(posed.points_m), dtype=bool)
+    for view, camera in zip(views, cameras, strict=True):
+        if view is not None:
+            facing |= _turned_to(posed.points_m, posed.normals, camera.position_m, GRAZING)
+    return facing
+
+
 def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
     """``SkinReason`` of each skin point (p,), and which points face the camera (p,) bool.
 

@@ -179,9 +179,9 @@ def print_evaluation(evaluation: Evaluation) -> None:
         f"Mean error of the second half over the first: {drift}.",
     ):
         say(sentence)
-    if evaluation.contacts is not None:
-        head = ("contacts", "frames touched", "rightly reported %", "found %")
-        show_table(head, contact_rows(evaluation.contacts))
+    contacts = contact_rows(evaluation)
+    if contacts:
+        show_table(("contacts with", "part", "frames touched", "rightly reported %", "found %"), contacts)
 
 
 def reliability(sessions: Path, /, *, out: Annotated[Path | None, OUTPUT] = None) -> None:

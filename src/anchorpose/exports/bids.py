@@ -90,7 +90,7 @@ def events_of(folder: Path, start_s: float) -> list[tuple[str, ...]]:
     found: list[tuple[float, float, str, str, str, str]] = []
     if (folder / CONTACTS_FILE).exists():
         found += [
-            (contact.start_s, contact.end_s, "contact", contact.part, contact.person, contact.state)
+            (contact.start_s, contact.end_s, "contact", contact.part, contact.toucher, contact.state)
             for contact in read_contacts(folder / CONTACTS_FILE)
         ]
     if (folder / EPISODES_FILE).exists():
@@ -109,14 +109,16 @@ def events_sidecar() -> dict[str, Any]:
     return {
         "trial_type": {
             "Levels": {
-                "contact": "another person's skin is within about 3 cm of the patient's",
+                "contact": "another person's skin is within about 3 cm of the patient's, or the equipment touches it",
                 "upright": "the patient stands upright",
                 "sit_to_stand": "the patient stands up",
                 "stand_to_sit": "the patient sits down",
             }
         },
         "part": {"Description": "region of the patient's body that is touched"},
-        "person": {"Description": "who touches; a name that stays the same while this person is followed"},
+        "person": {
+            "Description": "who touches; a person keeps the name while followed, equipment has the name of its part"
+        },
         "state": {"Description": "whether it was seen or is inferred"},
     }
 

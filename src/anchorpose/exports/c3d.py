@@ -178,7 +178,7 @@ def _of_episodes(path: Path) -> Iterator[Event]:
 
 def _of_contacts(path: Path) -> Iterator[Event]:
     for contact in read_contacts(path) if path.is_file() else ():
-        words = f"{contact.part} by {contact.person}, {contact.state}"
+        words = f"{contact.part} by {contact.toucher}, {contact.state}"
         yield Event(contact.start_s, GENERAL, "Contact Start", words)
         yield Event(contact.end_s, GENERAL, "Contact End", words)
 

@@ -84,6 +84,7 @@ class LiveFollower:
     _last_s: float = float("-inf")  # time of the last frame
     _contacts: ContactIntervals | None = None
     _touched: Mapping[str, bool] | None = None
+    _holding: Mapping[str, bool] | None = None
 
     def take(self, live_set: LiveSet, live: bool) -> None:
         """One more frame; live: it is the newest one, so that its latency counts."""
@@ -126,6 +127,7 @@ class LiveFollower:
                 frame = replace(
                     live_frame(estimate, taken_s),
                     touched=self._touched,
+                    holding=self._holding,
                     dropped=self.latency.dropped + dropped,
                     people=people_in(self.follower.memory),
                     patient=self.patient,
@@ -141,14 +143,15 @@ class LiveFollower:
                 self.store()
 
     def _touch(self, record: FrameRecord) -> None:
-        """What others touch now, sent with the next frame: a search for it would delay this one."""
+        """What people and equipment touch now, sent with the next frame: a search for it would delay this one."""
         if self._contacts is None:
-            points = body_points()
+            points, parts = body_points(), self.run.room.recording.part_names
             region, area_m2 = region_of_points(points), area_of_point(points)
-            self._contacts = ContactIntervals(region, area_m2, self.run.config.contacts)
-        for _ in self._contacts.push(record.joints.frame, record.joints.time_s, record.near):
+            self._contacts = ContactIntervals(region, area_m2, self.run.config.contacts, parts)
+        for _ in self._contacts.push(record.joints.frame, record.joints.time_s, record.near, record.gaps):
             pass  # the results have those that ended
-        self._touched = None if record.near is None else self._contacts.touched_now
+        self._touched = None if record.near is None else self._contacts.touched_now(by_equipment=False)
+        self._holding = None if record.gaps is None else self._contacts.touched_now(by_equipment=True)
 
     def store(self) -> None:
         """Stores what was tracked since; raises InputError where the disk takes no more."""

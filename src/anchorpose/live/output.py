@@ -57,7 +57,8 @@ class LiveFrame:
     world, sigma_m (21,), state_code (21,) index into ``JointState``. why_lost: why every joint is lost, empty where one
     is not. touched: parts of the patient (``REGIONS``) that other people touched in the frame before, and whether that
     was seen; None where it is not known. dropped: images that were not tracked, since tracking live began. people:
-    everybody else in view; patient: 1, and one more whenever another person becomes the patient.
+    everybody else in view; patient: 1, and one more whenever another person becomes the patient. holding: parts of the
+    patient on the equipment, as ``touched``.
     """
 
     frame: int
@@ -71,6 +72,7 @@ class LiveFrame:
     dropped: int = 0
     people: tuple[PersonInView, ...] = ()
     patient: int = 1
+    holding: Mapping[str, bool] | None = None
 
     @property
     def latency_s(self) -> float:

@@ -162,6 +162,7 @@ def frame_message(frame: LiveFrame, standing: Standing) -> dict[str, Any]:
         "load_sigma": standing.load_sigma,
         "load_inferred": standing.load_inferred,
         "touched": None if frame.touched is None else dict(frame.touched),
+        "holding": None if frame.holding is None else dict(frame.holding),
         "people": [
             {"number": one.number, "x": round(one.place_xz_m[0], EXACT), "z": round(one.place_xz_m[1], EXACT)}
             | {"top": round(one.top_m, EXACT)}

@@ -151,6 +151,11 @@ class Recording:
     notes: tuple[str, ...] = ()  # sentences on what of the folder is not used
 
     @property
+    def part_names(self) -> tuple[str, ...]:
+        """Return the names of the parts of the equipment; none where its model is not known."""
+        return () if self.equipment is None else tuple(part.name for part in self.equipment.parts)
+
+    @property
     def rate_hz(self) -> float:
         """Return frames per second of the reference camera, without dropped frames; 30, the usual rate, for a single
         frame."""

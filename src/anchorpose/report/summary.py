@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -14,7 +15,15 @@ from anchorpose.report.session import Session
 from anchorpose.report.words import PERCENT, Form, counted, figure, listed, named_part
 from anchorpose.results.explained import PART_NAMES, SEEN_PAST, UNCOVERED_CM2, ExplainedTable, Moment, worst_moments
 from anchorpose.results.frame_table import UNKNOWN
-from anchorpose.results.records import CONTACTS_FILE, SIT_TO_STAND, STAND_TO_SIT, Measure
+from anchorpose.results.records import (
+    CONTACTS_FILE,
+    SIT_TO_STAND,
+    STAND_TO_SIT,
+    Contact,
+    Measure,
+    with_equipment,
+    with_people,
+)
 from anchorpose.results.uncertainty import NORMAL_95
 
 SELDOM_SEEN, USUALLY_SEEN = 0.5, 0.9
@@ -92,7 +101,9 @@ def _touch(session: Session) -> Markup:
         return Markup("Whether anybody touched the patient is not known: the folder has no {}.").format(CONTACTS_FILE)
     lost = session.joints.lost.all(axis=1)
     everywhere = not lost.any()
-    touched = _touched_by(session, everywhere) if session.contacts else Markup("Nobody was seen to touch the patient.")
+    people, held = with_people(session.contacts), with_equipment(session.contacts)
+    touched = _touched_by(people, everywhere) if people else Markup("Nobody was seen to touch the patient.")
+    touched += _rested(held) if held else Markup()
     if everywhere:
         return touched
     return Markup(
@@ -100,9 +111,14 @@ def _touch(session: Session) -> Markup:
     ).format(touched, figure(float(1.0 - lost.mean()), PERCENT))
 
 
-def _touched_by(session: Session, everywhere: bool) -> Markup:
+def _rested(contacts: Sequence[Contact]) -> Markup:
+    parts = len({contact.part for contact in contacts})
+    form = Form(after=" part of the body was" if parts == 1 else " parts of the body were")
+    return Markup(" {} in contact with the equipment.").format(figure(parts, form))
+
+
+def _touched_by(contacts: Sequence[Contact], everywhere: bool) -> Markup:
     """everywhere: the patient was found in all frames."""
-    contacts = session.contacts or ()
     people, parts = len({c.person for c in contacts}), len({c.part for c in contacts})
     again = "" if everywhere else ", and so is everybody after the patient was lost"
     return Markup(

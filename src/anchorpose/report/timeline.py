@@ -297,29 +297,29 @@ SEEN_SHARE: Final = Form(times=100.0, after=" % seen", share=True)
 
 
 def touch_rows(session: Session) -> list[Row]:
-    """One row per part and person, from head to foot."""
+    """One row per part of the body and who or what touches it, from head to foot."""
     rows = [heading("Touched by")]
     if session.contacts is None:
         return [*rows, _state_row("not known: no contacts.parquet", session.bins, 14)]
-    touched = sorted({(REGIONS.index(c.part), c.person) for c in session.contacts}, key=_natural)
+    touched = sorted({(REGIONS.index(c.part), c.toucher) for c in session.contacts}, key=_natural)
     if (lost := _lost(session)).any():
         rows.append(_state_row("not known: patient lost", session.bins, 15, lost=0.5 * lost))
     if not touched:
         return [*rows, _state_row("nobody, as far as was seen", session.bins, 14)]
-    for part, person in touched:
-        contacts = [c for c in session.contacts if c.part == REGIONS[part] and c.person == person]
+    for part, toucher in touched:
+        contacts = [c for c in session.contacts if c.part == REGIONS[part] and c.toucher == toucher]
         held, seen = _held_and_seen(contacts, session.bins)
-        label = f"{named_part(REGIONS[part])}: {person}"
+        label = f"{named_part(REGIONS[part])}: {toucher}"
         rows.append(_state_row(label, session.bins, 15, touch_light=held, touch=seen))
     return rows
 
 
 def touch_reading(session: Session) -> Reading:
-    """For each group of frames: every part that is touched in it, by whom, and how much of that contact was seen."""
+    """For each group of frames: every part that is touched in it, by whom or what, and how much of that was seen."""
     first, last = session.bins.frame[session.bins.start], session.bins.frame[session.bins.last]
     texts: list[list[str]] = [["not known: patient lost"] if lost else [] for lost in _lost(session)]
-    for contact in sorted(session.contacts or (), key=lambda c: (REGIONS.index(c.part), c.person, c.start_s)):
-        text = f"{named_part(contact.part)} by {contact.person} ({SEEN_SHARE.write(contact.seen_share)})"
+    for contact in sorted(session.contacts or (), key=lambda c: (REGIONS.index(c.part), c.toucher, c.start_s)):
+        text = f"{named_part(contact.part)} by {contact.toucher} ({SEEN_SHARE.write(contact.seen_share)})"
         for k in np.flatnonzero((contact.first_frame <= last) & (contact.last_frame >= first)):
             texts[k].append(text.replace(",", " "))
     return Reading(label="touched", text=Column("touched", ["; ".join(dict.fromkeys(text)) for text in texts]))

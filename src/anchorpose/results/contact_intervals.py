@@ -1,20 +1,26 @@
-"""From the distance to other people in each frame to contacts: what begins, what continues unseen, what has ended."""
+"""From how near people and equipment are in each frame to contacts: what begins, goes on unseen, and has ended."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
+from pydantic import Field
+from scipy.special import ndtri
 
 from anchorpose.body.contact_regions import REGIONS, Nearness
+from anchorpose.body.equipment_gaps import EquipmentGaps
 from anchorpose.results.explained import CM2_PER_M2
-from anchorpose.results.records import Contact
+from anchorpose.results.records import PERSON, Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
 FREE_SHARE: Final = 0.5
 """Share of the skin last touched that must be seen without anybody on it for the contact to have ended."""
+
+SHOWN_SHARE: Final = 0.2
+"""Share of the skin beside a part of the equipment that must be seen for the contact to be seen; as for a joint."""
 
 
 @settings
@@ -28,10 +34,33 @@ class ContactConfig:
     keep_m2: Positive = 0.0007  # of a contact that has begun: one skin point
     begin_s: NotNegative = 0.1  # a shorter touch is a sleeve that brushes past
     release_s: NotNegative = 0.3  # gaps up to this are bridged: isolation may lose a hand for a few frames
+    # Of skin to the surface of equipment, whose model is known to a centimetre; clothes fold by as much.
+    equipment_touch_m: Positive = 0.01
+    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # probability of touching with which a contact goes on
+    equipment_sigma_m: Positive = 0.03  # of the gap: half a fist, so a hand on a rail is told from one beside it
 
     def __post_init__(self) -> None:
         if self.keep_m2 > self.begin_m2:
             raise ValueError(f"keep_m2 must not exceed begin_m2, got {self.keep_m2} and {self.begin_m2}")
+
+
+class _Key(NamedTuple):
+    """A region of the body (index into ``REGIONS``), and a person's label or the index of a part of the equipment."""
+
+    is_equipment: bool
+    number: int
+    region: int
+
+
+class _Touch(NamedTuple):
+    """What one frame says of a contact: skin points touched (none for equipment), whether it is enough to begin, the
+    area, the share that is seen, and the gap."""
+
+    skin: np.ndarray
+    begins: bool
+    area_m2: float
+    seen: float
+    gap_m: float
 
 
 @dataclass(slots=True, eq=False)
@@ -53,84 +82,116 @@ class _Open:
     seen_frames: float = 0.0
     gap_m: float = np.inf
 
+    def add(self, now: tuple[int, float], touch: _Touch) -> None:
+        """Adds what the frame ``now`` says."""
+        self.begun |= touch.begins
+        self.last, self.skin = now, touch.skin
+        self.frames += 1
+        self.area_m2 += touch.area_m2
+        self.seen = touch.seen > 0.0
+        self.seen_frames += touch.seen
+        self.gap_m = min(self.gap_m, touch.gap_m)
+
 
 class ContactIntervals:
     """Takes frames in the order of time and holds only the contacts that have not ended.
 
-    region (p,): index into ``REGIONS`` of each skin point; area_m2: the skin that one point represents.
+    region (p,): index into ``REGIONS`` of each skin point; area_m2: the skin that one point represents; equipment: the
+    names of the parts that gaps are measured to.
     """
 
-    def __init__(self, region: np.ndarray, area_m2: float, config: ContactConfig) -> None:
-        self._region, self._area_m2, self._config = region, area_m2, config
-        self._open: dict[tuple[int, int], _Open] = {}  # by person's label and region
+    def __init__(
+        self, region: np.ndarray, area_m2: float, config: ContactConfig, equipment: Sequence[str] = ()
+    ) -> None:
+        self._region, self._area_m2, self._config, self._equipment = region, area_m2, config, equipment
+        self._keep_sigmas = float(-ndtri(config.equipment_keep))
+        self._open: dict[_Key, _Open] = {}
         self._names: dict[int, str] = {}  # of the labels since the patient was last found
         self._named = 0
 
-    def push(self, frame: int, time_s: float, near: Nearness | None) -> Iterator[Contact]:
-        """One more frame; yields the contacts that ended before it. near: None where the patient is lost.
+    def push(
+        self, frame: int, time_s: float, near: Nearness | None, gaps: EquipmentGaps | None = None
+    ) -> Iterator[Contact]:
+        """One more frame; yields the contacts that ended before it.
 
-        After the patient was lost everybody has a new name: nobody was followed in between.
+        near: None where the patient is lost. After that everybody has a new name: nobody was followed in between. gaps:
+        None also where the equipment is not known.
         """
         if near is None:
             yield from self.finish()
             self._names = {}
             return
         now = (frame, time_s)
-        self._extend(now, near)
-        ended = [key for key, kept in self._open.items() if not self._continues(now, near, key[0], kept)]
-        yield from self._close(ended)
+        for kept in self._open.values():
+            kept.seen = False
+        for key, touch in (*self._by_people(near), *(() if gaps is None else self._by_equipment(gaps))):
+            self._open.setdefault(key, _Open(now, now, touch.skin)).add(now, touch)
+        yield from self._close([key for key, kept in self._open.items() if not self._continues(now, near, key, kept)])
 
     def finish(self) -> Iterator[Contact]:
         """Ends every contact that is still open."""
         yield from self._close(list(self._open))
 
-    @property
-    def touched_now(self) -> dict[str, bool]:
-        """The parts of the patient (``REGIONS``) that are touched, and whether the touch is seen in the last frame."""
+    def touched_now(self, by_equipment: bool) -> dict[str, bool]:
+        """The parts of the patient (``REGIONS``) that people, or equipment, touch in the last frame, and whether that
+        is seen."""
         parts: dict[str, bool] = {}
-        for (_, region), kept in self._open.items():
-            if kept.begun and kept.last[1] - kept.first[1] >= self._config.begin_s:
-                parts[REGIONS[region]] = parts.get(REGIONS[region], False) or kept.seen
+        for key, kept in self._open.items():
+            if key.is_equipment == by_equipment and self._is_contact(kept):
+                parts[REGIONS[key.region]] = parts.get(REGIONS[key.region], False) or kept.seen
         return parts
 
-    def _extend(self, now: tuple[int, float], near: Nearness) -> None:
+    def _is_contact(self, kept: _Open) -> bool:
+        return kept.begun and kept.last[1] - kept.first[1] >= self._config.begin_s
+
+    def _by_people(self, near: Nearness) -> Iterator[tuple[_Key, _Touch]]:
+        """Where enough of a region's skin is in reach of a person's."""
         config = self._config
-        for kept in self._open.values():
-            kept.seen = False
         touched = np.flatnonzero(near.distance_m < config.reach_m)
         keys = near.person[touched].astype(np.int64) * len(REGIONS) + self._region[near.point[touched]]
         for key in np.unique(keys).tolist():
             pairs = touched[keys == key]
             area_m2 = self._area_m2 * len(pairs)
-            if area_m2 < config.keep_m2:
-                continue
-            kept = self._open.setdefault(divmod(key, len(REGIONS)), _Open(now, now, near.point[pairs]))
-            kept.begun |= area_m2 >= config.begin_m2
-            kept.last, kept.skin = now, near.point[pairs]
-            kept.frames += 1
-            kept.area_m2 += area_m2
-            kept.seen = bool((~near.remembered[pairs]).any())
-            kept.seen_frames += float(np.mean(~near.remembered[pairs]))
-            kept.gap_m = min(kept.gap_m, float(near.distance_m[pairs].min()))
+            if area_m2 >= config.keep_m2:
+                seen, gap_m = float(np.mean(~near.remembered[pairs])), float(near.distance_m[pairs].min())
+                touch = _Touch(near.point[pairs], area_m2 >= config.begin_m2, area_m2, seen, gap_m)
+                yield _Key(False, *divmod(key, len(REGIONS))), touch
 
-    def _continues(self, now: tuple[int, float], near: Nearness, label: int, kept: _Open) -> bool:
+    def _by_equipment(self, gaps: EquipmentGaps) -> Iterator[tuple[_Key, _Touch]]:
+        """Where a region's skin is as likely on a part of the equipment as not, or was and may still be.
+
+        A gap that no camera shows begins a contact only if its sigma tells touching from being beside.
+        """
+        config, none = self._config, np.zeros(0, dtype=np.int32)
+        shown = gaps.shown >= SHOWN_SHARE
+        begins = (gaps.gap_m <= config.equipment_touch_m) & (shown | (gaps.sigma_m <= config.equipment_sigma_m))
+        goes_on = gaps.gap_m <= config.equipment_touch_m + self._keep_sigmas * gaps.sigma_m
+        for row in np.flatnonzero(goes_on).tolist():
+            key = _Key(True, int(gaps.part[row]), int(gaps.region[row]))
+            if begins[row] or key in self._open:
+                area_m2, gap_m = float(gaps.area_m2[row]), float(gaps.gap_m[row])
+                yield key, _Touch(none, bool(begins[row]), area_m2, float(shown[row]), gap_m)
+
+    def _continues(self, now: tuple[int, float], near: Nearness, key: _Key, kept: _Open) -> bool:
         """Whether a contact continues: touched in this frame, hidden with the person in reach, or just paused."""
         if kept.last == now:
             return True
-        reached = np.isin(near.point[near.person == label], kept.skin).any()
-        if kept.begun and reached and np.mean(near.shown[kept.skin]) < FREE_SHARE:
-            kept.last = now
-            kept.hidden += 1
-            return True
+        if not key.is_equipment and kept.begun:
+            reached = np.isin(near.point[near.person == key.number], kept.skin).any()
+            if reached and np.mean(near.shown[kept.skin]) < FREE_SHARE:
+                kept.last = now
+                kept.hidden += 1
+                return True
         return now[1] - kept.last[1] <= self._config.release_s
 
-    def _close(self, keys: list[tuple[int, int]]) -> Iterator[Contact]:
+    def _close(self, keys: list[_Key]) -> Iterator[Contact]:
         ended = [(key, self._open.pop(key)) for key in keys]
-        for (label, region), kept in sorted(ended, key=lambda item: (item[1].first[0], item[0])):
-            if kept.begun and kept.last[1] - kept.first[1] >= self._config.begin_s:
+        for key, kept in sorted(ended, key=lambda item: (item[1].first[0], item[0])):
+            if self._is_contact(kept):
                 yield Contact(
-                    part=REGIONS[region],
-                    person=self._name(label),
+                    part=REGIONS[key.region],
+                    with_=self._equipment[key.number] if key.is_equipment else PERSON,
+                    person=None if key.is_equipment else self._name(key.number),
                     first_frame=kept.first[0],
                     last_frame=kept.last[0],
                     start_s=kept.first[1],

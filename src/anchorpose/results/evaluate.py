@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from anchorpose.body.contact_regions import REGION_BONES, REGIONS
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.recording import half_period_s, nearest_within
+from anchorpose.results.contact_scores import ContactEvaluation, score_contacts
 from anchorpose.results.frame_time import runs_of
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
-from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
+from anchorpose.results.records import CONTACTS_FILE
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
-from anchorpose.results.truth import WRONG_M, TrueTouch, Truth, read_true_touch, read_truth, require_same_world
+from anchorpose.results.truth import WRONG_M, Truth, read_truth, require_same_world
 from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 
@@ -213,7 +213,8 @@ class Evaluation:
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error of the second half of the frames over that of the first
-    contacts: ContactEvaluation | None = None  # None where the truth or the result has none
+    contacts: ContactEvaluation | None = None  # with people; None where the truth or the result has none
+    supports: ContactEvaluation | None = None  # with equipment; None also where no contacts with it were looked for
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
@@ -236,12 +237,10 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     known = known.frames(match >= 0)
     require_same_world(truth, joints.position_m, known.position_m)
     evaluation = compare(joints, known, truth_frames=len(match), results_frames=frames)
-    touch = read_true_touch(truth)
-    if touch is None or not (results / CONTACTS_FILE).exists():
+    if not (results / CONTACTS_FILE).exists():
         return evaluation
-    touch = TrueTouch(touch.bones[kept][match >= 0], touch.names)
-    contacts = evaluate_contacts(read_contacts(results / CONTACTS_FILE), joints.frame, touch)
-    return replace(evaluation, contacts=contacts)
+    contacts, supports = score_contacts(results / CONTACTS_FILE, truth, joints.frame, np.flatnonzero(kept)[match >= 0])
+    return replace(evaluation, contacts=contacts, supports=supports)
 
 
 CLOSER: Final = 10.0
@@ -334,53 +333,4 @@ def _summary(errors: _Errors, chosen: np.ndarray) -> ErrorSummary:
         median_mm=float(np.median(error_mm)) if some else None,
         p95_mm=float(np.percentile(error_mm, 95)) if some else None,
         coverage_95=_mean(within),
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ContactScore:
-    """How well contacts were found; None where there is nothing to take the share of.
-
-    precision: of the reported parts times frames, the share in which a bone of that part is touched. recall: of the
-    touched parts times frames, the share in which the part, or one that shares a bone with it, is reported: the truth
-    names bones, so that a knee held from both sides is a touched thigh and a touched shank.
-    """
-
-    reported: int  # parts times frames
-    touched: int
-    precision: float | None
-    recall: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ContactEvaluation:
-    """All parts together, and each part that was touched or reported."""
-
-    overall: ContactScore
-    per_part: tuple[tuple[str, ContactScore], ...]
-
-
-def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: TrueTouch) -> ContactEvaluation:
-    """The contacts of a result; frame (t,): number of the result's frame at each frame of the truth."""
-    holds = np.array([[name in bones for name in truth.names] for bones in REGION_BONES.values()])  # (regions, bones)
-    own = np.array([not name.startswith("knee") for name in REGIONS])  # parts that the truth's bones distinguish
-    touched = truth.bones @ holds.T  # of bool: any bone that the part holds
-    reported = np.zeros_like(touched)
-    for contact in contacts:
-        reported[(frame >= contact.first_frame) & (frame <= contact.last_frame), REGIONS.index(contact.part)] = True
-    found = reported @ (holds @ holds.T)
-    due = touched & own
-    scores = [(name, _score(reported[:, k], touched[:, k], due[:, k], found[:, k])) for k, name in enumerate(REGIONS)]
-    return ContactEvaluation(
-        overall=_score(reported, touched, due, found),
-        per_part=tuple((name, score) for name, score in scores if score.reported or score.touched),
-    )
-
-
-def _score(reported: np.ndarray, touched: np.ndarray, due: np.ndarray, found: np.ndarray) -> ContactScore:
-    return ContactScore(
-        reported=int(reported.sum()),
-        touched=int(due.sum()),
-        precision=float((reported & touched).sum() / reported.sum()) if reported.any() else None,
-        recall=float((due & found).sum() / due.sum()) if due.any() else None,
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from anchorpose.joints import JOINT_COUNT
-from anchorpose.results.evaluate import CONFIDENT_SIGMAS, FAR_M, ContactEvaluation, Evaluation
+from anchorpose.results.evaluate import CONFIDENT_SIGMAS, FAR_M, Evaluation
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import as_json
 from anchorpose.results.truth import WRONG_M
@@ -19,7 +19,7 @@ MARK: Final = '"matched_frames"'
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:
     """Writes the evaluation: the overall figures at the top, then per joint, per state and the rest."""
-    contacts = evaluation.contacts
+    contacts, supports = evaluation.contacts, evaluation.supports
     document = {
         **as_json(evaluation.overall),
         **_named(evaluation, "matched_frames", "truth_frames", "missing_frames", "results_frames", "drift_ratio"),
@@ -32,6 +32,7 @@ def write_evaluation(path: Path, evaluation: Evaluation) -> None:
         "angles": dict(evaluation.angles),
         **_named(evaluation, "longest_off", "occluded_frames", "clear_frames"),
         "contacts": contacts and {**as_json(contacts.overall), "per_part": dict(contacts.per_part)},
+        "contacts_with_equipment": supports and {**as_json(supports.overall), "per_part": dict(supports.per_part)},
     }
     write_text_whole(path, json.dumps(as_json(document), indent=1, allow_nan=False) + "\n")
 
@@ -40,10 +41,13 @@ def _named(evaluation: Evaluation, *names: str) -> dict[str, Any]:
     return {name: getattr(evaluation, name) for name in names}
 
 
-def contact_rows(contacts: ContactEvaluation) -> list[tuple[str, ...]]:
-    """Rows of text (part, frames touched, precision, recall): all parts, then each that was touched or reported."""
+def contact_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
+    """Rows of text (with, part, frames touched, precision, recall): contacts with people, then with equipment; of each
+    all parts, then each part that was touched or reported. None without contacts."""
     return [
-        (name.replace("_", " "), str(score.touched), *_cells((score.precision, score.recall), 100, 0))
+        (toucher, name.replace("_", " "), str(score.touched), *_cells((score.precision, score.recall), 100, 0))
+        for toucher, contacts in (("people", evaluation.contacts), ("equipment", evaluation.supports))
+        if contacts is not None
         for name, score in (("all parts", contacts.overall), *contacts.per_part)
     ]
 

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from anchorpose.recording.events import Trials
-from anchorpose.results.frame_time import frame_seconds, unbroken_runs
+from anchorpose.results.frame_time import frame_seconds
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.processing import ProcessingConfig, process_angles
 from anchorpose.results.records import (
@@ -24,6 +24,7 @@ from anchorpose.results.records import (
     Contact,
     Measure,
     read_contacts,
+    read_equipment_names,
     write_episodes,
     write_measures,
 )
@@ -34,9 +35,18 @@ from anchorpose.results.stand_training.extension import (
     range_measures,
     symmetry_measures,
 )
+from anchorpose.results.stand_training.independence import IndependenceConfig, independence_measures
 from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, unknown, upright
 from anchorpose.results.stand_training.steps import Step, find_steps, step_episodes, step_measures
 from anchorpose.results.stand_training.tasks import task_measures
+from anchorpose.results.stand_training.touch import (
+    NEVER_FOUND,
+    NO_CONTACTS,
+    NO_UPRIGHT,
+    Touch,
+    time_with_sigma,
+    touch_of,
+)
 from anchorpose.results.stand_training.upright import (
     Transition,
     TransitionConfig,
@@ -67,53 +77,11 @@ from anchorpose.results.verify import require_own
 from anchorpose.settings import settings
 
 
-class Touch(NamedTuple):
-    """at_once (n,) int32: how many contacts hold in each frame; seen (n,): the greatest seen share of these, 0 where
-    none does."""
-
-    at_once: np.ndarray
-    seen: np.ndarray
-
-    def where(self, frames: np.ndarray) -> Touch:
-        """Nothing in the other frames; frames (n,) bool."""
-        return Touch(np.where(frames, self.at_once, 0), np.where(frames, self.seen, 0.0))
-
-
-def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
-    """In each frame, (n,) increasing; a contact's first and last belong to it."""
-    count, seen = np.zeros(len(frame), dtype=np.int32), np.zeros(len(frame))
-    starts = np.searchsorted(frame, [contact.first_frame for contact in contacts], side="left")
-    ends = np.searchsorted(frame, [contact.last_frame for contact in contacts], side="right")
-    for contact, start, end in zip(contacts, starts.tolist(), ends.tolist(), strict=True):
-        count[start:end] += 1
-        np.maximum(seen[start:end], contact.seen_share, out=seen[start:end])
-    return Touch(count, seen)
-
-
-def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tuple[float, float | None]:
-    """Time with any contact, and its sigma.
-
-    No sigma without contacts: how many were missed is unknown here. Each beginning and each end may be a frame off; the
-    unseen part of a contact may or may not have been there.
-    """
-    any_of = touch.at_once > 0
-    if not any_of.any():
-        return 0.0, None
-    edges = 2 * len(unbroken_runs(any_of, time_s))
-    usual = float(np.median(seconds))
-    unsure = float(((1.0 - touch.seen) * seconds)[any_of].sum())
-    return float(seconds[any_of].sum()), float(np.hypot(np.sqrt(edges) * usual, unsure / np.sqrt(12.0)))
-
-
 def inferred_touch_share(touch: Touch) -> float | None:
     """Share of the frames with any contact in which none was seen; None for no frames."""
     any_of = touch.at_once > 0
     return float(np.mean(1.0 - touch.seen[any_of])) if any_of.any() else None
 
-
-NO_CONTACTS: Final = "the results folder has no contacts.parquet; track the recording again"
-NEVER_FOUND: Final = "the patient was found in no frame"
-NO_UPRIGHT: Final = "the patient was never known to be upright"
 
 CONTACT_MEASURES: Final = (
     ("assistance_time", "s"),
@@ -131,16 +99,16 @@ def assistance_measures(session: Session) -> list[Measure]:
 
     Only frames in which the patient was found count: in others contacts are unknown.
     """
-    contacts = session.contacts
+    contacts = session.helping
     if contacts is None or not session.found.any():
         why = NO_CONTACTS if contacts is None else NEVER_FOUND
         return [unknown(name, unit, why) for name, unit in CONTACT_MEASURES]
     groups: dict[tuple[str | None, str | None], list[Contact]] = {(None, None): list(contacts)}
-    parts, persons = sorted({c.part for c in contacts}), sorted({c.person for c in contacts})
+    parts, persons = sorted({c.part for c in contacts}), sorted({c.toucher for c in contacts})
     for key in (*((None, who) for who in persons), *((part, None) for part in parts), *product(parts, persons)):
         groups[key] = []
     for contact in contacts:
-        for key in ((None, contact.person), (contact.part, None), (contact.part, contact.person)):
+        for key in ((None, contact.toucher), (contact.part, None), (contact.part, contact.toucher)):
             groups[key].append(contact)
     rows = list[Measure]()
     for (part, person), some in groups.items():
@@ -190,6 +158,7 @@ class MeasureConfig:
     transitions: TransitionConfig = field(default_factory=TransitionConfig)
     extension: ExtensionConfig = field(default_factory=ExtensionConfig)
     sway: SwayConfig = field(default_factory=SwayConfig)
+    independence: IndependenceConfig = field(default_factory=IndependenceConfig)
 
 
 def measure_session(
@@ -198,11 +167,13 @@ def measure_session(
     contacts: tuple[Contact, ...] | None,
     config: MeasureConfig,
     trials: Trials | None = None,
+    equipment: Sequence[str] = (),
 ) -> tuple[Session, list[Measure]]:
     """The session with its posture and episodes, and every measure of docs/measures.md.
 
-    contacts: None where they are unknown, which is not the same as no contact. With trials, the measures of the whole
-    recording are followed by the measures of every trial and of every condition.
+    contacts: with people and equipment, None where they are unknown, which is not the same as no contact. equipment:
+    the parts that contacts were looked for with; where there are none, whether the patient held on is unknown. With
+    trials, the measures of the whole recording are followed by the measures of every trial and of every condition.
     """
     body = centre_of_mass(joints)
     found = stance(joints, body.position_m)
@@ -224,6 +195,7 @@ def measure_session(
         seconds=frame_seconds(joints.time_s),
         episodes=(*bouts, *transition_episodes(joints, found, moves), *step_episodes(joints, steps)),
         contacts=contacts,
+        equipment=tuple(equipment),
     )
     measures = _measures(session, moves, steps, config)
     if trials is None:
@@ -247,6 +219,7 @@ def _measures(session: Session, moves: list[Transition], steps: list[Step], conf
         *task_measures(session, config.transitions),
         *step_measures(session, steps),
         *assistance_measures(session),
+        *independence_measures(session, config.independence),
     ]
 
 
@@ -278,14 +251,15 @@ def write_measured(
     if trials is None and (results / TRIALS_FILE).exists():
         trials = read_trial_table(results / TRIALS_FILE)
     joints = read_joints(results / JOINTS_FILE)
-    contacts = read_contacts(results / CONTACTS_FILE) if (results / CONTACTS_FILE).exists() else None
+    path = results / CONTACTS_FILE
+    contacts, equipment = (read_contacts(path), read_equipment_names(path)) if path.exists() else (None, ())
     work = Path(tempfile.mkdtemp(prefix=".measuring-", dir=results))
     try:
         processed = process_angles(joints, processing) if processing.active else None
         if processed is not None:
             write_processed_angles(work / PROCESSED_FILE, processed)
         angles = joint_angles(joints)
-        session, measures = measure_session(joints, angles, contacts, config, trials)
+        session, measures = measure_session(joints, angles, contacts, config, trials, equipment)
         write_angles(work / ANGLES_FILE, angles)
         write_posture(work / POSTURE_FILE, session.posture)
         write_episodes(work / EPISODES_FILE, session.episodes)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
+from keyword import iskeyword
 from pathlib import Path
 from types import NoneType
 from typing import Any, Final, Generic, TypeVar, get_args, get_type_hints
@@ -54,20 +55,26 @@ def open_parquet(path: Path, schema: pa.Schema) -> Any:
     )
 
 
-def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Collection[str] = ()) -> pa.Table:
+def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping[str, Any] | None = None) -> pa.Table:
     """A table with exactly the columns of ``schema``, without a null where it has none; raises InputError otherwise.
 
-    rows: a pyarrow expression that selects the rows to read; None for all. later: columns at the end of the schema that
-    files of older versions lack; they are null there.
+    rows: a pyarrow expression that selects the rows to read; None for all. later: columns that files of older versions
+    lack, and the value that they have there.
     """
-    table = read_any_parquet(path, rows)
-    for column in schema:
-        if column.name in later and column.name not in table.schema.names:
-            table = table.append_column(column, pa.nulls(table.num_rows, column.type))
+    table = _with_columns(read_any_parquet(path, rows), schema, later or {})
     require_columns(path, table.schema, schema)
     for column in schema:
         if not column.nullable and table[column.name].null_count:
             raise InputError(path, f"has rows without a {column.name}", TRACK_AGAIN)
+    return table
+
+
+def _with_columns(table: pa.Table, schema: pa.Schema, later: Mapping[str, Any]) -> pa.Table:
+    """The table with each column of ``later`` that it lacks, at its place in ``schema``."""
+    for place, column in enumerate(schema):
+        if column.name in later and column.name not in table.schema.names:
+            values = pa.array([later[column.name]] * table.num_rows, column.type)
+            table = table.add_column(min(place, table.num_columns), column, values)
     return table
 
 
@@ -116,17 +123,24 @@ _TYPES: Final = {int: pa.int32(), float: pa.float64(), bytes: pa.binary()}
 def schema_of(record: type, *names: str) -> pa.Schema:
     """Return the columns of a record's attributes and properties, by default of all attributes in their order.
 
-    A column may be null where its type allows None; a type that is no number and no bytes is a text.
+    A column may be null where its type allows None; a type that is no number and no bytes is a text. A column whose
+    name is a keyword of Python is the attribute with an underscore after it.
     """
     hints = get_type_hints(record)
-    hints |= {name: get_type_hints(getattr(record, name).fget)["return"] for name in names if name not in hints}
-    types = {name: hints[name] for name in names or hints}
+    hints |= {
+        name: get_type_hints(getattr(record, name).fget)["return"] for name in names if _attribute(name) not in hints
+    }
+    types = {name: hints[_attribute(name)] for name in names or hints}
     return pa.schema(
         [
             pa.field(name, _TYPES.get((get_args(kind) or (kind,))[0], pa.string()), NoneType in get_args(kind))
             for name, kind in types.items()
         ]
     )
+
+
+def _attribute(column: str) -> str:
+    return f"{column}_" if iskeyword(column) else column
 
 
 @contextmanager
@@ -163,8 +177,8 @@ class RecordTable(Generic[Row]):
 
     record: the dataclass of a row, whose attributes have the names of the columns. known: the texts that may stand in a
     column. limits: the least and the most that a number of a column may be. rows_per_group: fixed, since row groups
-    decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows. later: the last
-    columns, which files of older versions lack; they are null there.
+    decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows. later: columns
+    that files of older versions lack, and the value that they have there.
     """
 
     file: str
@@ -174,7 +188,7 @@ class RecordTable(Generic[Row]):
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     rows_per_group: int = 1024
     may_be_empty: bool = True
-    later: Collection[str] = ()
+    later: Mapping[str, Any] = field(default_factory=dict)
     remedy: str
 
     def write(self, path: Path, records: Sequence[Row], metadata: dict[str, str] | None = None) -> None:
@@ -184,10 +198,12 @@ class RecordTable(Generic[Row]):
             writer.write_table(self._to_table(records).replace_schema_metadata(metadata))
 
     @contextmanager
-    def open(self, path: Path) -> Iterator[RowGroups[Row]]:
+    def open(self, path: Path, metadata: dict[str, str] | None = None) -> Iterator[RowGroups[Row]]:
         """Opens the file for writing row by row; it is complete when the block ends without an error."""
-        with open_parquet(path, self.schema) as writer:
-            groups = RowGroups(writer, self._to_table, self.rows_per_group)
+        with open_parquet(path, self.schema.with_metadata(metadata) if metadata else self.schema) as writer:
+            groups: RowGroups[Row] = RowGroups(
+                writer, lambda rows: self._to_table(rows).replace_schema_metadata(metadata), self.rows_per_group
+            )
             yield groups
             groups.flush()
 
@@ -206,12 +222,16 @@ class RecordTable(Generic[Row]):
                     raise InputError(path, f"holds the unknown {column} '{text}'", self.remedy)
         for column, limits in self.limits.items():
             require_within(path, column, table[column].drop_null().to_numpy(), limits, self.remedy)
-        own = [each.name for each in fields(self.record) if each.name in self.schema.names]  # type: ignore[arg-type]
+        attributes = {each.name for each in fields(self.record)}  # type: ignore[arg-type]
+        own = [name for name in self.schema.names if _attribute(name) in attributes]
+        table = table.select(own).rename_columns([_attribute(name) for name in own])
         try:
-            return tuple(self.record(**row) for row in table.select(own).to_pylist())
+            return tuple(self.record(**row) for row in table.to_pylist())
         except ValueError as error:
             raise InputError(path, f"has a row that cannot be: {error}", self.remedy) from None
 
     def _to_table(self, records: Sequence[Row]) -> pa.Table:
-        columns = [pa.array([getattr(record, each.name) for record in records], each.type) for each in self.schema]
+        columns = [
+            pa.array([getattr(record, _attribute(each.name)) for record in records], each.type) for each in self.schema
+        ]
         return pa.Table.from_arrays(columns, schema=self.schema)

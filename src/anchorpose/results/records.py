@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -26,6 +27,7 @@ from anchorpose.results.parquet import (
     MEASURE_AGAIN,
     TRACK_AGAIN,
     RecordTable,
+    RowGroups,
     read_any_parquet,
     read_parquet_schema,
     require_columns,
@@ -34,19 +36,25 @@ from anchorpose.results.parquet import (
 
 SEEN, INFERRED = "seen", "inferred"
 
+PERSON: Final = "person"
+"""In the column ``with`` of a contact that is not with equipment."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contact:
-    """One part of the patient that one person touched without a break.
+    """One part of the patient that one person, or one part of the equipment, touched without a break.
 
-    part: one of ``REGIONS``. person: a name that stays the same as long as this person is followed. first_frame,
-    last_frame and start_s, end_s: both included. seen_share: share of the touching skin that some camera saw at the
-    time; the rest was remembered from shortly before. area_cm2: the patient's skin within reach, mean over the frames.
-    gap_mm: least measured distance between the two skins, which cameras see from outside.
+    part: one of ``REGIONS``. with_: ``PERSON``, or the name of a part in the equipment's model. person: a name that
+    stays the same as long as this person is followed; None for equipment. first_frame, last_frame and start_s, end_s:
+    both included. seen_share: share of the touching skin that some camera saw at the time, the rest being remembered
+    from shortly before; of equipment, share of the frames in which some camera saw the skin beside it. area_cm2: the
+    patient's skin within reach, mean over the frames. gap_mm: least measured distance between the two surfaces, of
+    skin as cameras see it from outside; negative where the skin was measured inside of equipment.
     """
 
     part: str
-    person: str
+    person: str | None
+    with_: str = PERSON
     first_frame: int
     last_frame: int
     start_s: float
@@ -60,6 +68,21 @@ class Contact:
         """``seen`` where most of the touching skin was, else ``inferred``."""
         return SEEN if self.seen_share >= 0.5 else INFERRED
 
+    @property
+    def toucher(self) -> str:
+        """The person's name, or that of the part of the equipment."""
+        return self.with_ if self.person is None else self.person
+
+
+def with_people(contacts: Iterable[Contact]) -> tuple[Contact, ...]:
+    """Return the contacts with people."""
+    return tuple(contact for contact in contacts if contact.person is not None)
+
+
+def with_equipment(contacts: Iterable[Contact]) -> tuple[Contact, ...]:
+    """Return the contacts with parts of the equipment."""
+    return tuple(contact for contact in contacts if contact.person is None)
+
 
 LARGEST_VALUE: Final = 1e12
 """Of a measure, far above each in its unit, and of its sigma."""
@@ -72,12 +95,37 @@ _SPAN_LIMITS: Final = {
 CONTACTS: Final = RecordTable(
     file="contacts.parquet",
     record=Contact,
-    schema=schema_of(Contact, "part", "person", *_SPAN_LIMITS, "state", "seen_share", "area_cm2", "gap_mm"),
+    schema=schema_of(Contact, "part", "with", "person", *_SPAN_LIMITS, "state", "seen_share", "area_cm2", "gap_mm"),
     known={"part": REGIONS},
     limits={**_SPAN_LIMITS, "seen_share": (0, 1), "area_cm2": (0, LARGEST_VALUE), "gap_mm": (-1e6, 1e6)},
+    later={"with": PERSON},
     remedy=TRACK_AGAIN,
 )
-CONTACTS_FILE, read_contacts, write_contacts = CONTACTS.file, CONTACTS.read, CONTACTS.open
+CONTACTS_FILE, read_contacts = CONTACTS.file, CONTACTS.read
+
+EQUIPMENT_KEY: Final = "equipment_parts"
+"""Of the schema's metadata: a JSON list of the parts of the equipment that contacts were looked for with."""
+
+
+def write_contacts(path: Path, equipment: Sequence[str] = ()) -> AbstractContextManager[RowGroups[Contact]]:
+    """Open contacts.parquet for writing; equipment: names of the parts of the equipment's model, none without one."""
+    return CONTACTS.open(path, {EQUIPMENT_KEY: json.dumps(list(equipment))})
+
+
+def read_equipment_names(path: Path) -> tuple[str, ...]:
+    """Return the parts of the equipment that contacts were looked for with.
+
+    None of them where the recording had no model of the equipment, and in files of versions that did not look for such
+    contacts: whether the patient held on is then unknown. Raises InputError where the record cannot be read.
+    """
+    text = (read_parquet_schema(path).metadata or {}).get(EQUIPMENT_KEY.encode(), b"[]")
+    try:
+        names = parse_json(text)
+    except ValueError:
+        names = None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(path, "its list of the equipment's parts cannot be read", TRACK_AGAIN)
+    return tuple(names)
 
 
 UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT = "upright", "sit_to_stand", "stand_to_sit"
@@ -181,7 +229,7 @@ MEASURES: Final = RecordTable(
         "trial": (1, MOST_TRIALS),
     },
     may_be_empty=False,
-    later=("condition", "trial"),
+    later={"condition": None, "trial": None},
     remedy=MEASURE_AGAIN,
 )
 MEASURES_FILE: Final = MEASURES.file

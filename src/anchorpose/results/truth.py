@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.body.contact_regions import REGION_BONES
+from anchorpose.body.equipment_gaps import FEET
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LIMBS
 from anchorpose.recording.recording_file import FARTHEST_CAMERA_M, FARTHEST_TIME_S, require_seconds
@@ -99,10 +100,34 @@ def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueTouch:
-    """bones (t, b) bool: in each frame the bones whose skin another person touches; names (b) of the bones."""
+    """bones (t, b) bool: in each frame the bones whose skin another person, or the equipment, touches; names (b) of
+    the bones."""
 
     bones: np.ndarray
     names: tuple[str, ...]
+
+
+FOOT_BONES: Final = frozenset(bone for region in FEET for bone in REGION_BONES[region])
+
+
+def read_true_support(path: Path) -> TrueTouch | None:
+    """The contacts with equipment in a truth.npz, ``on_equipment`` (t, parts, b) and ``part_names`` (b); None where it
+    has none. Feet are left out, as in contacts.parquet.
+
+    Raises InputError where the two do not fit each other.
+    """
+    arrays = read_arrays(path, ("on_equipment", "part_names", "time"), SUPPORT_REMEDY)
+    if "on_equipment" not in arrays or "part_names" not in arrays:
+        return None
+    touched, names = arrays["on_equipment"], tuple(map(str, arrays["part_names"].ravel()))
+    shape = (*arrays["time"].shape, len(names))
+    if touched.ndim != 3 or (touched.shape[0], touched.shape[2]) != shape or touched.dtype.kind not in "fiub":
+        raise InputError(path, "its on_equipment and part_names do not fit", SUPPORT_REMEDY)
+    judged = np.array([name not in FOOT_BONES for name in names])
+    return TrueTouch(touched.astype(bool).any(axis=1) & judged, names)
+
+
+SUPPORT_REMEDY: Final = "give on_equipment (t, parts, b) and part_names (b)"
 
 
 def read_true_touch(path: Path) -> TrueTouch | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from anchorpose.body.kinematics import missing_joints
 from anchorpose.camera import Camera
-from anchorpose.recording.equipment import EquipmentModel
+from anchorpose.recording.equipment import EquipmentModel, EquipmentPart
 from anchorpose.simulate.captured_patient import draw_captured
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.equip import fit_around, fit_held
@@ -56,6 +56,16 @@ class Clinic:
     patient: Actor | CapturedActor
     therapists: tuple[Therapist, ...]  # and after them people who pass by
     scene: RoomScene | None = None  # of a real room: what is in it beside the people
+
+    @property
+    def parts(self) -> tuple[EquipmentPart, ...]:
+        """The parts of the equipment; none without equipment."""
+        return () if self.equipment is None else self.equipment.parts
+
+    def pushed_m(self, time_s: float) -> np.ndarray:
+        """(3,) how far the equipment was pushed by then."""
+        at_s, (x, z) = self.config.equipment_moves_at_s, self.config.equipment_shift_m
+        return np.array([x, 0.0, z]) if at_s is not None and time_s >= at_s else np.zeros(3)
 
     def true_times_s(self, camera: int) -> np.ndarray:
         """(t,) when a camera really looks; its stamps say frame / fps since its epoch."""

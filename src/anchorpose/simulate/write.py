@@ -17,16 +17,15 @@ from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.equipment import write_equipment
 from anchorpose.recording.recording_file import camera_document
 from anchorpose.recording.writable import check_place, new_folder
-from anchorpose.simulate.clinic import Clinic, Performance, Programme, draw_clinic, random_stream
+from anchorpose.simulate.clinic import Clinic, Programme, draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.render import PATIENT, Figure
+from anchorpose.simulate.render import PATIENT
 from anchorpose.simulate.shoot import Studio, set_up
+from anchorpose.simulate.touches import Touch, touches
 
 EQUIPMENT_FILE: Final = "equipment.json"
 PNG_COMPRESSION: Final = 2  # noise does not compress; more effort triples the time for 3 % of the size
-TOUCH_M: Final = 0.03
 PASSER_HIDES: Final = 0.25  # of what one camera would see of the patient
-JOINT_REGION_M: Final = 0.12  # a joint is touched where skin this near to it is touched
 JITTER_LIMIT: Final = 0.4  # of a period: beyond half of one, stamps could change places
 JITTER_SPREADS: Final = 2.0  # where the normal distribution of the jitter is cut
 
@@ -110,37 +109,6 @@ def _write_documents(recording: Path, clinic: Clinic) -> None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Touch:
-    """bones (b,) bool: the patient's body parts that anybody touches; joints (n, 21) bool: by each therapist."""
-
-    bones: np.ndarray
-    joints: np.ndarray
-
-
-def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...], frame: int) -> Touch:
-    """Contacts within 3 cm, skin to skin, clothes included."""
-    from scipy.spatial import cKDTree
-
-    body = clinic.patient.person.body
-    patient_m, part = figures[0].skin_m, body.asset.main_bone()
-    joints_m = body.joints(performance.bones[0][frame])
-    bones = np.zeros(len(body.bone_heads), dtype=bool)
-    joints = np.zeros((len(figures) - 1, len(joints_m)), dtype=bool)
-    for index, figure in enumerate(figures[1:]):
-        low, high = figure.skin_m.min(axis=0) - TOUCH_M, figure.skin_m.max(axis=0) + TOUCH_M
-        near = np.flatnonzero(((patient_m > low) & (patient_m < high)).all(axis=1))
-        if len(near) == 0:
-            continue
-        distance, _ = cKDTree(figure.skin_m).query(patient_m[near], distance_upper_bound=TOUCH_M)
-        touched = near[np.isfinite(distance)]
-        bones[part[touched]] = True
-        if len(touched):
-            gap_m = np.linalg.norm(joints_m[:, None] - patient_m[touched], axis=2)
-            joints[index] = (gap_m < JOINT_REGION_M).any(axis=1)
-    return Touch(bones, joints)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Sight:
     """What is seen of the patient by frame: patient_pixels (t,), seen_share (t, 21, cameras), occluded (t,) bool."""
 
@@ -156,6 +124,7 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
     Beyond the format's own keys: patient_pixels (t,) of all cameras together; seen_share (t, 21, cameras) of the skin
     around each joint that faces a camera, the share that nothing hides from it; touched (t, 31) bones with another's
     skin within 3 cm of theirs, named by part_names; touched_joints (t, n, 21) the same by therapist and joint;
+    on_equipment (t, parts, 31) bones whose skin is within 1 cm of each part of the equipment, named by equipment_names;
     held_joints (t, n, 2) the joint in each hand of each therapist, -1 none; clock_late, clock_drift, clock_epoch by
     camera: stamp s was taken at (s - epoch) + late + drift (s - epoch); taken_s (cameras, t), when the image of that
     number on the disk was taken, NaN where there is none; doubled (cameras, t), it is an earlier one repeated.
@@ -175,6 +144,8 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
         seen_share=sight.seen_share.astype(np.float32),
         touched=np.array([contact.bones for contact in contacts]),
         touched_joints=np.array([contact.joints for contact in contacts]),
+        on_equipment=np.array([contact.on_equipment for contact in contacts]),
+        equipment_names=np.array([part.name for part in clinic.parts], dtype=np.str_),
         held_joints=performance.held_joints(),
         part_names=np.array(person.body.asset.bone_names),
         camera_names=np.array([camera.name for camera in clinic.cameras]),

@@ -8,10 +8,11 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.contact_regions import Nearness, find_nearness
+from anchorpose.body.equipment_gaps import EquipmentGaps, ShownSkin, find_equipment_gaps
 from anchorpose.body.explanation import Explanation
 from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.body.skin_points import Body, pose_points
-from anchorpose.body.visibility import PoorDepth
+from anchorpose.body.visibility import PoorDepth, facing_skin
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import JointState
 from anchorpose.recording.recording import FrameSet
@@ -31,7 +32,8 @@ LEAST_BONE_M: Final = 1e-6  # a missing one has no length
 class FrameRecord:
     """What is kept of one frame: the joints, the body's pose, how well it explains the depth images, anchors, share of
     nodes matched, how near others are to the patient (None where the patient is lost), what was wrong with the depth
-    images, why the patient is lost (empty where not), and why depth is too poor for joints (none where it is not)."""
+    images, why the patient is lost (empty where not), why depth is too poor for joints (none where it is not), and the
+    gaps to the equipment (None where the patient is lost, or the equipment is not known)."""
 
     joints: JointFrame
     body: BodyPose
@@ -42,6 +44,7 @@ class FrameRecord:
     problems: tuple[str, ...]
     why_lost: str = ""
     poor: tuple[PoorDepth, ...] = ()
+    gaps: EquipmentGaps | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,10 +73,11 @@ def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
         sigma_m=estimate.sigma_m,
     )
     bones, near = _bones(estimate, body, run), _near(estimate, body, run)
+    gaps = _gaps(estimate, body, near, run)
     anchors, share = anchor_frame(estimate), estimate.matched_share
     explained = explained_frame(frame_set.frame, frame_set.time_s, estimate.explanation)
     record = FrameRecord(
-        joints, bones, explained, anchors, share, near, frame_set.problems, estimate.why_lost, estimate.poor
+        joints, bones, explained, anchors, share, near, frame_set.problems, estimate.why_lost, estimate.poor, gaps
     )
     why = run.room.review.why_unusable(frame_set.frame)
     return record if why is None else _without_patient(record, why)
@@ -107,6 +111,7 @@ def _without_patient(record: FrameRecord, why: str) -> FrameRecord:
         body=body_pose(None, body.frame, body.time_s, None, None),
         explained=explained_frame(body.frame, body.time_s, None),
         near=None,
+        gaps=None,
         problems=(*record.problems, why),
     )
 
@@ -128,6 +133,17 @@ def _near(estimate: Estimate, body: Body | None, run: Run) -> Nearness | None:
     with run.stage("contacts"):
         posed = pose_points(body, belief.pose)
         return find_nearness(posed, seen.memory, seen.evidence.views, seen.evidence.cameras, run.config.visibility)
+
+
+def _gaps(estimate: Estimate, body: Body | None, near: Nearness | None, run: Run) -> EquipmentGaps | None:
+    """How near the learnt body is to the equipment, as uncertain as its joints; None where either is not known."""
+    equipment, belief, seen = run.room.recording.equipment, estimate.belief, estimate.observation
+    if body is None or belief is None or seen is None or near is None or equipment is None:
+        return None
+    with run.stage("contacts"):
+        posed, reach_m = pose_points(body, belief.pose), run.config.contacts.reach_m
+        shown = ShownSkin(facing_skin(posed, seen.evidence.views, seen.evidence.cameras), near.shown)
+        return find_equipment_gaps(body.points, posed.points_m, shown, estimate.sigma_m, equipment, reach_m)
 
 
 def body_pose(

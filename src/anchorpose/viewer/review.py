@@ -103,7 +103,9 @@ def describe(review: Review) -> dict[str, Any]:
         "states": [str(state) for state in JointState],
         "anchors": list(ANCHOR_NAMES),
         "angles": list(review.angles.names),
-        "contacts": [{**as_json(contact), "state": contact.state} for contact in review.contacts],
+        "contacts": [
+            {**as_json(contact), "state": contact.state, "toucher": contact.toucher} for contact in review.contacts
+        ],
         "worst": as_json(worst_frames(review.joints, review.matched_share, review.run.get("dropped", []))),
         "unexplained": None if review.explained is None else as_json(unexplained_frames(review.explained)),
         "dropped": review.run.get("dropped", []),

@@ -14,7 +14,15 @@ from anchorpose.joints import JOINT_INDEX, LOST
 from anchorpose.results.angle_definition import AngleGroup, Points, Reading, length
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.joint_angles import angles_with_sigma
-from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, Contact, Episode, Measure
+from anchorpose.results.records import (
+    SIT_TO_STAND,
+    STAND_TO_SIT,
+    Contact,
+    Episode,
+    Measure,
+    with_equipment,
+    with_people,
+)
 from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT, AngleTable, JointTable, PostureTable
 from anchorpose.rotations import unit
 from anchorpose.settings import Positive, settings
@@ -184,7 +192,8 @@ def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
 class Session:
     """Of the same frames: joints, angles, posture, stance; seconds (n,) that each frame stands for.
 
-    contacts: None where the results folder has no table of them.
+    contacts: with people and equipment, None where the results folder has no table of them; equipment: the parts that
+    contacts were looked for with, none where the recording has no model of the equipment.
     """
 
     joints: JointTable
@@ -194,6 +203,17 @@ class Session:
     seconds: np.ndarray
     episodes: tuple[Episode, ...]
     contacts: tuple[Contact, ...] | None
+    equipment: tuple[str, ...]
+
+    @property
+    def helping(self) -> tuple[Contact, ...] | None:
+        """Contacts with people; None where they are unknown."""
+        return None if self.contacts is None else with_people(self.contacts)
+
+    @property
+    def supports(self) -> tuple[Contact, ...] | None:
+        """Contacts with the equipment; None where they are unknown."""
+        return None if self.contacts is None or not self.equipment else with_equipment(self.contacts)
 
     @property
     def upright(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-// Time upright, load on the feet, hands on: numbers beside the dials. Inferred: hollow and with "~". Not known: "–".
+// Time upright, load on the feet, who and what touches the patient: numbers beside the dials. Inferred: hollow and with "~". Not known: "–".
 
 const byId = (id) => document.getElementById(id);
 
@@ -13,7 +13,8 @@ export function showFacts(message) {
   const upright = message ? message.upright : null, sign = message?.upright_inferred ? "~ " : "";
   byId("upright-now").textContent = upright === null ? "now: –" : `${sign}now: ${upright ? "upright" : "not upright"}`;
   showLoad(message);
-  showTouched(message ? message.touched : null);
+  showParts("touched", message ? message.touched : null, "nobody");
+  showParts("holding", message ? message.holding : null, "nothing");
 }
 
 function showLoad(message) {
@@ -28,10 +29,9 @@ function showLoad(message) {
   if (known) mark.style.left = `${100 - left}%`;
 }
 
-function showTouched(touched) {
-  const box = byId("touched");
+function showParts(id, touched, none) {
   const parts = touched ? Object.entries(touched).map(([part, seen]) => word(part, seen)) : ["–"];
-  box.replaceChildren(...(touched && !parts.length ? ["nobody"] : parts.flatMap((part, i) => (i ? [", ", part] : [part]))));
+  byId(id).replaceChildren(...(touched && !parts.length ? [none] : parts.flatMap((part, i) => (i ? [", ", part] : [part]))));
 }
 
 function word(part, seen) {

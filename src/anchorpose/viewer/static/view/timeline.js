@@ -179,4 +179,4 @@ export class Timeline {
   }
 }
 
-const named = ({ part, person }) => `${part.replaceAll("_", " ")}, ${person}`;
+const named = ({ part, toucher }) => `${part.replaceAll("_", " ")}, ${toucher}`;

@@ -1,0 +1,80 @@
+"""Compare the contacts of a result with the truth, by frame and part of the body: with people, and with equipment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from anchorpose.body.contact_regions import REGION_BONES, REGIONS
+from anchorpose.results.records import Contact, read_contacts, read_equipment_names, with_equipment, with_people
+from anchorpose.results.truth import TrueTouch, read_true_support, read_true_touch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactScore:
+    """How well contacts were found; None where there is nothing to take the share of.
+
+    precision: of the reported parts times frames, the share in which a bone of that part is touched. recall: of the
+    touched parts times frames, the share in which the part, or one that shares a bone with it, is reported: the truth
+    names bones, so that a knee held from both sides is a touched thigh and a touched shank.
+    """
+
+    reported: int  # parts times frames
+    touched: int
+    precision: float | None
+    recall: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactEvaluation:
+    """All parts together, and each part that was touched or reported."""
+
+    overall: ContactScore
+    per_part: tuple[tuple[str, ContactScore], ...]
+
+
+def score_contacts(
+    table: Path, truth: Path, frame: np.ndarray, rows: np.ndarray
+) -> tuple[ContactEvaluation | None, ContactEvaluation | None]:
+    """The contacts with people and with equipment of a contacts.parquet; None where the truth does not state them, and
+    where contacts with equipment were not looked for.
+
+    rows (t,): the frames of the truth that are compared; frame (t,): number of the result's frame at each of them.
+    """
+    contacts = read_contacts(table)
+    touched, supported = read_true_touch(truth), read_true_support(truth) if read_equipment_names(table) else None
+    pairs = ((with_people(contacts), touched), (with_equipment(contacts), supported))
+    people, equipment = (
+        None if true is None else evaluate_contacts(some, frame, TrueTouch(true.bones[rows], true.names))
+        for some, true in pairs
+    )
+    return people, equipment
+
+
+def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: TrueTouch) -> ContactEvaluation:
+    """The contacts of a result; frame (t,): number of the result's frame at each frame of the truth."""
+    holds = np.array([[name in bones for name in truth.names] for bones in REGION_BONES.values()])  # (regions, bones)
+    own = np.array([not name.startswith("knee") for name in REGIONS])  # parts that the truth's bones distinguish
+    touched = truth.bones @ holds.T  # of bool: any bone that the part holds
+    reported = np.zeros_like(touched)
+    for contact in contacts:
+        reported[(frame >= contact.first_frame) & (frame <= contact.last_frame), REGIONS.index(contact.part)] = True
+    found = reported @ (holds @ holds.T)
+    due = touched & own
+    scores = [(name, _score(reported[:, k], touched[:, k], due[:, k], found[:, k])) for k, name in enumerate(REGIONS)]
+    return ContactEvaluation(
+        overall=_score(reported, touched, due, found),
+        per_part=tuple((name, score) for name, score in scores if score.reported or score.touched),
+    )
+
+
+def _score(reported: np.ndarray, touched: np.ndarray, due: np.ndarray, found: np.ndarray) -> ContactScore:
+    return ContactScore(
+        reported=int(reported.sum()),
+        touched=int(due.sum()),
+        precision=float((reported & touched).sum() / reported.sum()) if reported.any() else None,
+        recall=float((due & found).sum() / due.sum()) if due.any() else None,
+    )

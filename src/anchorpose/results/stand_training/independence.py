@@ -1,0 +1,272 @@
+"""How long knees, hips and trunk are extended, by the patient alone or helped, and with how many hands they hold on.
+
+Rejc et al. 2015 (doi:10.1371/journal.pone.0133998) call standing independent where nobody assists hips and knees while
+the hands hold a frame for balance; Harkema et al. 2011 (doi:10.1016/S0140-6736(11)60547-3) report standing with
+assistance for balance only. The limits of extension, and which contacts count for which part, are our own definitions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Final, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from anchorpose.joints import JOINT_INDEX, LOST, STATE_CODE, JointState
+from anchorpose.results.frame_table import UNKNOWN
+from anchorpose.results.frame_time import runs_of_known
+from anchorpose.results.records import Contact, Measure, with_people
+from anchorpose.results.stand_training.stance import Session, hold, known, unknown
+from anchorpose.results.stand_training.touch import (
+    NEVER_FOUND,
+    NO_CONTACTS,
+    NO_EQUIPMENT,
+    NO_UPRIGHT,
+    sigma_of_time,
+    touch_of,
+)
+from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT
+from anchorpose.results.uncertainty import systematic_sigma
+from anchorpose.settings import settings
+
+NOT_KNOWN: Final = "the patient was never known to be upright with this part's angle known"
+SIDES: Final = ("left", "right")
+
+_Degrees = Annotated[float, Field(gt=0, lt=90)]
+
+
+@settings
+class IndependenceConfig:
+    """When knee, hip and trunk count as extended: bent, or inclined, by at most so much; until they are by more."""
+
+    # A knee that carries the body bends by about 20 degrees when it takes over the load in walking.
+    extended_deg: _Degrees = 20.0
+    bent_deg: _Degrees = 25.0  # errors of an angle, 3 to 5 degrees, do not end an extension
+
+    def __post_init__(self) -> None:
+        if self.bent_deg < self.extended_deg:
+            raise ValueError(f"bent_deg must not be below extended_deg, got {self.bent_deg} and {self.extended_deg}")
+
+
+class _Part(NamedTuple):
+    """What is extended: angle: its column, None for the trunk's inclination. regions: contacts there help to extend it.
+    beside: regions that share a border with them; a hand that lies across it may be reported on either side. joints:
+    where these contacts are; one that is not seen may be held unseen."""
+
+    name: str
+    side: str | None
+    angle: str | None
+    regions: tuple[str, ...]
+    beside: tuple[str, ...]
+    joints: tuple[str, ...]
+
+
+def _parts() -> tuple[_Part, ...]:
+    knees = [
+        _Part(
+            "knee",
+            s,
+            f"knee_flexion_{s}",
+            (f"thigh_{s}", f"knee_{s}", f"shank_{s}"),
+            ("pelvis", f"foot_{s}"),
+            (f"Knee{s.capitalize()}",),
+        )
+        for s in SIDES
+    ]
+    hips = [
+        _Part(
+            "hip",
+            s,
+            f"hip_flexion_{s}",
+            ("pelvis", f"thigh_{s}"),
+            ("belly", f"knee_{s}"),
+            (f"Hip{s.capitalize()}", "SpineBase"),
+        )
+        for s in SIDES
+    ]
+    trunk = ("neck_and_shoulders", "chest", "belly")
+    beside = ("head", "upper_arm_left", "upper_arm_right", "pelvis")
+    return (*knees, *hips, _Part("trunk", None, None, trunk, beside, ("SpineMid", "SpineShoulder")))
+
+
+PARTS: Final = _parts()
+
+
+def independence_measures(session: Session, config: IndependenceConfig) -> list[Measure]:
+    """Of each part: the time extended; without anybody's hand on it; and without equipment against it either, with its
+    bouts. Then bouts upright without help, and the time upright by the number of hands that hold on."""
+    rows = list[Measure]()
+    for part in PARTS:
+        rows += _extension(session, part, config)
+    return [*rows, *_unaided(session), *_holding(session)]
+
+
+class _Extended(NamedTuple):
+    """is_known (n,) bool: upright, and the angle is known; decided (n,) bool: that, or known not to be upright. frames
+    (n,) bool: extended. sigma_s: of the time of these by the angle's error. codes (n,): state of the worst joint
+    used."""
+
+    is_known: np.ndarray
+    decided: np.ndarray
+    frames: np.ndarray
+    sigma_s: float
+    codes: np.ndarray
+
+
+def _extended(session: Session, part: _Part, config: IndependenceConfig) -> _Extended:
+    if part.angle is None:
+        degrees, sigma = session.stance.trunk_deg, session.stance.trunk_sigma_deg
+        codes = session.joints.state_code[:, [JOINT_INDEX["SpineBase"], JOINT_INDEX["SpineShoulder"]]].max(axis=1)
+    else:
+        column = session.angles.column(part.angle)
+        degrees, sigma = session.angles.degrees[:, column], session.angles.sigma_deg[:, column]
+        codes = session.angles.state_code[:, column]
+    is_known, error = session.upright & np.isfinite(degrees), systematic_sigma(sigma)
+    less, frames, more = (_held_extended(degrees + shift * error, config) & is_known for shift in (1.0, 0.0, -1.0))
+    sigma_s = 0.5 * float(session.seconds[more].sum() - session.seconds[less].sum())
+    decided = is_known | (session.posture.upright == NOT_UPRIGHT)
+    return _Extended(is_known, decided, frames, sigma_s, codes)
+
+
+def _held_extended(degrees: np.ndarray, config: IndependenceConfig) -> np.ndarray:
+    """(n,) bool: extended since the last limit that was passed; knees may bend backwards."""
+    return hold(degrees <= config.extended_deg, degrees > config.bent_deg, np.isfinite(degrees)) == UPRIGHT
+
+
+def _extension(session: Session, part: _Part, config: IndependenceConfig) -> list[Measure]:
+    name, found = f"{part.name}_extended", _extended(session, part, config)
+    names = {f"{name}_{what}": unit for what, unit in _EXTENSION.items()}
+    if not found.is_known.any():
+        return [unknown(measure, unit, NOT_KNOWN, part.side) for measure, unit in names.items()]
+    rows = [_row(session, part, f"{name}_time", found, _Free(found.frames, 0.0))]
+    if session.helping is None:
+        return rows + [unknown(measure, names[measure], NO_CONTACTS, part.side) for measure in list(names)[1:]]
+    rows.append(_row(session, part, f"{name}_hands_off_time", found, _free(session, part, found, session.helping)))
+    alone = [f"{name}_alone_{what}" for what in ("time", "bouts", "longest")]
+    if session.supports is None:
+        return rows + [unknown(measure, names[measure], NO_EQUIPMENT, part.side) for measure in alone]
+    free = _free(session, part, found, (*session.helping, *session.supports))
+    runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
+    codes = found.codes[found.is_known]
+    return [
+        *rows,
+        _row(session, part, alone[0], found, free),
+        known(alone[1], "count", float(len(runs)), codes, side=part.side),
+        _row(session, part, alone[2], found, free, longest=True),
+    ]
+
+
+_EXTENSION: Final = {
+    "time": "s",
+    "hands_off_time": "s",
+    "alone_time": "s",
+    "alone_bouts": "count",
+    "alone_longest": "s",
+}
+
+
+class _Free(NamedTuple):
+    """frames (n,) bool: with what is asked for; unsure_s: the time that may or may not be like these."""
+
+    frames: np.ndarray
+    unsure_s: float
+
+
+def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Contact]) -> _Free:
+    """Extended frames without any of the contacts on the part.
+
+    A contact that was not seen may not have been there, one on a part that is not seen may be missing, and a person's
+    hand beside the part may be on it.
+    """
+    frame, people = session.joints.frame, with_people(contacts)
+    touch = touch_of(frame, [contact for contact in contacts if contact.part in part.regions])
+    beside = touch_of(frame, [contact for contact in people if contact.part in part.beside]).at_once > 0
+    touched = touch.at_once > 0
+    joints = [JOINT_INDEX[name] for name in part.joints]
+    hidden = (session.joints.state_code[:, joints] != OBSERVED).any(axis=1)
+    unsure = np.where(touched, 1.0 - touch.seen, hidden | beside)
+    return _Free(found.frames & ~touched, float((unsure * session.seconds)[found.frames].sum()))
+
+
+OBSERVED: Final = STATE_CODE[JointState.OBSERVED]
+
+
+def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _Free, longest: bool = False) -> Measure:
+    """The time of the free frames, or of their longest bout."""
+    runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
+    bouts_s = [float(session.seconds[run][free.frames[run]].sum()) for run in runs]
+    value = max(bouts_s, default=0.0) if longest else float(session.seconds[free.frames].sum())
+    sigma = float(np.hypot(found.sigma_s, _sigma_s(session, len(runs), free.unsure_s)))
+    return known(measure, "s", value, found.codes[found.is_known], sigma, part.side)
+
+
+def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
+    """Sigma of a time without contacts that is reported as the most it can be.
+
+    It may be less by anything up to ``unsure_s``: the root mean square of that, from the end of the range, is over
+    sqrt(3), twice what it is from the middle.
+    """
+    return sigma_of_time(2 * bouts, 2.0 * unsure_s, session.seconds)
+
+
+def _unaided(session: Session) -> list[Measure]:
+    """Bouts upright without anybody's hand on the patient; the time itself is ``hands_free_upright_time``."""
+    names = {"hands_free_upright_bouts": "count", "hands_free_upright_longest": "s"}
+    why = _why_unknown(session, NO_CONTACTS if session.helping is None else None)
+    if why is not None or session.helping is None:
+        return [unknown(name, unit, str(why)) for name, unit in names.items()]
+    touch = touch_of(session.joints.frame, session.helping)
+    free = session.upright & session.found & (touch.at_once == 0)
+    is_known = session.found & (session.posture.upright != UNKNOWN)
+    runs = runs_of_known(free, is_known, session.joints.time_s)
+    longest_s = max((float(session.seconds[run][free[run]].sum()) for run in runs), default=0.0)
+    touched = session.upright & (touch.at_once > 0)
+    unsure_s = float(((1.0 - touch.seen) * session.seconds)[touched].sum())
+    codes = session.stance.state_code[session.upright]
+    sigma = _sigma_s(session, len(runs), unsure_s)
+    return [
+        known("hands_free_upright_bouts", "count", float(len(runs)), codes),
+        known("hands_free_upright_longest", "s", longest_s, codes, sigma),
+    ]
+
+
+def _why_unknown(session: Session, why: str | None) -> str | None:
+    if why is not None:
+        return why
+    if not session.found.any():
+        return NEVER_FOUND
+    return None if session.upright.any() else NO_UPRIGHT
+
+
+HOLDING: Final = ("upright_two_hands_time", "upright_one_hand_time", "upright_no_hands_time")
+
+
+def _holding(session: Session) -> list[Measure]:
+    """Time upright with two hands, one hand and no hand on the equipment; a forearm that lies on it counts as a hand.
+
+    A hand that is not seen may hold on unseen, and where one is lost, it is not known how many hold on: such a frame
+    counts for none of the three, and makes all of them uncertain.
+    """
+    why = _why_unknown(session, NO_EQUIPMENT if session.supports is None else None)
+    if why is not None or session.supports is None:
+        return [unknown(name, "s", str(why)) for name in HOLDING]
+    touches = [
+        touch_of(session.joints.frame, [c for c in session.supports if c.part in (f"hand_{side}", f"forearm_{side}")])
+        for side in SIDES
+    ]
+    codes = session.joints.state_code[:, [JOINT_INDEX["HandLeft"], JOINT_INDEX["HandRight"]]]
+    holds = np.stack([touch.at_once > 0 for touch in touches], axis=1)
+    seen = np.stack([touch.seen for touch in touches], axis=1)
+    lost = ((codes == LOST) & ~holds).any(axis=1)
+    unsure = np.where(holds, 1.0 - seen, codes != OBSERVED).max(axis=1)
+    hands, standing = holds.sum(axis=1), session.upright
+    unsure_s = float((unsure * session.seconds)[standing].sum())
+    rows, is_known = list[Measure](), session.posture.upright != UNKNOWN
+    for name, count in zip(HOLDING, (2, 1, 0), strict=True):
+        frames = standing & (hands == count) & ~lost
+        edges = 2 * len(runs_of_known(frames, is_known, session.joints.time_s))
+        sigma = sigma_of_time(edges, unsure_s, session.seconds)
+        value, worst = float(session.seconds[frames].sum()), codes[standing].max(axis=1)
+        rows.append(known(name, "s", value, worst, sigma))
+    return rows

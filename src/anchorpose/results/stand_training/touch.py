@@ -1,0 +1,62 @@
+"""In which frames parts of the patient are touched, how much of that was seen, and how uncertain a time with it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from anchorpose.results.frame_time import unbroken_runs
+from anchorpose.results.records import Contact
+
+NO_CONTACTS: Final = "the results folder has no contacts.parquet; track the recording again"
+NO_EQUIPMENT: Final = (
+    "contacts with the equipment are not known: the recording has no model of it (equipment.json), or a version that "
+    "did not look for them tracked it"
+)
+NEVER_FOUND: Final = "the patient was found in no frame"
+NO_UPRIGHT: Final = "the patient was never known to be upright"
+
+
+class Touch(NamedTuple):
+    """at_once (n,) int32: how many contacts hold in each frame; seen (n,): the greatest seen share of these, 0 where
+    none does."""
+
+    at_once: np.ndarray
+    seen: np.ndarray
+
+    def where(self, frames: np.ndarray) -> Touch:
+        """Nothing in the other frames; frames (n,) bool."""
+        return Touch(np.where(frames, self.at_once, 0), np.where(frames, self.seen, 0.0))
+
+
+def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
+    """In each frame, (n,) increasing; a contact's first and last belong to it."""
+    count, seen = np.zeros(len(frame), dtype=np.int32), np.zeros(len(frame))
+    starts = np.searchsorted(frame, [contact.first_frame for contact in contacts], side="left")
+    ends = np.searchsorted(frame, [contact.last_frame for contact in contacts], side="right")
+    for contact, start, end in zip(contacts, starts.tolist(), ends.tolist(), strict=True):
+        count[start:end] += 1
+        np.maximum(seen[start:end], contact.seen_share, out=seen[start:end])
+    return Touch(count, seen)
+
+
+def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tuple[float, float | None]:
+    """Time with any contact, and its sigma.
+
+    No sigma without contacts: how many were missed is unknown here. Each beginning and each end may be a frame off; the
+    unseen part of a contact may or may not have been there.
+    """
+    any_of = touch.at_once > 0
+    if not any_of.any():
+        return 0.0, None
+    edges = 2 * len(unbroken_runs(any_of, time_s))
+    unsure_s = float(((1.0 - touch.seen) * seconds)[any_of].sum())
+    return float(seconds[any_of].sum()), sigma_of_time(edges, unsure_s, seconds)
+
+
+def sigma_of_time(edges: int, unsure_s: float, seconds: np.ndarray) -> float:
+    """Sigma of a time that begins and ends ``edges`` times, each a frame off, and is anything between two that differ
+    by ``unsure_s``; seconds (n,): that each frame stands for."""
+    return float(np.hypot(np.sqrt(edges) * float(np.median(seconds)), unsure_s / np.sqrt(12.0)))

@@ -1,0 +1,63 @@
+"""What truly touches the patient in a frame: people's skin, and the equipment that the patient holds or rests on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from anchorpose.simulate.clinic import Clinic, Performance
+from anchorpose.simulate.render import Figure
+
+TOUCH_M: Final = 0.03  # between two people's skin
+JOINT_REGION_M: Final = 0.12  # a joint is touched where skin this near to it is touched
+EQUIPMENT_TOUCH_M: Final = (
+    0.01  # of skin to a rigid surface: the folds of the clothes, as deep as ``clothing_m`` has them
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touch:
+    """bones (b,) bool: the patient's body parts that anybody touches; joints (n, 21) bool: by each therapist;
+    on_equipment (parts, b) bool: bones whose skin is on each part of the equipment."""
+
+    bones: np.ndarray
+    joints: np.ndarray
+    on_equipment: np.ndarray
+
+
+def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...], frame: int) -> Touch:
+    """Contacts in one frame, clothes included: skin to skin within 3 cm, skin to equipment within 1 cm."""
+    from scipy.spatial import cKDTree
+
+    body = clinic.patient.person.body
+    patient_m, part = figures[0].skin_m, body.asset.main_bone()
+    joints_m = body.joints(performance.bones[0][frame])
+    bones = np.zeros(len(body.bone_heads), dtype=bool)
+    joints = np.zeros((len(figures) - 1, len(joints_m)), dtype=bool)
+    for index, figure in enumerate(figures[1:]):
+        low, high = figure.skin_m.min(axis=0) - TOUCH_M, figure.skin_m.max(axis=0) + TOUCH_M
+        near = np.flatnonzero(((patient_m > low) & (patient_m < high)).all(axis=1))
+        if len(near) == 0:
+            continue
+        distance, _ = cKDTree(figure.skin_m).query(patient_m[near], distance_upper_bound=TOUCH_M)
+        touched = near[np.isfinite(distance)]
+        bones[part[touched]] = True
+        if len(touched):
+            gap_m = np.linalg.norm(joints_m[:, None] - patient_m[touched], axis=2)
+            joints[index] = (gap_m < JOINT_REGION_M).any(axis=1)
+    return Touch(bones, joints, bones_on_equipment(clinic, patient_m, part, float(performance.times_s[frame])))
+
+
+def bones_on_equipment(clinic: Clinic, patient_m: np.ndarray, bone: np.ndarray, time_s: float) -> np.ndarray:
+    """(parts, b) bool: bones with skin within ``EQUIPMENT_TOUCH_M`` of each part, or inside it.
+
+    patient_m (v, 3): the patient's dressed skin, world; bone (v,): the bone that each vertex moves with. Equipment that
+    was pushed is where it was pushed to.
+    """
+    found = np.zeros((len(clinic.parts), len(clinic.patient.person.body.bone_heads)), dtype=bool)
+    skin_m = patient_m - clinic.pushed_m(time_s)
+    for row, part in enumerate(clinic.parts):
+        found[row, bone[part.distance_m(skin_m) < EQUIPMENT_TOUCH_M]] = True
+    return found
