@@ -77,7 +77,7 @@ SIMULATED: Final = {
     "single": _small(single(7, 0.8, FPS)),
     "hole": _small(holes(8, 0.12, 0.6, FPS)),
     "clinic": _small(clinic(9, 0.3, FPS)),
-    "front": _small(clinic(10, 0.3, FPS), cameras=1, pose_known=False),
+    "front": _small(clinic(12, 0.3, FPS), cameras=1, pose_known=False),
     "bars": _small(clinic(11, 0.3, FPS), **IN_BARS),
     "room": room(51_001, 0.3, FPS),
     "filtered": replace(single(3, 0.6, FPS), sensor="realsense-filtered"),
