@@ -20,7 +20,7 @@ from anchorpose.errors import AnchorposeError
 DAY_S: Final = 86_400.0
 TALLEST_M: Final = 3.0
 FARTHEST_M: Final = 100.0
-"""No room is that large; a place in millimetres is beyond."""
+"""Largest coordinate accepted: no room is larger, and a place given in millimetres by mistake exceeds it."""
 
 FASTEST_HZ: Final = 1000.0
 MOST_FRAMES: Final = 10**9
@@ -94,7 +94,7 @@ def _as_intrinsics(kind: Any, tokens: Sequence[Token]) -> tuple[float, float, fl
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConvertOptions:
-    """What the files of a recorder do not say, for ``anchorpose convert``."""
+    """Facts that the files of a recorder may lack, for ``anchorpose convert``."""
 
     intrinsics: Annotated[
         tuple[float, float, float, float] | None,
@@ -109,10 +109,10 @@ class ConvertOptions:
     """Depth images per second, for files that have no times."""
 
     rotate: Literal[0, 90, 180, 270] = 0
-    """Turn the images clockwise by so many degrees, where the camera was mounted on its side or upside down."""
+    """Turn the images clockwise by this many degrees, if the camera was mounted on its side or upside down."""
 
     mirror: bool = False
-    """Exchange left and right, where the recorder mirrored its images: depth alone cannot show that it did."""
+    """Exchange left and right, if the recorder mirrored its images: depth alone cannot show this."""
 
 
 class HipCentre(StrEnum):
@@ -131,7 +131,7 @@ class ReferenceSettings:
     """The unit of the reference's lengths, where its file does not state it."""
 
     names: Path | None = None
-    """A CSV with the columns joint,label: which labels of the reference are which joint."""
+    """A CSV with the columns joint,label: the labels of the reference that stand for each joint."""
 
     hip: HipCentre = HipCentre.HARRINGTON
     """Hip centres from pelvis markers: by the regression of Harrington et al. 2007, or from the thigh's movement."""
@@ -140,7 +140,7 @@ class ReferenceSettings:
     """A JSON file with reference_to_world, if the position of the reference's axes is known."""
 
     exchange_sides: bool = False
-    """The reference has left and right the wrong way round."""
+    """Exchange left and right of the reference, if they are the wrong way round."""
 
 
 class CoordinateModel(StrEnum):
@@ -158,7 +158,7 @@ def _label(prefix: str) -> Parameter:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportConfig:
-    """What only some formats of ``anchorpose export`` use.
+    """Options that only some formats of ``anchorpose export`` use.
 
     Raises AnchorposeError for a label that BIDS does not allow.
     """
@@ -173,7 +173,7 @@ class ExportConfig:
     """What the patient did, for bids; letters and digits only."""
 
     model: CoordinateModel = CoordinateModel.RAJAGOPAL
-    """Whose signs mot and model.osim follow: rajagopal (a bent knee is positive) or gait2392 (negative)."""
+    """The model whose signs mot and model.osim follow: rajagopal (a bent knee is positive) or gait2392 (negative)."""
 
     def __post_init__(self) -> None:
         for name in ("subject", "session", "task"):

@@ -35,14 +35,14 @@ class LiveGiven:
     """Later frames to wait for before a frame is answered. 1 was more accurate only in a clinic with one camera."""
 
     start_seconds: Annotated[float, positive(DAY_S)] = 6.0
-    """How long room and patient are looked at before the body is learnt; the patient should move a little meanwhile."""
+    """Seconds of room and patient that are recorded before the body is learnt; the patient should move a little."""
 
     seconds: Annotated[float | None, positive(DAY_S)] = None
-    """Track for so long; the default is until Ctrl+C, or until the source ends."""
+    """Track for this many seconds; the default is until Ctrl+C, or until the source ends."""
 
     like: Path | None = None
-    """An earlier recording of the same cameras in the same place: its equipment and its pictures of the empty room hold
-    now, too. Of a recording that is played, its own hold."""
+    """An earlier recording of the same cameras in the same place, whose equipment and images of the empty room are used
+    again. A recording that is played uses its own."""
 
     record: Path | None = None
     """A folder to keep all depth images in, as a recording."""
@@ -60,7 +60,7 @@ class LiveGiven:
     """The port of the page, always the same, so that the browser remembers the chosen angles; 0 takes a free one."""
 
     finish: bool = False
-    """Make the results folder of a session that was cut off, of all that was tracked; no sources are needed."""
+    """Make the results folder of a session that was cut off, from all frames tracked; no sources are needed."""
 
 
 def live(

@@ -130,7 +130,7 @@ class DepthStream:
     """The depth images of one camera, in the order of time."""
 
     files: Sequence[Path]
-    time_s: np.ndarray  # (n,) float64, strictly increasing; the camera's own clock, or the reference once aligned
+    time_s: np.ndarray  # (n,) float64, strictly increasing, by the camera's clock; after alignment, by the reference's
     frame: np.ndarray  # (n,) int64, the number in the file's name
     duplicate: np.ndarray | None = None  # (n,) bool, equal to the image before; None where this was not checked
     repeated: int = 0  # files left out because their time is that of the file before
