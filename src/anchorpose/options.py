@@ -23,6 +23,9 @@ FARTHEST_M: Final = 100.0
 """No room is that large; a place in millimetres is beyond."""
 
 FASTEST_HZ: Final = 1000.0
+FARTHEST_CLOCK_S: Final = 1e11
+"""Between two clocks: seconds since any epoch are a fifth of that at most."""
+
 MOST_FRAMES: Final = 10**9
 MOST_PROCESSES: Final = 1024
 LARGEST_SEED: Final = 2**63 - 1
@@ -135,6 +138,54 @@ class ReferenceSettings:
 
     exchange_sides: bool = False
     """The reference has left and right the wrong way round."""
+
+
+Segment = Literal[
+    "pelvis",
+    "trunk",
+    "upper_arm_left",
+    "upper_arm_right",
+    "forearm_left",
+    "forearm_right",
+    "thigh_left",
+    "thigh_right",
+    "shank_left",
+    "shank_right",
+    "foot_left",
+    "foot_right",
+]
+"""A part of the body that an inertial sensor is strapped to."""
+
+
+def _as_names(kind: Any, tokens: Sequence[Token]) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in tokens[0].value.split(","))
+    if not all(names) or len(names) > 3 or len(set(names)) < len(names):
+        raise ValueError(f'"{tokens[0].value[:40]}" is not one to three names with commas between them')
+    return names
+
+
+SIGNALS: Final = Parameter(converter=_as_names, n_tokens=1, metavar="NAME,NAME,NAME")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SyncSettings:
+    """How the clock of another device's file is found, for ``anchorpose sync``."""
+
+    segment: Segment | None = None
+    """With --acceleration or --gyroscope: the part of the body that the sensor is strapped to."""
+
+    acceleration: Annotated[tuple[str, ...], SIGNALS] = ()
+    """The accelerometer's signals in the other file, for example ax,ay,az; in any unit, one to three axes."""
+
+    gyroscope: Annotated[tuple[str, ...], SIGNALS] = ()
+    """The gyroscope's signals in the other file, for example gx,gy,gz."""
+
+    near: Annotated[float | None, SIGNED, between(-FARTHEST_CLOCK_S, FARTHEST_CLOCK_S)] = None
+    """How many seconds the other clock is ahead, known to half a second: for a movement that repeats itself."""
+
+    time: str | None = None
+    """With a CSV: the column of the times in seconds; by default time_s, time or Time."""
 
 
 class CoordinateModel(StrEnum):

@@ -18,6 +18,7 @@ from anchorpose.cli.recording_verbs import calibrate, check, convert, equipment,
 from anchorpose.cli.research_verbs import benchmark, experiment
 from anchorpose.cli.results_verbs import export, measure, report, verify
 from anchorpose.cli.simulation_verbs import demo, simulate
+from anchorpose.cli.sync_verbs import sync
 from anchorpose.cli.track_verbs import batch, track
 from anchorpose.cli.viewing_verbs import inspect, view
 from anchorpose.errors import AnchorposeError, InputError, is_utf8
@@ -55,6 +56,7 @@ GROUPS: Final = {
         measure,
         report,
         export,
+        sync,
         live,
         record,
         batch,
