@@ -181,6 +181,16 @@ class SyncSettings:
     gyroscope: Annotated[tuple[str, ...], SIGNALS] = ()
     """The gyroscope's signals in the other file, for example gx,gy,gz."""
 
+    pulses: str | None = None
+    """Pulses that both recorded: the signal, or the stream of markers, of the other file; needs --pulse-times."""
+
+    pulse_times: Path | None = None
+    """With --pulses: the same pulses on the recording's clock, as onsets of an events.tsv, or as a CSV with a column
+    time_s and the signal."""
+
+    pulse_type: str | None = None
+    """With an events.tsv: the trial_type of the rows that are pulses; by default all rows."""
+
     near: Annotated[float | None, SIGNED, between(-FARTHEST_CLOCK_S, FARTHEST_CLOCK_S)] = None
     """How many seconds the other clock is ahead, known to half a second: for a movement that repeats itself."""
 

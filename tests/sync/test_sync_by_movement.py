@@ -133,8 +133,8 @@ GOOD = "time_s,ax,ay,az\n0,1,2,3\n0.1,1,2,4\n0.2,1,2,3\n"
     ("content", "options", "words"),
     [
         (GOOD, ("--acceleration", "ax,ay,aq"), "has no signal 'aq'; name one of ax, ay, az"),
-        (GOOD, (), "No signals were given; give one of"),
-        (GOOD, (*ACCELERATION, *GYROSCOPE), "--acceleration and --gyroscope were given; give one of"),
+        (GOOD, (), "Give one of --acceleration, --gyroscope, --pulses"),
+        (GOOD, (*ACCELERATION, *GYROSCOPE), ", not --acceleration and --gyroscope together"),
         (GOOD, (*ACCELERATION, "--time", "clock"), "has no column clock; name the column of the times"),
         (GOOD.replace("time_s", "t"), ACCELERATION, "has no column time_s"),
         (GOOD.replace("0.2,", "0.1,"), ACCELERATION, "its time does not rise at sample 3"),

@@ -31,11 +31,20 @@ class Stream:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Markers:
+    """Onsets (n,) float64 of one stream of markers, seconds, rising."""
+
+    name: str
+    time_s: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class OtherFile:
-    """What a file holds. streams: at least one with a channel."""
+    """What a file holds: at least one stream with a channel, and the markers that it has beside them."""
 
     path: Path
     streams: tuple[Stream, ...]
+    markers: tuple[Markers, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

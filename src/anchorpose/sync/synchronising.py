@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -10,15 +11,18 @@ import numpy as np
 
 from anchorpose.agreement.clock import Clock, NoCommonMovement, OtherClock, on_grid
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.options import Segment, SyncSettings
+from anchorpose.options import SyncSettings
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.verify import require_own
 from anchorpose.sync.limb import SEGMENTS, SMOOTHING_S, angular_velocity, one_way_sigma_s, specific_force
 from anchorpose.sync.movement import SHORT_S, find_sensor_clock
+from anchorpose.sync.pulses import MOST_PULSES, find_pulse_clock, rising_onsets
 from anchorpose.sync.reading import read_other
+from anchorpose.sync.recorded_onsets import recorded_onsets
 from anchorpose.sync.streams import OtherFile
 
-MOVEMENT: Final = "movement"
+MOVEMENT, PULSES = "movement", "pulses"
+"""How a clock was found, in clock.json."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,20 +43,28 @@ class Synchronised:
 
 def synchronise(results: Path, other: Path, settings: SyncSettings) -> Synchronised:
     """Find the clock of ``other``; raises InputError where a file cannot be used or the two have nothing in common."""
-    ways = {"--acceleration": settings.acceleration, "--gyroscope": settings.gyroscope}
-    given = [name for name, value in ways.items() if value]
-    if len(given) != 1:
-        raise AnchorposeError(f"{' and '.join(given) or 'No signals'} were given; give one of {', '.join(ways)}.")
-    if settings.segment is None:
-        raise AnchorposeError(f"{given[0]} needs --segment: the part of the body that the sensor is strapped to.")
+    way = _way(settings)
     require_own(results, (JOINTS_FILE,))
-    joints = read_joints(results / JOINTS_FILE)
-    return _by_movement(results, joints, read_other(other, settings.time), settings, settings.segment)
+    joints, read = read_joints(results / JOINTS_FILE), read_other(other, settings.time)
+    return WAYS[way](results, joints, read, settings)
 
 
-def _by_movement(
-    results: Path, joints: JointTable, other: OtherFile, settings: SyncSettings, segment: Segment
-) -> Synchronised:
+def _way(settings: SyncSettings) -> str:
+    """The option that says what to compare; raises AnchorposeError unless it is one, with all that it needs."""
+    given = [way for way in WAYS if getattr(settings, way)]
+    if len(given) != 1:
+        instead = f", not {' and '.join(f'--{way}' for way in given)} together" if given else ""
+        raise AnchorposeError(f"Give one of {', '.join(f'--{way}' for way in WAYS)}{instead}.")
+    if given[0] == "pulses" and settings.pulse_times is None:
+        raise AnchorposeError("--pulses needs --pulse-times: the same pulses on the recording's clock.")
+    if given[0] in ("acceleration", "gyroscope") and settings.segment is None:
+        raise AnchorposeError(f"--{given[0]} needs --segment: the part of the body that the sensor is strapped to.")
+    return given[0]
+
+
+def _by_movement(results: Path, joints: JointTable, other: OtherFile, settings: SyncSettings) -> Synchronised:
+    segment = settings.segment
+    assert segment is not None  # _way
     names = settings.acceleration or settings.gyroscope
     measured = specific_force if settings.acceleration else angular_velocity
     ours, theirs = measured(joints, segment), on_grid(*other.take(names), SMOOTHING_S)
@@ -78,3 +90,36 @@ def _short(clock: Clock) -> tuple[str, ...]:
         f"Only {common_s:.1f} s of movement are common: the file of another recording of the same exercise might fit "
         "as well",
     )
+
+
+def _by_pulses(results: Path, joints: JointTable, other: OtherFile, settings: SyncSettings) -> Synchronised:
+    path, name = settings.pulse_times, settings.pulses
+    assert path is not None  # _way
+    assert name is not None
+    ours_s, theirs_s = recorded_onsets(path, results, joints, name, settings.pulse_type), other_onsets(other, name)
+    for file, onsets_s in ((path, ours_s), (other.path, theirs_s)):
+        if not 0 < len(onsets_s) <= MOST_PULSES:
+            problem = f"has {len(onsets_s)} pulses in {name}"
+            raise InputError(file, problem, f"name a signal, or a stream of markers, with 1 to {MOST_PULSES} pulses")
+    try:
+        clock, matched = find_pulse_clock(ours_s, theirs_s, settings.near)
+    except NoCommonMovement as error:
+        remedy = "give pulses at uneven distances, or state --near SECONDS"
+        raise InputError(other.path, f"does not have the pulses of {path}: {error}", remedy) from None
+    compared = f"{matched} pulses of {path.name} ({len(ours_s)}) with those of {name} ({len(theirs_s)})"
+    return Synchronised(results, joints, other, clock, PULSES, compared)
+
+
+def other_onsets(other: OtherFile, name: str) -> np.ndarray:
+    """(p,) onsets of a stream of markers, or of the pulses of a signal; raises InputError where there is neither."""
+    markers = [each for each in other.markers if each.name == name]
+    if markers:
+        return np.unique(np.concatenate([each.time_s for each in markers]))
+    time_s, values = other.take((name,))
+    return rising_onsets(time_s, values[:, 0])
+
+
+Way = Callable[[Path, JointTable, OtherFile, SyncSettings], Synchronised]
+
+WAYS: Final[dict[str, Way]] = {"acceleration": _by_movement, "gyroscope": _by_movement, "pulses": _by_pulses}
+"""By the option that says what to compare."""
