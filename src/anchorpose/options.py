@@ -191,6 +191,10 @@ class SyncSettings:
     pulse_type: str | None = None
     """With an events.tsv: the trial_type of the rows that are pulses; by default all rows."""
 
+    stamps: Path | None = None
+    """The recording of the results, whose recording.json states its start by the clock of the Lab Streaming Layer, on
+    which the times of an XDF file of the same computer are."""
+
     near: Annotated[float | None, SIGNED, between(-FARTHEST_CLOCK_S, FARTHEST_CLOCK_S)] = None
     """How many seconds the other clock is ahead, known to half a second: for a movement that repeats itself."""
 

@@ -9,6 +9,7 @@ import shutil
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from threading import Event, Lock, Thread
 from typing import Any, Final
@@ -47,7 +48,8 @@ class Recorder:
         self._writers = [self._stack.enter_context(CameraWriter(folder / one.camera.name, one)) for one in cameras]
         if about is not None:
             document |= _copy_about(about, folder)
-        write_text_whole(folder / UNFINISHED_FILE, json.dumps(document, indent=1) + "\n")
+        self._document: dict[str, Any] = document
+        self._write_document()
         self.images, self.finished = 0, False  # written so far
         self._unsynced: list[Path] = []
         self._writing = [Lock() for _ in cameras]  # an image comes from its camera's thread while another one ends this
@@ -61,6 +63,9 @@ class Recorder:
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():
                 return
+            if image.camera == 0 and "start" not in self._document:
+                self._document["start"] = start_of(image.taken_s)
+                self._write_document()
             path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
         if path is not None:
             self.images += 1
@@ -94,6 +99,9 @@ class Recorder:
                 pass
         self._stack.close()
 
+    def _write_document(self) -> None:
+        write_text_whole(self.folder / UNFINISHED_FILE, json.dumps(self._document, indent=1) + "\n")
+
     def _require_free(self) -> None:
         if shutil.disk_usage(self.folder).free < LEAST_FREE_BYTES:
             raise AnchorposeError(f"{self.folder}: the disk is nearly full; what was recorded is kept. Make room.")
@@ -109,6 +117,21 @@ class Recorder:
             with open_regular(path) as file:
                 os.fsync(file.fileno())
         del self._unsynced[:count]  # images that came meanwhile stay
+
+
+def start_of(taken_s: float) -> dict[str, Any]:
+    """What recording.json says of the start; taken_s: of the first image, by ``time.monotonic``.
+
+    The clock of the Lab Streaming Layer is left out where pylsl is not installed.
+    """
+    ago_s = time.monotonic() - taken_s
+    utc = datetime.now(UTC) - timedelta(seconds=ago_s)
+    found: dict[str, Any] = {"utc": utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")}
+    with suppress(ImportError, RuntimeError):  # the second: its library does not load on this system
+        import pylsl
+
+        found["lsl_s"] = round(pylsl.local_clock() - ago_s, 6)
+    return found
 
 
 def finish_recording(folder: Path) -> Path:

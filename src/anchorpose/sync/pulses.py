@@ -35,7 +35,7 @@ ROUNDS: Final = 5
 """Of line and sigma in turn."""
 
 HIGH, LOW = 0.6, 0.4
-"""Shares of the way from the lowest to the highest value: a pulse is above the first, and has ended below the second."""
+"""Shares of the way from the lowest value to the highest: a pulse is above the first and has ended below the second."""
 
 
 def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:

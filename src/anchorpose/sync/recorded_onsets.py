@@ -27,7 +27,7 @@ def recorded_onsets(path: Path, results: Path, joints: JointTable, column: str, 
     InputError where the file cannot be used.
     """
     if path.suffix.lower() == ".tsv":
-        return np.unique(_events(path, kind) + _first_s(results, joints))
+        return np.unique(_events(path, kind) + first_frame_s(results, joints))
     if kind is not None:
         raise InputError(path, "is not an events.tsv", "leave out --pulse-type, or give an events.tsv")
     if path.suffix.lower() != ".csv":
@@ -69,7 +69,7 @@ def _number(path: Path, text: str) -> float:
     return value
 
 
-def _first_s(results: Path, joints: JointTable) -> float:
+def first_frame_s(results: Path, joints: JointTable) -> float:
     """When the recording began on the clock of its first camera; raises InputError where that is not known."""
     run: dict[str, Any] = read_run(results / RUN_FILE)
     if run.get("recorded"):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Final
 
@@ -40,11 +41,12 @@ class Markers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherFile:
-    """What a file holds: at least one stream with a channel, and the markers that it has beside them."""
+    """What a file holds: streams of signals, and markers beside them; notes: sentences on what is not used."""
 
     path: Path
     streams: tuple[Stream, ...]
     markers: tuple[Markers, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -101,3 +103,27 @@ def checked(path: Path, stream: Stream) -> Stream:
     if not np.isfinite(stream.values).any():
         raise InputError(path, f"has no values{where}", "export it again with its signals")
     return stream
+
+
+def distinct(names: Sequence[str]) -> tuple[str, ...]:
+    """The names, with a number behind each that was there before."""
+    found = list[str]()
+    for name in names:
+        others = (f"{name} {number}" for number in count(2))
+        found.append(name if name not in found else next(other for other in others if other not in found))
+    return tuple(found)
+
+
+def usable(path: Path, streams: Iterable[Stream], markers: Sequence[Markers], notes: Sequence[str]) -> OtherFile:
+    """The file with the streams that ``checked`` accepts, and a note on each other; raises InputError where nothing is
+    left."""
+    kept, left_out = list[Stream](), list[InputError]()
+    for stream in streams:
+        try:
+            kept.append(checked(path, stream))
+        except InputError as error:
+            left_out.append(error)
+    if not kept and not markers:
+        raise left_out[0] if left_out else InputError(path, "holds no signals", "give the file of a movement")
+    why = (f"{path.name} {error.problem}; these are left out" for error in left_out)
+    return OtherFile(path, tuple(kept), tuple(markers), (*notes, *why))

@@ -10,19 +10,26 @@ from typing import Final
 import numpy as np
 
 from anchorpose.agreement.clock import Clock, NoCommonMovement, OtherClock, on_grid
+from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import SyncSettings
+from anchorpose.recording.document import read_document
+from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
+from anchorpose.results.run_record import RUN_FILE, hash_files, read_run
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.verify import require_own
 from anchorpose.sync.limb import SEGMENTS, SMOOTHING_S, angular_velocity, one_way_sigma_s, specific_force
 from anchorpose.sync.movement import SHORT_S, find_sensor_clock
 from anchorpose.sync.pulses import MOST_PULSES, find_pulse_clock, rising_onsets
 from anchorpose.sync.reading import read_other
-from anchorpose.sync.recorded_onsets import recorded_onsets
+from anchorpose.sync.recorded_onsets import first_frame_s, recorded_onsets
 from anchorpose.sync.streams import OtherFile
 
-MOVEMENT, PULSES = "movement", "pulses"
+MOVEMENT, PULSES, STAMPS = "movement", "pulses", "stamps"
 """How a clock was found, in clock.json."""
+
+STAMP_SIGMA_S: Final = 0.02
+"""An image is stamped when it arrives, 10 to 50 ms after it was taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +53,8 @@ def synchronise(results: Path, other: Path, settings: SyncSettings) -> Synchroni
     way = _way(settings)
     require_own(results, (JOINTS_FILE,))
     joints, read = read_joints(results / JOINTS_FILE), read_other(other, settings.time)
-    return WAYS[way](results, joints, read, settings)
+    found = WAYS[way](results, joints, read, settings)
+    return replace(found, notes=(*read.notes, *found.notes))
 
 
 def _way(settings: SyncSettings) -> str:
@@ -119,7 +127,47 @@ def other_onsets(other: OtherFile, name: str) -> np.ndarray:
     return rising_onsets(time_s, values[:, 0])
 
 
+def _by_stamps(results: Path, joints: JointTable, other: OtherFile, settings: SyncSettings) -> Synchronised:
+    recording = settings.stamps
+    assert recording is not None  # _way
+    path = recording / RECORDING_FILE
+    start = read_document(path, RecordingDocument).start
+    if start is None or start.lsl_s is None:
+        remedy = "record with 'anchorpose record' where the package pylsl is installed, or compare pulses or movement"
+        raise InputError(path, "does not state its start by the clock of the Lab Streaming Layer", remedy)
+    known = read_run(results / RUN_FILE).get("inputs_sha256", {}).get(RECORDING_FILE)
+    if known not in (None, dict(hash_files([path], recording))[RECORDING_FILE]):
+        raise InputError(path, f"is not of the recording that {results} was made from", "give that recording")
+    first_s = first_frame_s(results, joints)
+    clock = OtherClock(
+        offset_s=start.lsl_s - first_s,
+        offset_sigma_s=STAMP_SIGMA_S,
+        drift=0.0,
+        drift_sigma=DRIFT_SIGMA,
+        middle_s=first_s,
+        overlap_s=_common(joints, other, start.lsl_s - first_s),
+    )
+    return Synchronised(results, joints, other, clock, STAMPS, f"the start that {path.name} states")
+
+
+def _common(joints: JointTable, other: OtherFile, offset_s: float) -> tuple[float, float]:
+    """Our times from which to which both recorded; raises InputError where they did not at any time."""
+    times_s = [*(each.time_s for each in other.streams), *(each.time_s for each in other.markers)]
+    ends = [each[[0, -1]] - offset_s for each in times_s]
+    from_s = max(float(joints.time_s[0]), min(float(first) for first, _ in ends))
+    to_s = min(float(joints.time_s[-1]), max(float(last) for _, last in ends))
+    if from_s >= to_s:
+        problem = "was recorded at another time than the results, by its stamps"
+        raise InputError(other.path, problem, "give an XDF file that the same computer recorded meanwhile")
+    return from_s, to_s
+
+
 Way = Callable[[Path, JointTable, OtherFile, SyncSettings], Synchronised]
 
-WAYS: Final[dict[str, Way]] = {"acceleration": _by_movement, "gyroscope": _by_movement, "pulses": _by_pulses}
+WAYS: Final[dict[str, Way]] = {
+    "acceleration": _by_movement,
+    "gyroscope": _by_movement,
+    "pulses": _by_pulses,
+    "stamps": _by_stamps,
+}
 """By the option that says what to compare."""
