@@ -46,6 +46,10 @@ class LiveGiven:
     record: Path | None = None
     """A folder to keep all depth images in, as a recording."""
 
+    markers: str | None = None
+    """With --record: the name of a Lab Streaming Layer stream whose markers are kept with the recording; 'begin NAME',
+    'end' and 'rating NUMBER' make its events.tsv."""
+
     lsl: bool = False
     """Send joints and angles as Lab Streaming Layer streams."""
 
@@ -102,7 +106,10 @@ def live(
         calibration=run.calibration,
         record=given.record,
         seconds=given.seconds,
+        markers=given.markers,
     )
+    if given.markers is not None and given.record is None:
+        raise AnchorposeError("--markers keeps markers with a recording; add --record FOLDER.")
     opened = open_sources(sources, given.like)
     if given.record is not None:
         check_place(given.record, about_folder(opened), results)
@@ -124,6 +131,7 @@ def record(
     seconds: Annotated[float | None, positive(DAY_S)] = None,
     empty_room: Annotated[float, between(0.0, DAY_S)] = 0.0,
     like: Path | None = None,
+    markers: str | None = None,
     finish: bool = False,
 ) -> None:
     """Record what depth cameras see: lossless, with the cameras' own times.
@@ -144,6 +152,9 @@ def record(
     like
         An earlier recording of the same cameras in the same place: its equipment and its pictures of the empty room
         hold now, too.
+    markers
+        The name of a Lab Streaming Layer stream whose markers are kept; 'begin NAME', 'end' and 'rating NUMBER' make
+        the trials of events.tsv.
     finish
         Make a recording of a folder whose recording was cut off; no sources are needed.
     """
@@ -154,7 +165,7 @@ def record(
         return
     opened = open_sources(sources, like)
     with stop_on_signals() as stop:
-        say(f"The recording is in {record_live(opened, recording, seconds, empty_room, say, stop)}.")
+        say(f"The recording is in {record_live(opened, recording, seconds, empty_room, say, stop, markers)}.")
 
 
 def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:

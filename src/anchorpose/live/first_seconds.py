@@ -43,7 +43,7 @@ Say = Callable[[str], None]
 class LiveOptions:
     """config: of tracking; wait_frames: how many later frames are waited for before a frame is answered; start_s: how
     long is recorded before the body is learnt; calibration: a file of camera poses; record: a folder for all depth
-    images; seconds: of tracking, None until ``stop``."""
+    images; seconds: of tracking, None until ``stop``; markers: the stream whose markers are kept in ``record``."""
 
     config: TrackConfig
     wait_frames: int = 0
@@ -51,6 +51,7 @@ class LiveOptions:
     calibration: Path | None = None
     record: Path | None = None
     seconds: float | None = None
+    markers: str | None = None
 
     def live(self, config: TrackConfig) -> TrackConfig:
         """Settings with the look-ahead that live tracking waits for."""

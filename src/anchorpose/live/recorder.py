@@ -18,9 +18,10 @@ import numpy as np
 
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.live.feed import Intake, LiveImage, LiveSource, about_folder
+from anchorpose.live.markers import HEAD, MARKERS_FILE, MISSING, MarkerInlet, plain_text, write_events
 from anchorpose.recording.document import read_document, read_json, read_text
 from anchorpose.recording.equipment import equipment_files
-from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
+from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument, read_timestamps
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.results.folder import naming_place, write_text_whole
@@ -49,6 +50,9 @@ class Recorder:
         if about is not None:
             document |= _copy_about(about, folder)
         self._document: dict[str, Any] = document
+        self._began_s: float | None = None  # when the first image of the first camera was taken, by time.monotonic
+        self._waiting: list[tuple[str, float]] = []  # markers that came before it
+        self._marking = Lock()
         self._write_document()
         self.images, self.finished = 0, False  # written so far
         self._unsynced: list[Path] = []
@@ -63,15 +67,38 @@ class Recorder:
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():
                 return
-            if image.camera == 0 and "start" not in self._document:
-                self._document["start"] = start_of(image.taken_s)
-                self._write_document()
+            if image.camera == 0 and self._began_s is None:
+                self._begin(image.taken_s)
             path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
         if path is not None:
             self.images += 1
             self._unsynced.append(path)
         if self.images % ROOM_EVERY == 0:
             self._require_free()
+
+    def mark(self, text: str, at_s: float) -> None:
+        """One more marker, sent at ``at_s`` by ``time.monotonic``; it is on disk at once."""
+        with naming_place(self.folder), self._marking:
+            self._waiting.append((plain_text(text), at_s))
+            self._write_markers()
+
+    def _begin(self, taken_s: float) -> None:
+        """The first image of the first camera was taken."""
+        self._document["start"] = start_of(taken_s)
+        self._write_document()
+        with self._marking:
+            self._began_s = taken_s
+            self._write_markers()
+
+    def _write_markers(self) -> None:
+        if self._began_s is None or not self._waiting:
+            return
+        path = self.folder / MARKERS_FILE
+        rows = "".join(f"{at_s - self._began_s:.4f}\t{MISSING}\t{text}\n" for text, at_s in self._waiting)
+        self._waiting = []
+        begun = path.exists()
+        with path.open("a", encoding="utf-8", newline="\n") as file:
+            file.write(rows if begun else f"{HEAD}\n{rows}")
 
     def write_empty_room(self, camera: int, grey: np.ndarray) -> None:
         """The picture of the empty room (height, width) uint16 of one camera."""
@@ -143,7 +170,8 @@ def finish_recording(folder: Path) -> Path:
     if not path.is_file():
         problem = "is a finished recording" if (folder / RECORDING_FILE).is_file() else "holds no unfinished recording"
         raise InputError(folder, problem, "give a folder that 'anchorpose record' was writing when it was cut off")
-    for camera in read_document(path, RecordingDocument).cameras:
+    cameras = read_document(path, RecordingDocument).cameras
+    for camera in cameras:
         part = folder / camera.name
         if link := next((one for one in (part, part / "depth", part / "timestamps.csv") if one.is_symlink()), None):
             raise InputError(link, "is a link", "put there what it leads to")
@@ -151,6 +179,8 @@ def finish_recording(folder: Path) -> Path:
             if writer.written == 0:
                 raise InputError(part, "holds no depth image", "record again with this camera")
         _remove_without_row(part)
+    times_s = list(read_timestamps(folder / cameras[0].name / "timestamps.csv").values())
+    write_events(folder, times_s[-1] - times_s[0])
     path.replace(folder / RECORDING_FILE)
     return folder
 
@@ -204,17 +234,21 @@ def record_live(
     empty_room_s: float,
     say: Callable[[str], None],
     stop: Event,
+    markers: str | None = None,
 ) -> Path:
     """The finished recording ``out`` of all sources, until they end, ``stop`` is set or ``seconds`` have passed.
 
-    empty_room_s: first the empty room is looked at for so long; 0: it is not. Raises AnchorposeError where no camera
-    gives an image.
+    empty_room_s: first the empty room is looked at for so long; 0: it is not. markers: the stream whose markers are
+    kept. Raises AnchorposeError where no camera gives an image, or there is no such stream.
     """
     about = about_folder(sources)
     check_place(out, about)
+    inlet = None if markers is None else MarkerInlet(markers)
     intake = Intake(sources)
     recorder = Recorder(out, intake.cameras, about)
     try:
+        if inlet is not None:
+            inlet.start(recorder.mark)
         if empty_room_s > 0.0:
             intake.start()
             _record_empty_room(intake, recorder, empty_room_s, say, stop)
@@ -224,6 +258,8 @@ def record_live(
         _wait(intake, recorder, seconds, say, stop)
     finally:
         intake.stop()
+        if inlet is not None:
+            inlet.stop()
         recorder.abandon()
     for sentence in intake.failed:
         say(sentence)
