@@ -35,6 +35,11 @@ LEAST_SHORT_CORRELATION: Final = 0.9
 """In less common time, a movement resembles others by chance, and so much correlation is wanted. The right file had
 0.90 to 0.99 in four real recordings of 2.5 to 5 s."""
 
+LARGEST_MISFIT: Final = 0.7
+"""Of the mean acceleration in less common time, as a share of gravity. Movements of others may correlate after a
+rotation, but then gravity seldom points the right way and is seldom as large as it is. The right file had 0.15 to 0.67
+in fourteen real recordings."""
+
 SENSOR_SIGMA_S: Final = 0.01
 """What skin and muscle under a sensor add to the sigma of the offset: the accelerometer and the gyroscope of one sensor
 on the thigh gave clocks 10 ms apart, in the recordings in which either was certain within 8 ms."""
@@ -43,11 +48,12 @@ ROUNDS: Final = 3
 """Of clock and mounting in turn; both are near at the first."""
 
 
-def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = None) -> Clock:
+def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = None, has_gravity: bool = False) -> Clock:
     """The sensor's clock: ours (g, 3) in the segment's axes, theirs (h, k), k of 1 to 3, in the sensor's.
 
-    Any unit does. near_s: an offset that is right within half a second, None where none is known. Raises
-    NoCommonMovement where the best offset explains too little, or another one as much.
+    Any unit does. near_s: an offset that is right within half a second, None where none is known. has_gravity: both are
+    accelerations of three axes. Raises NoCommonMovement where the best offset explains too little, or another one as
+    much.
     """
     r, overlap = rotated_correlations(ours.values[::COARSE], theirs.values[::COARSE])
     clock = starting_clock(*offset_of_peak(ours, theirs, r, overlap, LEAST_OVERLAP_S, near_s))
@@ -56,8 +62,11 @@ def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = Non
         turned = Signals(theirs.time_s, theirs.values @ mounting)
         clock = refine_clock(ours, turned, clock, with_drift=False)
     common_s = clock.overlap_s[1] - clock.overlap_s[0]
-    if near_s is None and common_s < SHORT_S and correlation < LEAST_SHORT_CORRELATION:
-        raise NoCommonMovement(f"the best correlation of their movements is {correlation:.2f}, over {common_s:.1f} s")
+    if near_s is None and common_s < SHORT_S:
+        if correlation < LEAST_SHORT_CORRELATION:
+            raise NoCommonMovement(f"the best correlation of their movements is {correlation:.2f} in {common_s:.1f} s")
+        if has_gravity and _mean_misfit(ours, turned, clock) > LARGEST_MISFIT:
+            raise NoCommonMovement(f"their movements in {common_s:.1f} s fit, but gravity does not")
     if common_s >= LEAST_DRIFT_S:
         clock = refine_clock(ours, turned, clock)
     sigma_s = float(np.hypot(clock.offset_sigma_s, SENSOR_SIGMA_S))
@@ -101,12 +110,23 @@ def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray,
 
     clock: one that is near. Raises NoCommonMovement where nothing is common.
     """
+    x, y = (each - each.mean(axis=0) for each in _in_common(ours, theirs, clock))
+    u, common, vt = np.linalg.svd(y.T @ x, full_matrices=False)
+    shared, of_x, of_y = float(common.sum()), float((x**2).sum()), float((y**2).sum())
+    return u @ vt * (shared / of_y), shared / float(np.sqrt(of_x * of_y))
+
+
+def _mean_misfit(ours: Signals, turned: Signals, clock: Clock) -> float:
+    """Distance of the mean vectors over the mean size of ours; turned: theirs in our axes and unit."""
+    x, y = _in_common(ours, turned, clock)
+    return float(np.linalg.norm(x.mean(axis=0) - y.mean(axis=0)) / np.linalg.norm(x, axis=1).mean())
+
+
+def _in_common(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
+    """Ours (c, 3) and theirs (c, k) where both are known; raises NoCommonMovement where nothing is."""
     at_s = clock.reference_time_s(ours.time_s)
     found = np.stack([np.interp(at_s, theirs.time_s, y, np.nan, np.nan) for y in theirs.values.T], axis=1)
     both = np.isfinite(found).all(axis=1) & np.isfinite(ours.values).all(axis=1)
     if not both.any():
         raise NoCommonMovement("the two recordings have too little in common")
-    x, y = (each[both] - each[both].mean(axis=0) for each in (ours.values, found))
-    u, common, vt = np.linalg.svd(y.T @ x, full_matrices=False)
-    shared, of_x, of_y = float(common.sum()), float((x**2).sum()), float((y**2).sum())
-    return u @ vt * (shared / of_y), shared / float(np.sqrt(of_x * of_y))
+    return ours.values[both], found[both]

@@ -77,7 +77,7 @@ def _by_movement(results: Path, joints: JointTable, other: OtherFile, settings: 
     measured = specific_force if settings.acceleration else angular_velocity
     ours, theirs = measured(joints, segment), on_grid(*other.take(names), SMOOTHING_S)
     try:
-        clock = find_sensor_clock(ours, theirs, settings.near)
+        clock = find_sensor_clock(ours, theirs, settings.near, has_gravity=len(settings.acceleration) == 3)
     except NoCommonMovement as error:
         problem = f"shares no movement of the segment {segment} with {results / JOINTS_FILE}: {error}"
         remedy = "give the file of this recording with some seconds of different movements, or state --near SECONDS"
