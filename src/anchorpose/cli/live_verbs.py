@@ -118,7 +118,9 @@ def live(
         unfinished_results(results, about_folder(opened), run.overwrite) as folder,
         page_output(given, browser) as page,
     ):
-        user = User(say, stop, lambda: None) if page is None else User(_also_on(page), stop, page.asked)
+        user = (
+            User(say, stop, lambda: None) if page is None else User(_also_on(page), stop, page.asked, page.keep_markers)
+        )
         outputs = [*make_outputs(given.lsl, given.osc), *([] if page is None else [page])]
         summary = track_live(opened, folder, chosen, outputs, user)
     say(f"{summary.sentence}. The results are in {results}.")
@@ -232,7 +234,7 @@ def page_output(given: LiveGiven, browser: PageOptions) -> Iterator[PageOutput |
         return
     from anchorpose.live.page_server import PageOutput
 
-    page = PageOutput(browser.host, given.port)
+    page = PageOutput(browser.host, given.port, has_markers=given.record is not None)
     try:
         with browser.showing(page.address, "The page", "see the patient"):
             yield page

@@ -35,6 +35,10 @@ FIND_S: Final = 5.0
 WAIT_S: Final = 0.2
 
 
+TakeMarker = Callable[[str, float], object]
+"""Is given the text of a marker and when it was sent, by ``time.monotonic``."""
+
+
 @dataclass(frozen=True, slots=True)
 class Trial:
     """A row of events.tsv; seconds since the recording's first frame. rating: None where none was given."""
@@ -119,8 +123,8 @@ class MarkerInlet:
         self._stop = Event()
         self._thread: Thread | None = None
 
-    def start(self, take: Callable[[str, float], object]) -> None:
-        """From now on, ``take`` is given the text of each marker and when it was sent, by ``time.monotonic``."""
+    def start(self, take: TakeMarker) -> None:
+        """From now on, ``take`` is given each marker."""
         self._inlet.open_stream(timeout=FIND_S)
         self._thread = Thread(target=self._run, args=(take,), daemon=True)
         self._thread.start()
@@ -133,7 +137,7 @@ class MarkerInlet:
             self._thread = None
         self._inlet.close_stream()
 
-    def _run(self, take: Callable[[str, float], object]) -> None:
+    def _run(self, take: TakeMarker) -> None:
         while not self._stop.is_set():
             sample, stamp = self._inlet.pull_sample(timeout=WAIT_S)
             if sample is not None:

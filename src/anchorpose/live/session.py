@@ -60,6 +60,7 @@ def track_live(
     recorder = None if options.record is None else Recorder(options.record, intake.cameras, about)
     if recorder is not None:
         intake.add(recorder.put)
+        user.keep_markers(recorder.mark)
         if inlet is not None:
             inlet.start(recorder.mark)
     store = SessionStore(results, options)
