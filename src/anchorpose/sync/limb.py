@@ -60,7 +60,7 @@ def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float
     """What errors of the segment's direction add to the sigma of an offset found from ``from_s`` to ``to_s``.
 
     In a movement that goes one way, such as sitting down, a segment that is tracked too far forward in mid-way looks
-    like one that is early. Going back it looks late, so that only the change from the first posture to the last counts.
+    as if it were early. Going back it looks late, so that only the change from the first posture to the last counts.
     NaN where the segment is not known.
     """
     time_s, _, axes = _motion(joints, segment)
