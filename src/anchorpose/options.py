@@ -23,6 +23,9 @@ FARTHEST_M: Final = 100.0
 """Largest coordinate accepted: no room is larger, and a place given in millimetres by mistake exceeds it."""
 
 FASTEST_HZ: Final = 1000.0
+FARTHEST_CLOCK_S: Final = 1e11
+"""Between two clocks: seconds since any epoch are a fifth of that at most."""
+
 MOST_FRAMES: Final = 10**9
 MOST_PROCESSES: Final = 1024
 LARGEST_SEED: Final = 2**63 - 1
@@ -141,6 +144,68 @@ class ReferenceSettings:
 
     exchange_sides: bool = False
     """Exchange left and right of the reference, if they are the wrong way round."""
+
+
+Segment = Literal[
+    "pelvis",
+    "trunk",
+    "upper_arm_left",
+    "upper_arm_right",
+    "forearm_left",
+    "forearm_right",
+    "thigh_left",
+    "thigh_right",
+    "shank_left",
+    "shank_right",
+    "foot_left",
+    "foot_right",
+]
+"""A part of the body that an inertial sensor is strapped to."""
+
+
+def _as_names(kind: Any, tokens: Sequence[Token]) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in tokens[0].value.split(","))
+    if not all(names) or len(names) > 3 or len(set(names)) < len(names):
+        raise ValueError(f'"{tokens[0].value[:40]}" is not one to three names with commas between them')
+    return names
+
+
+SIGNALS: Final = Parameter(converter=_as_names, n_tokens=1, metavar="NAME,NAME,NAME")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SyncSettings:
+    """How the clock of another device's file is found, for ``anchorpose sync``."""
+
+    segment: Segment | None = None
+    """With --acceleration or --gyroscope: the part of the body that the sensor is strapped to."""
+
+    acceleration: Annotated[tuple[str, ...], SIGNALS] = ()
+    """The accelerometer's signals in the other file, for example ax,ay,az; in any unit, one to three axes."""
+
+    gyroscope: Annotated[tuple[str, ...], SIGNALS] = ()
+    """The gyroscope's signals in the other file, for example gx,gy,gz."""
+
+    pulses: str | None = None
+    """Pulses that both recorded: the signal, or the stream of markers, of the other file; needs --pulse-times."""
+
+    pulse_times: Path | None = None
+    """With --pulses: the same pulses on the recording's clock, as onsets of an events.tsv, or as a CSV with a column
+    time_s and the signal."""
+
+    pulse_type: str | None = None
+    """With an events.tsv: the trial_type of the rows that are pulses; by default all rows."""
+
+    stamps: Path | None = None
+    """The recording of the results, whose recording.json states its start by the clock of the Lab Streaming Layer, on
+    which the times of an XDF file of the same computer are."""
+
+    near: Annotated[float | None, SIGNED, between(-FARTHEST_CLOCK_S, FARTHEST_CLOCK_S)] = None
+    """How many seconds the other clock is ahead, known to half a second: for a movement that repeats itself."""
+
+    time: str | None = None
+    """With a CSV: the column of the times in seconds; by default time_s, time or Time."""
 
 
 class CoordinateModel(StrEnum):
