@@ -193,3 +193,13 @@ def test_a_raised_arm_takes_its_shoulder_up_and_the_other_stays(side):
 def _other(side) -> str:
     """The other side's girdle: its arm is as in the rest pose, which is raised a little."""
     return "RightShoulder" if side == "Left" else "LeftShoulder"
+
+
+def test_what_readings_show_is_held_no_tighter_than_what_is_hidden_and_at_most_twice_as_loosely():
+    """Flexions keep their range; turns about a limb's own axis, abduction and feet get up to 35 degrees."""
+    seen = np.linalg.inv(without_root(joint_range(asset(), ()).information))
+    textbook = np.linalg.inv(without_root(joint_range(asset(), tuple(range(1, len(MOVING_BONES)))).information))
+    row = MOVING_BONES.index("LeftUpLeg") - 1
+    sigma = np.degrees(np.sqrt(np.diag(seen)))[3 * row : 3 * row + 3]
+    np.testing.assert_allclose(sigma, [32.0, 32.0, 35.0], atol=1e-6)
+    assert np.degrees(np.sqrt(np.diag(textbook)))[3 * row] < 32.0

@@ -35,10 +35,6 @@ class NormalEquations:
     gradient: np.ndarray
     cost: float
 
-    def scaled(self, share: float) -> NormalEquations:
-        """Return a share of them, 0 to 1."""
-        return NormalEquations(share * self.hessian, share * self.gradient, share * self.cost)
-
 
 def pose_equations(
     body: Body,

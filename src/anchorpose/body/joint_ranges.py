@@ -51,8 +51,12 @@ _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}  # about 
 
 HIP_EXTENSION: Final = 25.0 * DEGREE  # 9.4 degrees and three deviations (Roaas and Andersson 1982)
 OWN_VARIANCE: Final = 0.5  # share of a range's variance that is each joint's own: one leg raised stays probable
-SEEN_VARIANCE: Final = 4.0  # times a range's, of bones that readings show: the passive range is one deviation
 KNEE_EXTENSION: Final = 3.0 * DEGREE  # a knee bends from the rest pose as from a straight leg
+SEEN_SPREAD: Final = 35.0 * DEGREE
+"""Up to here ranges are twice as wide where readings show a bone: a person may hold it to one side for minutes.
+
+Turns about a limb's own axis, abduction and feet: their ranges pulled hips and toes off in every frame. Flexions are as
+wide already; any wider, thighs of seated people on real depth were off by 2 degrees more (UTD-MHAD)."""
 
 
 class LimbTurns(NamedTuple):
@@ -124,7 +128,7 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
     u = np.array([3 * row + axis for row in hidden for axis in range(3)], dtype=int)
     s = np.setdiff1d(np.arange(3, size), u)
     information, pull = np.zeros((size, size)), np.zeros(size)
-    information[np.ix_(s, s)] = np.linalg.inv(SEEN_VARIANCE * _textbook(asset).covariance[np.ix_(s, s)])
+    information[np.ix_(s, s)] = np.linalg.inv(_where_seen(asset)[np.ix_(s, s)])
     if len(u):
         given = statistics[np.ix_(u, s)]
         gain = np.linalg.solve(statistics[np.ix_(u, u)], given)
@@ -163,6 +167,18 @@ def _textbook(asset: BodyAsset) -> _Textbook:
             if limb == "UpLeg":
                 hinge[row, 2], limit[row] = 1.0, -HIP_EXTENSION
     return _Textbook(covariance, hinge, limit)
+
+
+@cache
+def _where_seen(asset: BodyAsset) -> np.ndarray:
+    """(3 m, 3 m) covariance of the bones' turns where readings show the bones: see ``SEEN_SPREAD``."""
+    covariance = _textbook(asset).covariance.copy()
+    for row in range(1, len(MOVING_BONES)):
+        own = slice(3 * row, 3 * row + 3)
+        variance, axes = np.linalg.eigh(covariance[own, own])
+        sigma = np.sqrt(variance)
+        covariance[own, own] = axes @ np.diag(np.maximum(sigma, np.minimum(2.0 * sigma, SEEN_SPREAD)) ** 2) @ axes.T
+    return covariance
 
 
 @cache

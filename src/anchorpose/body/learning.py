@@ -98,8 +98,6 @@ def learn_shape_step(
     """One Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
 
     known: what is known without these frames. Returns what is known with them, linearised at ``shape``, and the poses.
-    All frames together have one joint range: how a person stands deviates from other people's ways alike in all of
-    them, and as an observation of every frame it would change the bones.
     """
     body, count = build_body(points, shape), known.free.coefficients
     seen, slope = np.zeros_like(known.seen), np.zeros_like(known.pull)
@@ -107,7 +105,7 @@ def learn_shape_step(
     for frame in frames:
         posed = pose_points(body, frame.pose)
         hidden = hidden_bones(points, frame.constraints, rows_per_observation)
-        prior = prior_equations(points, frame.pose, None, hidden).scaled(1.0 / len(frames))
+        prior = prior_equations(points, frame.pose, None, hidden)
         equations = pose_equations(body, frame.pose, posed, frame.constraints, prior, rows_per_observation, known.free)
         h, g = equations.hessian, equations.gradient
         factor = cho_factor(h[:POSE_SIZE, :POSE_SIZE] + 1e-3 * np.diag(np.diag(h)[:POSE_SIZE]))
