@@ -38,6 +38,7 @@ from anchorpose.results.stand_training.extension import (
     range_measures,
     symmetry_measures,
 )
+from anchorpose.results.stand_training.failed_stands import find_failed_stands
 from anchorpose.results.stand_training.independence import IndependenceConfig, independence_measures
 from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, unknown, upright
 from anchorpose.results.stand_training.steps import Step, find_steps, step_episodes, step_measures
@@ -215,7 +216,7 @@ def measure_session(
 
 def find_events(session: Session, config: MeasureConfig) -> list[Event]:
     """Return what went wrong in a session whose transitions and steps are known, in the order of kinds and time."""
-    return find_buckles(session, config.events)
+    return [*find_buckles(session, config.events), *find_failed_stands(session, config.transitions, config.events)]
 
 
 def _measures(

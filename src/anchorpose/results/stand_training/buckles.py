@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import BUCKLE_LEFT, BUCKLE_RIGHT, STAND_TO_SIT
-from anchorpose.results.stand_training.event import CHANGE_SHARE, Event, EventConfig, fast_enough
+from anchorpose.results.stand_training.event import CHANGE_SHARE, Event, EventConfig, fast_enough, onset_row
 from anchorpose.results.stand_training.stance import Session
 from anchorpose.results.stand_training.steps import SHORTEST_M
 from anchorpose.results.uncertainty import sigma_of_difference
@@ -38,10 +38,6 @@ BEFORE_S: Final = 0.3
 
 STILL_DEEPER_S: Final = 0.4
 """The deepest angle is that after which none is deeper for so long."""
-
-EARLY, LATE = 0.1, 0.4
-"""Shares of the depth at which the time is read: below the first is noise, beyond the second the knee is caught."""
-
 
 class Knee(NamedTuple):
     """degrees, sigma_deg, state_code (n,): of the knee's flexion."""
@@ -129,27 +125,10 @@ def _deepest(time_s: np.ndarray, degrees: np.ndarray, first: int) -> int:
 
 
 def _measured(time_s: np.ndarray, degrees: np.ndarray, lowest: int, deepest: int) -> Flexion:
-    """Depth and onset. A knee that gives way accelerates from rest, so that its flexion grows with the square of the
-    time: from the times t1 and t2 of a tenth and of four tenths of the depth follows the onset 2 t1 - t2."""
     before = slice(int(np.searchsorted(time_s, time_s[lowest] - BEFORE_S)), lowest + 1)
     base = float(np.median(degrees[before]))
-    depth = float(degrees[deepest]) - base
-    late = lowest + int(np.argmax(degrees[lowest : deepest + 1] >= base + LATE * depth))
-    below = np.flatnonzero(degrees[lowest : late + 1] <= base + EARLY * depth)
-    early = lowest + (int(below[-1]) if len(below) else 0)
-    t_early, t_late = (
-        _crossing(time_s, degrees, row, base + share * depth) for row, share in ((early, EARLY), (late - 1, LATE))
-    )
-    onset = int(np.abs(time_s - (2.0 * t_early - t_late)).argmin())
-    return Flexion(before, onset, deepest, depth)
-
-
-def _crossing(time_s: np.ndarray, degrees: np.ndarray, row: int, level: float) -> float:
-    """Return when the angle passes ``level`` between a row and the next."""
-    row = max(row, 0)
-    step = degrees[row + 1] - degrees[row]
-    share = float(np.clip((level - degrees[row]) / step, 0.0, 1.0)) if step > 0 else 0.0
-    return float(time_s[row] + share * (time_s[row + 1] - time_s[row]))
+    onset = onset_row(time_s, degrees, base, slice(lowest, deepest + 1))
+    return Flexion(before, onset, deepest, float(degrees[deepest]) - base)
 
 
 def _rise(values: np.ndarray, flexion: Flexion) -> float:

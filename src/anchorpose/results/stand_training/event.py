@@ -102,3 +102,31 @@ ROUNDING_S: Final = 0.001
 """Time stamps are often written to the millisecond."""
 
 
+
+
+EARLY, LATE = 0.1, 0.4
+"""Shares of the depth at which the time is read: below the first is noise, beyond the second the movement is caught."""
+
+
+def onset_row(time_s: np.ndarray, values: np.ndarray, base: float, rows: slice) -> int:
+    """Return the row at which a movement begins that goes from ``base`` to its depth at the last of ``rows``.
+
+    It accelerates from rest, so that it grows with the square of the time: from the times t1 and t2 of a tenth and of
+    four tenths of the depth follows the onset 2 t1 - t2. time_s, values (n,).
+    """
+    depth = float(values[rows.stop - 1]) - base
+    late = rows.start + int(np.argmax(values[rows] >= base + LATE * depth))
+    below = np.flatnonzero(values[rows.start : late + 1] <= base + EARLY * depth)
+    early = rows.start + (int(below[-1]) if len(below) else 0)
+    t_early, t_late = (
+        _crossing(time_s, values, row, base + share * depth) for row, share in ((early, EARLY), (late - 1, LATE))
+    )
+    return int(np.abs(time_s - (2.0 * t_early - t_late)).argmin())
+
+
+def _crossing(time_s: np.ndarray, values: np.ndarray, row: int, level: float) -> float:
+    """Return when the values pass ``level`` between a row and the next."""
+    row = min(max(row, 0), len(values) - 2)
+    step = values[row + 1] - values[row]
+    share = float(np.clip((level - values[row]) / step, 0.0, 1.0)) if step > 0 else 0.0
+    return float(time_s[row] + share * (time_s[row + 1] - time_s[row]))
