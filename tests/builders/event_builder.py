@@ -1,4 +1,4 @@
-"""Sessions made up for the tests of events: legs that bend each by its own angle, with errors as tracked joints have."""
+"""Sessions made up for the tests of events: legs that bend each by its own angle, with errors like tracked ones."""
 
 import numpy as np
 from results_builder import standing_joints

@@ -40,6 +40,7 @@ from anchorpose.results.stand_training.extension import (
 )
 from anchorpose.results.stand_training.failed_stands import find_failed_stands
 from anchorpose.results.stand_training.independence import IndependenceConfig, independence_measures
+from anchorpose.results.stand_training.recovery_steps import find_recovery_steps
 from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, unknown, upright
 from anchorpose.results.stand_training.steps import Step, find_steps, step_episodes, step_measures
 from anchorpose.results.stand_training.tasks import task_measures
@@ -51,6 +52,7 @@ from anchorpose.results.stand_training.touch import (
     time_with_sigma,
     touch_of,
 )
+from anchorpose.results.stand_training.tremor import TremorConfig, tremor_measures
 from anchorpose.results.stand_training.upright import (
     Transition,
     TransitionConfig,
@@ -164,6 +166,7 @@ class MeasureConfig:
     sway: SwayConfig = field(default_factory=SwayConfig)
     independence: IndependenceConfig = field(default_factory=IndependenceConfig)
     events: EventConfig = field(default_factory=EventConfig)
+    tremor: TremorConfig = field(default_factory=TremorConfig)
 
 
 def measure_session(
@@ -202,7 +205,7 @@ def measure_session(
         contacts=contacts,
         equipment=tuple(equipment),
     )
-    events = find_events(quiet, config)
+    events = find_events(quiet, steps, config)
     session = replace(quiet, episodes=(*quiet.episodes, *event_episodes(joints, events)))
     measures = _measures(session, moves, steps, events, config)
     if trials is None:
@@ -214,9 +217,13 @@ def measure_session(
     return session, [*measures, *measures_by_trial(session, trials, measures, config.sway.settle_s, of_trial)]
 
 
-def find_events(session: Session, config: MeasureConfig) -> list[Event]:
+def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> list[Event]:
     """Return what went wrong in a session whose transitions and steps are known, in the order of kinds and time."""
-    return [*find_buckles(session, config.events), *find_failed_stands(session, config.transitions, config.events)]
+    return [
+        *find_buckles(session, config.events),
+        *find_failed_stands(session, config.transitions, config.events),
+        *find_recovery_steps(session, steps, config.events),
+    ]
 
 
 def _measures(
@@ -233,6 +240,7 @@ def _measures(
         *task_measures(session, config.transitions),
         *step_measures(session, steps),
         *event_measures(session, events, config.events),
+        *tremor_measures(session, config.tremor),
         *assistance_measures(session),
         *independence_measures(session, config.independence),
     ]

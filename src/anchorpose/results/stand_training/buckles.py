@@ -39,6 +39,7 @@ BEFORE_S: Final = 0.3
 STILL_DEEPER_S: Final = 0.4
 """The deepest angle is that after which none is deeper for so long."""
 
+
 class Knee(NamedTuple):
     """degrees, sigma_deg, state_code (n,): of the knee's flexion."""
 

@@ -41,7 +41,7 @@ class EventConfig:
     fast_s: Positive = 0.4  # the flexion by buckle_deg takes at most so long
     lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # over the other knee, so that a squat is not a buckle
     failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3  # of the way from the seat to a straight leg: about 12 cm
-    beyond_m: Positive = 0.03  # of the feet, by the extrapolated centre of mass: errors of the feet's outline
+    beyond_m: Positive = 0.05  # of the feet, by the extrapolated centre of mass: errors of the feet's outline
     times_sigma: Positive = 3.5  # of 3000 independent 0.4 s in ten minutes of two knees, errors alone exceed it in 0.7
 
 
@@ -102,8 +102,6 @@ ROUNDING_S: Final = 0.001
 """Time stamps are often written to the millisecond."""
 
 
-
-
 EARLY, LATE = 0.1, 0.4
 """Shares of the depth at which the time is read: below the first is noise, beyond the second the movement is caught."""
 
@@ -130,3 +128,8 @@ def _crossing(time_s: np.ndarray, values: np.ndarray, row: int, level: float) ->
     step = values[row + 1] - values[row]
     share = float(np.clip((level - values[row]) / step, 0.0, 1.0)) if step > 0 else 0.0
     return float(time_s[row] + share * (time_s[row + 1] - time_s[row]))
+
+
+def latency_sigma_s(time_s: np.ndarray, sigma_s: float) -> float:
+    """Return sigma of a latency: that of its end, and of a beginning that is up to a frame before the first frame."""
+    return float(np.hypot(sigma_s, usual_step_s(time_s) / np.sqrt(3.0)))

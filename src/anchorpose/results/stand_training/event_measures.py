@@ -7,10 +7,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from anchorpose.results.frame_time import usual_step_s
-from anchorpose.results.records import BUCKLE_LEFT, BUCKLE_RIGHT, FAILED_STAND, Measure
+from anchorpose.results.records import BUCKLE_LEFT, BUCKLE_RIGHT, FAILED_STAND, RECOVERY_LEFT, RECOVERY_RIGHT, Measure
 from anchorpose.results.stand_training.buckles import buckle_watched
-from anchorpose.results.stand_training.event import ONSET_SIGMA_S, TOO_SLOW, Event, EventConfig, fast_enough
+from anchorpose.results.stand_training.event import (
+    ONSET_SIGMA_S,
+    TOO_SLOW,
+    Event,
+    EventConfig,
+    fast_enough,
+    latency_sigma_s,
+)
+from anchorpose.results.stand_training.recovery_steps import recovery_watched
 from anchorpose.results.stand_training.stance import Session, known, unknown
 from anchorpose.results.stand_training.touch import NO_UPRIGHT
 
@@ -45,7 +52,12 @@ def _watches(session: Session, config: EventConfig) -> list[Watch]:
         for s, kind in (("left", BUCKLE_LEFT), ("right", BUCKLE_RIGHT))
     ]
     every, posture = np.ones(len(session.seconds), dtype=bool), session.stance.height + session.stance.thigh_deg
-    return [*buckles, Watch("failed_stand", None, FAILED_STAND, "1", every, np.isfinite(posture), "")]
+    balance = recovery_watched(session, config)
+    recoveries = [
+        Watch("recovery_step", s, kind, "mm", session.upright, balance, NO_UPRIGHT)
+        for s, kind in (("left", RECOVERY_LEFT), ("right", RECOVERY_RIGHT))
+    ]
+    return [*buckles, Watch("failed_stand", None, FAILED_STAND, "1", every, np.isfinite(posture), ""), *recoveries]
 
 
 def _of_kind(session: Session, events: Sequence[Event], watch: Watch) -> list[Measure]:
@@ -86,8 +98,3 @@ def _first_and_greatest(session: Session, own: Sequence[Event], watch: Watch) ->
         known(latency, "s", value, np.array([first.state_code]), latency_sigma_s(time_s, ONSET_SIGMA_S), watch.side),
         known(greatest, watch.unit, deepest.depth, np.array([deepest.state_code]), deepest.sigma, watch.side),
     ]
-
-
-def latency_sigma_s(time_s: np.ndarray, sigma_s: float) -> float:
-    """Return sigma of a latency: that of its end, and of a beginning that is up to a frame before the first frame."""
-    return float(np.hypot(sigma_s, usual_step_s(time_s) / np.sqrt(3.0)))
