@@ -64,7 +64,7 @@ def _of_kind(session: Session, events: Sequence[Event], watch: Watch) -> list[Me
     seconds, side, name = session.seconds, watch.side, watch.measure
     own = [event for event in events if event.kind == watch.kind]
     base_s, watched_s = float(seconds[watch.base].sum()), float(seconds[watch.base & watch.watched].sum())
-    units = {"count": "count", "rate": PER_TEN_MINUTES, "latency": "s", "greatest": watch.unit, "unseen_share": "1"}
+    units = {"count": "count", "rate": PER_TEN_MINUTES, "latency": "s", "largest": watch.unit, "unseen_share": "1"}
     why = None if fast_enough(session.joints.time_s) else TOO_SLOW
     why = why or (None if base_s else watch.nothing)
     if why is not None:
@@ -87,14 +87,14 @@ def _of_kind(session: Session, events: Sequence[Event], watch: Watch) -> list[Me
 
 def _first_and_greatest(session: Session, own: Sequence[Event], watch: Watch) -> list[Measure]:
     """The time from the first frame to the first onset, and the greatest depth."""
-    latency, greatest = f"{watch.measure}_latency", f"{watch.measure}_greatest"
+    latency, largest = f"{watch.measure}_latency", f"{watch.measure}_largest"
     if not own:
-        names = ((latency, "s"), (greatest, watch.unit))
+        names = ((latency, "s"), (largest, watch.unit))
         return [unknown(name, unit, NONE_SEEN, watch.side) for name, unit in names]
     first, deepest = min(own, key=lambda event: event.frames.start), max(own, key=lambda event: event.depth)
     time_s = session.joints.time_s
     value = float(time_s[first.frames.start] - time_s[0])
     return [
         known(latency, "s", value, np.array([first.state_code]), latency_sigma_s(time_s, ONSET_SIGMA_S), watch.side),
-        known(greatest, watch.unit, deepest.depth, np.array([deepest.state_code]), deepest.sigma, watch.side),
+        known(largest, watch.unit, deepest.depth, np.array([deepest.state_code]), deepest.sigma, watch.side),
     ]

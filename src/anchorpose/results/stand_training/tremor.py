@@ -14,7 +14,7 @@ from pydantic import Field
 
 from anchorpose.joints import STATE_CODE, JointState
 from anchorpose.results.frame_time import recorded_seconds, unbroken_runs, usual_step_s
-from anchorpose.results.records import Measure
+from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Measure
 from anchorpose.results.stand_training.stance import Session, known, unknown
 from anchorpose.settings import Positive, settings
 
@@ -36,7 +36,7 @@ JOINTS: Final = {"knee": "knee_flexion", "ankle": "ankle_dorsiflexion"}
 UNITS: Final = {"time": "s", "frequency": "Hz", "amplitude": "deg"}
 
 TOO_SLOW: Final = f"oscillations up to {HIGHEST_HZ:g} Hz need {LEAST_HZ:g} frames a second or more"
-NOT_SEEN: Final = f"the joint was never seen for {WINDOW_S:g} s without a break"
+NOT_SEEN: Final = f"the joint was never seen for {WINDOW_S:g} s without a break and without a step"
 NONE: Final = "no such oscillation was seen"
 
 
@@ -65,17 +65,17 @@ def tremor_measures(session: Session, config: TremorConfig) -> list[Measure]:
 
 
 def _of_joint(session: Session, joint: str, side: str, config: TremorConfig) -> list[Measure]:
-    names = {f"{joint}_tremor_{what}": unit for what, unit in UNITS.items()}
+    names = {f"tremor_{joint}_{what}": unit for what, unit in UNITS.items()}
     column, time_s = session.angles.column(f"{JOINTS[joint]}_{side}"), session.joints.time_s
     degrees, codes = session.angles.degrees[:, column], session.angles.state_code[:, column]
     if not usual_step_s(time_s) <= 1.0 / LEAST_HZ + ROUNDING_S:
         return [unknown(name, unit, TOO_SLOW, side) for name, unit in names.items()]
-    windows = list(_windows(time_s, degrees, np.isfinite(degrees) & (codes == SEEN)))
+    windows = list(_windows(time_s, degrees, np.isfinite(degrees) & (codes == SEEN) & ~_stepping(session)))
     if not windows:
         return [unknown(name, unit, NOT_SEEN, side) for name, unit in names.items()]
     used = np.concatenate([codes[window.rows] for window in windows])
     shaking = [w for w in windows if w.share >= config.peak_share and w.amplitude_deg >= config.least_deg]
-    total_s = sum(window.seconds for window in shaking)
+    total_s = float(sum(window.seconds for window in shaking))
     sigma_s = WINDOW_S / np.sqrt(6.0) * np.sqrt(len(shaking)) if shaking else None
     time_name, *others = names
     rows = [known(time_name, "s", total_s, used, None if sigma_s is None else float(sigma_s), side)]
@@ -90,6 +90,15 @@ def _of_joint(session: Session, joint: str, side: str, config: TremorConfig) -> 
     ]
 
 
+def _stepping(session: Session) -> np.ndarray:
+    """Return in which frames (n,) bool a foot is in the air: quick steps shake a leg as fast as clonus does."""
+    time_s, stepping = session.joints.time_s, np.zeros(len(session.seconds), dtype=bool)
+    for episode in session.episodes:
+        if episode.kind in (STEP_LEFT, STEP_RIGHT):
+            stepping |= (time_s >= episode.start_s) & (time_s <= episode.end_s)
+    return stepping
+
+
 SEEN: Final = STATE_CODE[JointState.OBSERVED]
 
 ROUNDING_S: Final = 0.001
@@ -97,7 +106,7 @@ ROUNDING_S: Final = 0.001
 
 
 def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Iterator[Window]:
-    """Yield the windows, one after another, of the frames (n,) in which the joint is seen."""
+    """Yield the windows, one after another, of the frames (n,) that are ``seen``."""
     step_s = usual_step_s(time_s)
     for run in unbroken_runs(seen, time_s, 2.0 * step_s):
         starts = np.arange(time_s[run.start], time_s[run.stop - 1] - WINDOW_S + 1.5 * step_s, WINDOW_S)
