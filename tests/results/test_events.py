@@ -6,6 +6,7 @@ Every figure is over seeds: at least 95 of 100 found, onset within 0.1 s, nothin
 from dataclasses import replace
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from event_builder import HZ, buckling, ease, falling, legs, rising, still, tracked
 from session_builder import measured, squatting_joints, value, why
@@ -253,6 +254,10 @@ def test_events_are_written_with_side_depth_and_sigma_and_older_files_have_none(
     back = read_episodes(tmp_path / "episodes.parquet")
     assert set(back) == set(session.episodes)
     assert [(e.side, e.depth is None) for e in back] == [(None, True), ("left", False)]
+    older = pq.read_table(tmp_path / "episodes.parquet").drop_columns(["side", "depth", "sigma", "unit"])
+    pq.write_table(older, tmp_path / "older.parquet")
+    nothing = {"side": None, "depth": None, "sigma": None, "unit": None}
+    assert read_episodes(tmp_path / "older.parquet") == tuple(replace(episode, **nothing) for episode in back)
 
 
 def test_a_smaller_limit_finds_smaller_buckles():
