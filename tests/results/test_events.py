@@ -266,3 +266,22 @@ def test_a_smaller_limit_finds_smaller_buckles():
     config = MeasureConfig(events=EventConfig(buckle_deg=10.0, lead_deg=5.0))
     session, _ = measure_session(joints, joint_angles(joints), (), config)
     assert [e.kind for e in session.episodes if e.kind in EVENT_KINDS] == ["knee_buckle_left"]
+
+
+@pytest.mark.slow
+def test_knees_of_simulated_patients_that_give_way_are_found_as_in_the_exact_joints():
+    """The truth is that of the exact joints; a simulated pelvis sinks on both sides, so that both knees bend."""
+    exact, total, matched = [], 0, 0
+    for seed in range(6):
+        joints_m = simulated(seed, ("buckle",), "normal")
+        exact = [
+            (event.kind, event.start_s)
+            for event in measured(tracked(joints_m, 1e-6, 0, fast_m=0.0))[0].episodes
+            if event.kind in EVENT_KINDS
+        ]
+        found = [e for e in measured(tracked(joints_m, SIGMA_M, seed))[0].episodes if e.kind in EVENT_KINDS]
+        near = [any(e.kind == kind and abs(e.start_s - start_s) <= ONSET_S for e in found) for kind, start_s in exact]
+        total, matched = total + len(near), matched + sum(near)
+        assert {kind for kind, _ in exact} <= {"knee_buckle_left", "knee_buckle_right"}
+    assert total > 60
+    assert matched >= FOUND * total
