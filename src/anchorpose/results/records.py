@@ -44,7 +44,7 @@ PERSON: Final = "person"
 class Contact:
     """One part of the patient that one person, or one part of the equipment, touched without a break.
 
-    part: one of ``REGIONS``. with_: ``PERSON``, or the name of a part in the equipment's model. person: a name that
+    part: one of ``REGIONS``. ``with_``: ``PERSON``, or the name of a part in the equipment's model. person: a name that
     stays the same as long as this person is followed; None for equipment. first_frame, last_frame and start_s, end_s:
     both included. seen_share: share of the touching skin that some camera saw at the time, the rest being remembered
     from shortly before; of equipment, share of the frames in which some camera saw the skin beside it. area_cm2: the
