@@ -49,6 +49,7 @@ BESIDE_THE_FLOW = (
     "sources",
     "batch",
     "agreement",
+    "sync",
     "remote",
 )
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
@@ -210,6 +211,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     **dict.fromkeys(("pipeline", "writing", "track_inputs", "pages"), WAYS),
     "exports": {*FLOW, *VALUES, "exports", PACKAGE_ITSELF},
     "agreement": {*FLOW, *VALUES, "agreement", PACKAGE_ITSELF},
+    "sync": {*FLOW, *VALUES, "agreement", "sync", PACKAGE_ITSELF},
     "sources": {*VALUES, "recording", "results", "sources", PACKAGE_ITSELF},
     "simulate": {*VALUES, "recording", "body", "simulate"},
 }

@@ -20,9 +20,12 @@ from anchorpose.errors import AnchorposeError
 DAY_S: Final = 86_400.0
 TALLEST_M: Final = 3.0
 FARTHEST_M: Final = 100.0
-"""No room is that large; a place in millimetres is beyond."""
+"""Largest coordinate accepted: no room is larger, and a place given in millimetres by mistake exceeds it."""
 
 FASTEST_HZ: Final = 1000.0
+FARTHEST_CLOCK_S: Final = 1e11
+"""Between two clocks: seconds since any epoch are a fifth of that at most."""
+
 MOST_FRAMES: Final = 10**9
 MOST_PROCESSES: Final = 1024
 LARGEST_SEED: Final = 2**63 - 1
@@ -94,7 +97,7 @@ def _as_intrinsics(kind: Any, tokens: Sequence[Token]) -> tuple[float, float, fl
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConvertOptions:
-    """What the files of a recorder do not say, for ``anchorpose convert``."""
+    """Facts that the files of a recorder may lack, for ``anchorpose convert``."""
 
     intrinsics: Annotated[
         tuple[float, float, float, float] | None,
@@ -109,10 +112,10 @@ class ConvertOptions:
     """Depth images per second, for files that have no times."""
 
     rotate: Literal[0, 90, 180, 270] = 0
-    """Turn the images clockwise by so many degrees, where the camera was mounted on its side or upside down."""
+    """Turn the images clockwise by this many degrees, if the camera was mounted on its side or upside down."""
 
     mirror: bool = False
-    """Exchange left and right, where the recorder mirrored its images: depth alone cannot show that it did."""
+    """Exchange left and right, if the recorder mirrored its images: depth alone cannot show this."""
 
 
 class HipCentre(StrEnum):
@@ -131,7 +134,7 @@ class ReferenceSettings:
     """The unit of the reference's lengths, where its file does not state it."""
 
     names: Path | None = None
-    """A CSV with the columns joint,label: which labels of the reference are which joint."""
+    """A CSV with the columns joint,label: the labels of the reference that stand for each joint."""
 
     hip: HipCentre = HipCentre.HARRINGTON
     """Hip centres from pelvis markers: by the regression of Harrington et al. 2007, or from the thigh's movement."""
@@ -140,7 +143,69 @@ class ReferenceSettings:
     """A JSON file with reference_to_world, if the position of the reference's axes is known."""
 
     exchange_sides: bool = False
-    """The reference has left and right the wrong way round."""
+    """Exchange left and right of the reference, if they are the wrong way round."""
+
+
+Segment = Literal[
+    "pelvis",
+    "trunk",
+    "upper_arm_left",
+    "upper_arm_right",
+    "forearm_left",
+    "forearm_right",
+    "thigh_left",
+    "thigh_right",
+    "shank_left",
+    "shank_right",
+    "foot_left",
+    "foot_right",
+]
+"""A part of the body that an inertial sensor is strapped to."""
+
+
+def _as_names(kind: Any, tokens: Sequence[Token]) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in tokens[0].value.split(","))
+    if not all(names) or len(names) > 3 or len(set(names)) < len(names):
+        raise ValueError(f'"{tokens[0].value[:40]}" is not one to three names with commas between them')
+    return names
+
+
+SIGNALS: Final = Parameter(converter=_as_names, n_tokens=1, metavar="NAME,NAME,NAME")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SyncSettings:
+    """How the clock of another device's file is found, for ``anchorpose sync``."""
+
+    segment: Segment | None = None
+    """With --acceleration or --gyroscope: the part of the body that the sensor is strapped to."""
+
+    acceleration: Annotated[tuple[str, ...], SIGNALS] = ()
+    """The accelerometer's signals in the other file, for example ax,ay,az; in any unit, one to three axes."""
+
+    gyroscope: Annotated[tuple[str, ...], SIGNALS] = ()
+    """The gyroscope's signals in the other file, for example gx,gy,gz."""
+
+    pulses: str | None = None
+    """Pulses that both recorded: the signal, or the stream of markers, of the other file; needs --pulse-times."""
+
+    pulse_times: Path | None = None
+    """With --pulses: the same pulses on the recording's clock, as onsets of an events.tsv, or as a CSV with a column
+    time_s and the signal."""
+
+    pulse_type: str | None = None
+    """With an events.tsv: the trial_type of the rows that are pulses; by default all rows."""
+
+    stamps: Path | None = None
+    """The recording of the results, whose recording.json states its start by the clock of the Lab Streaming Layer, on
+    which the times of an XDF file of the same computer are."""
+
+    near: Annotated[float | None, SIGNED, between(-FARTHEST_CLOCK_S, FARTHEST_CLOCK_S)] = None
+    """How many seconds the other clock is ahead, known to half a second: for a movement that repeats itself."""
+
+    time: str | None = None
+    """With a CSV: the column of the times in seconds; by default time_s, time or Time."""
 
 
 class CoordinateModel(StrEnum):
@@ -158,7 +223,7 @@ def _label(prefix: str) -> Parameter:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportConfig:
-    """What only some formats of ``anchorpose export`` use.
+    """Options that only some formats of ``anchorpose export`` use.
 
     Raises AnchorposeError for a label that BIDS does not allow.
     """
@@ -173,7 +238,7 @@ class ExportConfig:
     """What the patient did, for bids; letters and digits only."""
 
     model: CoordinateModel = CoordinateModel.RAJAGOPAL
-    """Whose signs mot and model.osim follow: rajagopal (a bent knee is positive) or gait2392 (negative)."""
+    """The model whose signs mot and model.osim follow: rajagopal (a bent knee is positive) or gait2392 (negative)."""
 
     def __post_init__(self) -> None:
         for name in ("subject", "session", "task"):

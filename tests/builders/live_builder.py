@@ -82,9 +82,9 @@ class Again(Playback):
 
 
 @contextmanager
-def page_running() -> Iterator[PageOutput]:
+def page_running(has_markers: bool = False) -> Iterator[PageOutput]:
     """On a free port of this machine."""
-    output = PageOutput("127.0.0.1", 0)
+    output = PageOutput("127.0.0.1", 0, has_markers)
     try:
         yield output
     finally:

@@ -14,7 +14,9 @@ from anchorpose.tracker.config import TrackConfig
 ABSURD = ("inf", "-inf", "nan", "1e308", "-1", "9" * 400, "0x", "1_0", "")
 ZERO_IS_FINE = {"--seed", "--therapists", "--skip-s", "--frame", "--start", "--stop", "--index", "--port"}
 ZERO_IS_FINE |= {"--empty-room", "--longest-gap"}
-NEED_OUTPUT = {"batch", "live", "record", "track"}
+ZERO_IS_FINE |= {"--near"}
+NEGATIVE_IS_FINE = {"--near"}
+NEED_OUTPUT = {"batch", "live", "record", "sync", "track"}
 
 
 def numeric_options(verb: Any = app, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], str, bool]]:
@@ -45,7 +47,7 @@ def test_every_verb_with_a_number_is_among_them():
 @pytest.mark.parametrize(("verb", "option"), OPTIONS, ids=lambda value: value if isinstance(value, str) else value[-1])
 @pytest.mark.parametrize("value", [*ABSURD, "0"], ids=lambda value: value[:6] or "empty")
 def test_an_absurd_number_is_one_sentence_that_names_its_option(verb, option, value, capsys):
-    if value == "0" and option in ZERO_IS_FINE:
+    if (value == "0" and option in ZERO_IS_FINE) or (value == "-1" and option in NEGATIVE_IS_FINE):
         return
     begin = time.monotonic()
     output = ["-o", "out"] if verb[0] in NEED_OUTPUT else []

@@ -19,6 +19,9 @@ resource = pytest.importorskip("resource", reason="limits of a process exist on 
 
 MOST_S, MOST_BYTES = 20, 4 << 30
 
+BY_GYROSCOPE = ("--segment", "trunk", "--gyroscope", "Head_x_m")
+BY_PULSES = ("--pulses", "Head_x_m", "--pulse-times")
+
 READS = {
     "simulate --movements": ["simulate", "{out}", "--preset", "rehabilitation", "--movements", "{x}"],
     "simulate --body": ["simulate", "{out}", "--body", "{x}"],
@@ -50,6 +53,13 @@ READS = {
     "measure RESULTS": ["measure", "{x}"],
     "measure --config": ["measure", "{results}", "--config", "{x}.toml"],
     "measure --events": ["measure", "{results}", "--events", "{x}"],
+    "sync RESULTS": ["sync", "{x}", "{trc}", "-o", "{out}", *BY_GYROSCOPE],
+    "sync OTHER": ["sync", "{results}", "{x}.csv", "-o", "{out}", *BY_GYROSCOPE],
+    "sync OTHER XDF": ["sync", "{results}", "{x}.xdf", "-o", "{out}", *BY_GYROSCOPE],
+    "sync OTHER EDF": ["sync", "{results}", "{x}.edf", "-o", "{out}", *BY_GYROSCOPE],
+    "sync --pulse-times": ["sync", "{results}", "{trc}", "-o", "{out}", *BY_PULSES, "{x}.csv"],
+    "sync --pulse-times TSV": ["sync", "{results}", "{trc}", "-o", "{out}", *BY_PULSES, "{x}.tsv"],
+    "sync --stamps": ["sync", "{results}", "{trc}", "-o", "{out}", "--stamps", "{x}"],
     "verify RESULTS": ["verify", "{x}"],
     "verify RECORDING": ["verify", "{results}", "{x}"],
     "report RESULTS": ["report", "{x}"],

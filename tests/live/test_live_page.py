@@ -160,3 +160,25 @@ def test_a_person_who_has_gone_is_a_sentence_on_the_page(live, playing):
     live.locator("#people button").last.click()
     until(live, lambda: "Person 3 is not in view now" in live.locator("#message").inner_text())
     assert playing.output.asked() is None
+
+
+def test_keys_mark_where_a_condition_begins_and_ends_and_its_rating(page):
+    kept: list[str] = []
+    with page_running(has_markers=True) as output:
+        output.keep_markers(lambda text, at_s: kept.append(text))
+        page.goto(output.address)
+        page.wait_for_selector("html[data-ready]", timeout=20_000)
+        assert nameless(page) == []
+        page.keyboard.press("b")  # nothing has a name yet: the field takes the next keys
+        page.keyboard.type("bend 40 Hz")
+        assert kept == []
+        page.locator("#condition").blur()
+        for key in ("b", "7", "e"):
+            page.keyboard.press(key)
+        until(page, lambda: len(kept) == 3)
+        assert kept == ["begin bend 40 Hz", "rating 7", "end"]
+        until(page, lambda: page.locator("#marked").inner_text().startswith("Kept: "))
+
+
+def test_without_a_recording_there_are_no_keys_for_markers(live, playing):
+    assert not live.locator("#markers").is_visible()

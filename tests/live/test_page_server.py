@@ -114,6 +114,19 @@ def test_a_request_that_is_wrong_is_one_sentence_and_changes_nothing(output):
     assert output.asked() is None
 
 
+def test_a_marker_is_kept_where_something_is_recorded(output):
+    assert posted(output, {"text": "end"}, "marker") == (400, "Nothing is recorded, so that no marker is kept.")
+    kept: list[tuple[str, float]] = []
+    output.keep_markers(lambda text, at_s: kept.append((text, at_s)))
+    before_s = time.monotonic()
+    assert posted(output, {"text": "begin stand"}, "marker") == (200, "")
+    assert [text for text, _ in kept] == ["begin stand"]
+    assert before_s <= kept[0][1] <= time.monotonic()
+    for wrong in ({}, {"text": ""}, {"text": "\t\n"}, {"text": 3}, {"text": ["end"]}):
+        assert posted(output, wrong, "marker") == (400, "Give the marker a text.")
+    assert len(kept) == 1
+
+
 def test_the_people_arrive_and_the_time_upright_begins_again_with_another_patient(output):
     client = Client(output)
     for number in range(3):

@@ -6,7 +6,7 @@ before anything is known about space.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
 
@@ -64,14 +64,14 @@ def common_signals(
     if not len(best):
         return None
     both = [
-        _on_grid(time_s, (each / least)[:, best]) for (time_s, _, _), each in zip((ours, theirs), columns, strict=True)
+        on_grid(time_s, (each / least)[:, best]) for (time_s, _, _), each in zip((ours, theirs), columns, strict=True)
     ]
     return both[0], both[1]
 
 
 def position_signals(time_s: np.ndarray, position_m: np.ndarray) -> Signals:
     """Coordinates (n, 21, 3) of joints in one frame, once that is known: they say more than distances."""
-    return _on_grid(time_s, position_m.reshape(len(time_s), -1) / LEAST_MOVEMENT_M)
+    return on_grid(time_s, position_m.reshape(len(time_s), -1) / LEAST_MOVEMENT_M)
 
 
 def _raw(position_m: np.ndarray, degrees: np.ndarray) -> np.ndarray:
@@ -89,11 +89,13 @@ def _spread(values: np.ndarray) -> np.ndarray:
     return np.where(count > 1, np.sqrt(square / np.maximum(count - 1, 1)), np.nan)
 
 
-def _on_grid(time_s: np.ndarray, values: np.ndarray) -> Signals:
+def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHING_S) -> Signals:
+    """Values (n, k) at times (n,), NaN where missing, on an even grid, smoothed by a Gaussian kernel of
+    ``smoothing_s``; not scaled."""
     grid_s = np.arange(time_s[0], time_s[-1], 1.0 / GRID_HZ)
     found = np.stack([at_times(time_s, values[:, column], grid_s) for column in range(values.shape[1])], axis=1)
     known = np.isfinite(found)
-    width = SMOOTHING_S * GRID_HZ
+    width = smoothing_s * GRID_HZ
     weight = gaussian_filter1d(known.astype(np.float64), width, axis=0, mode="constant")
     smooth = gaussian_filter1d(np.nan_to_num(found), width, axis=0, mode="constant")
     # near a gap or an end the kernel is one-sided, which would shift the movement in time
@@ -148,10 +150,10 @@ class NoCommonMovement(AnchorposeError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Clock:
+class OtherClock:
     """The other clock: ``t + offset_s + drift * (t - middle_s)`` at our time t. Sigmas: one standard deviation.
 
-    correlation: of all signals at the best offset. overlap_s: our times of the first and the last common sample.
+    overlap_s: our times of the first and the last common sample.
     """
 
     offset_s: float
@@ -159,12 +161,22 @@ class Clock:
     drift: float
     drift_sigma: float
     middle_s: float
-    correlation: float
     overlap_s: tuple[float, float]
 
     def reference_time_s(self, time_s: np.ndarray) -> np.ndarray:
         """(n,) times of the other clock."""
         return time_s + self.offset_s + self.drift * (time_s - self.middle_s)
+
+    def our_time_s(self, reference_s: np.ndarray) -> np.ndarray:
+        """(n,) our times at times (n,) of the other clock."""
+        return self.middle_s + (reference_s - self.offset_s - self.middle_s) / (1.0 + self.drift)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clock(OtherClock):
+    """A clock found from movement; correlation: of all signals at the best offset."""
+
+    correlation: float
 
 
 def find_clock(ours: Signals, theirs: Signals) -> Clock:
@@ -173,29 +185,50 @@ def find_clock(ours: Signals, theirs: Signals) -> Clock:
     Raises NoCommonMovement where the best offset explains too little, or another explains as much.
     """
     offset_s, correlation = _coarse_offset(ours, theirs)
-    return _refined(ours, theirs, offset_s, 0.0, 0.0, correlation)
+    return refine_clock(ours, theirs, starting_clock(offset_s, correlation))
 
 
-def refine_clock(ours: Signals, theirs: Signals, clock: Clock) -> Clock:
-    """The clock from other signals, near the one that is known; raises NoCommonMovement as ``find_clock``."""
-    return _refined(ours, theirs, clock.offset_s, clock.drift, clock.middle_s, clock.correlation)
+def starting_clock(offset_s: float, correlation: float) -> Clock:
+    """A clock of which only the offset is known, roughly."""
+    return Clock(
+        offset_s=offset_s,
+        offset_sigma_s=np.inf,
+        drift=0.0,
+        drift_sigma=DRIFT_SIGMA,
+        middle_s=0.0,
+        correlation=correlation,
+        overlap_s=(0.0, 0.0),
+    )
 
 
-def _refined(
-    ours: Signals, theirs: Signals, offset_s: float, drift: float, middle_s: float, correlation: float
-) -> Clock:
-    """Least squares from a start that is right within a fraction of a movement."""
+def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool = True) -> Clock:
+    """The clock by least squares, from a start that is right within a fraction of a movement.
+
+    with_drift: False leaves the drift at 0 with the sigma of any clock, for recordings too short to show it. Raises
+    NoCommonMovement as ``find_clock``.
+    """
+    offset_s, drift, middle_s, correlation = clock.offset_s, clock.drift, clock.middle_s, clock.correlation
+    free = slice(2 if with_drift else 1)
     for _ in range(ITERATIONS):
         blocks = _normal_equations(ours, theirs, offset_s, drift, middle_s)
         if blocks is None:
             raise NoCommonMovement("the two recordings have too little in common")
         matrix, right, known_s, centre_s = blocks
+        matrix, right = matrix[:, free, free], right[:, free]
         offset_s, middle_s = offset_s + drift * (centre_s - middle_s), centre_s
-        step = np.linalg.solve(matrix.sum(axis=0), right.sum(axis=0))
+        step = np.append(np.linalg.solve(matrix.sum(axis=0), right.sum(axis=0)), 0.0)
         offset_s, drift = offset_s + float(step[0]), drift + float(step[1])
         if abs(step[0]) < 1e-7 and abs(step[1]) < 1e-9:
             break
-    sigma = _jackknife(matrix, right)
+    sigma = np.append(_jackknife(matrix, right), DRIFT_SIGMA)
+    if not with_drift:
+        return replace(
+            clock,
+            offset_s=offset_s,
+            offset_sigma_s=float(sigma[0]),
+            middle_s=middle_s,
+            overlap_s=(float(known_s[0]), float(known_s[-1])),
+        )
     # clocks are accurate to DRIFT_SIGMA before anything is measured
     share = DRIFT_SIGMA**2 / (DRIFT_SIGMA**2 + sigma[1] ** 2)
     return Clock(
@@ -211,14 +244,38 @@ def _refined(
 
 def _coarse_offset(ours: Signals, theirs: Signals) -> tuple[float, float]:
     """Offset in seconds of the best correlation, and that correlation."""
+    r, overlap = _correlations(ours.values[::COARSE], theirs.values[::COARSE])
+    return offset_of_peak(ours, theirs, r, overlap)
+
+
+def offset_of_peak(
+    ours: Signals,
+    theirs: Signals,
+    r: np.ndarray,
+    overlap: np.ndarray,
+    least_s: float = LEAST_OVERLAP_S,
+    near_s: float | None = None,
+) -> tuple[float, float]:
+    """Offset in seconds of the best correlation, and that correlation.
+
+    r, overlap: correlation and number of common samples at each lag of every ``COARSE``-th sample, as ``_correlations``
+    has them. least_s: common time below which a lag is not considered. near_s: an offset from which the right one
+    differs by ``RIVAL_DISTANCE_S`` at most; None: any may be right. Raises NoCommonMovement where the best correlation
+    is too small, or another offset explains as much.
+    """
     a, b = ours.values[::COARSE], theirs.values[::COARSE]
-    r, overlap = _correlations(a, b)
-    least = max(LEAST_OVERLAP * min(len(a), len(b)), LEAST_OVERLAP_S * GRID_HZ / COARSE)
-    r = np.where(overlap >= least, r, -1.0)
-    best = int(np.argmax(r))
+    least = max(LEAST_OVERLAP * min(len(a), len(b)), least_s * GRID_HZ / COARSE)
+    lag_s = (np.arange(len(r)) - (len(a) - 1)) * COARSE / GRID_HZ
+    considered = overlap >= least
+    if near_s is not None:
+        considered &= np.abs(theirs.time_s[0] - ours.time_s[0] + lag_s - near_s) <= RIVAL_DISTANCE_S
+    if not considered.any():
+        raise NoCommonMovement(f"they have less than {least * COARSE / GRID_HZ:.1f} s in common")
+    r = np.where(considered, r, -1.0)
+    # movement that is not common counts as unexplained: over a short overlap chance looks like agreement
+    best = int(np.argmax(r * np.sqrt(np.where(considered, overlap, 0.0))))
     if r[best] < LEAST_CORRELATION:
         raise NoCommonMovement(f"the best correlation of their movements is {max(r[best], 0.0):.2f}")
-    lag_s = (np.arange(len(r)) - (len(a) - 1)) * COARSE / GRID_HZ
     peaks = np.flatnonzero((r[1:-1] >= r[:-2]) & (r[1:-1] >= r[2:])) + 1
     far = peaks[np.abs(lag_s[peaks] - lag_s[best]) > RIVAL_DISTANCE_S]
     rivals = far[1.0 - np.maximum(r[far], 0.0) ** 2 < RIVAL_FACTOR * (1.0 - r[best] ** 2)]
@@ -300,7 +357,8 @@ def _without_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _jackknife(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(2,) standard deviations of offset and drift: how they change when one stretch of the movement is left out.
+    """(2,) standard deviations of offset and drift, or (1,) of the offset alone, from how they change when one stretch
+    of the movement is left out.
 
     Errors of neighbouring frames are alike, so that residuals of frames would give far too little.
     """

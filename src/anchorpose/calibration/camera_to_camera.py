@@ -25,32 +25,32 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of, pair_
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
-LEAST_SPAN_S: Final = 8.0  # within less people hardly walk: on four seconds a wrong placement was once accepted
-PLACES: Final = 8  # of the search that are refined; the right one was among the first three
-WORST_IMPOSSIBLE: Final = 0.1  # of people beside those of the other camera: right placements had 0.01 to 0.06
-LEAST_COMMON: Final = 0.3  # below this the cameras look past each other, and nothing can contradict
-WORST_RESIDUAL_M: Final = 0.008  # right placements had 2 or 3 mm; a front laid onto a back 11
+LEAST_SPAN_S: Final = 8.0  # s, shortest recording; people walk too little in less: 4 s once gave a wrong placement
+PLACES: Final = 8  # search results that are refined; the right one was among the first three
+WORST_IMPOSSIBLE: Final = 0.1  # share of people beside those of the other camera; right placements had 0.01 to 0.06
+LEAST_COMMON: Final = 0.3  # least overlap of the views; with less, no reading can contradict a wrong placement
+WORST_RESIDUAL_M: Final = 0.008  # m; right placements had 2 or 3 mm, and a front fitted to a back had 11
 WORST_SIGMA_M: Final = 0.005
 WORST_SIGMA_RAD: Final = 0.0052  # 0.3 degrees
-ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0  # times the limits above, while the clocks are only known to 50 ms
-DISTINCT_M: Final = 0.05  # placements that differ by more are two
+ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0  # factors on the limits above, while the clocks are only known to 50 ms
+DISTINCT_M: Final = 0.05  # placements that differ by more are different
 
 CELL_M: Final = 0.1
-MAPPED_MOMENTS: Final = 12  # of those in view: more add nothing
-REACH_M: Final = 6.0  # from each camera: beyond it depth cameras see little
-BLUR_M: Final = 0.12  # two cameras see different sides of a body
-TURNS: Final = 120  # 3 degrees: half a body's breadth at 5 m
-BODY_M: Final = 0.1  # from the visible skin to the middle of a trunk
-LOW_M, HIGH_M = 0.2, 2.2  # heights that count: above the floor's noise, below the ceiling
-APART_RAD, APART_M = 0.35, 0.4  # places of the search that are nearer are one
+MAPPED_MOMENTS: Final = 12  # moments drawn into the maps of the ground; more add nothing
+REACH_M: Final = 6.0  # m from each camera; beyond it depth cameras see little
+BLUR_M: Final = 0.12  # m, blur of the maps, since two cameras see different sides of a body
+TURNS: Final = 120  # turns tried, one every 3 degrees: at 5 m, a step moves a person by half a body's breadth
+BODY_M: Final = 0.1  # m from the visible skin to the middle of a trunk
+LOW_M, HIGH_M = 0.2, 2.2  # heights used: above the floor's noise, below the ceiling
+APART_RAD, APART_M = 0.35, 0.4  # search results that are nearer than both are the same placement
 
 
 @settings
 class PlacingConfig:
     """How cameras without poses are placed against each other by the people they see."""
 
-    moments: Count = 24  # spread over the recording: people should have walked about between them
-    step_px: Count = 3  # every third pixel of every third row
+    moments: Count = 24  # moments compared, spread over the recording so that people walk about between them
+    step_px: Count = 3  # pixels: every third pixel of every third row is compared
 
 
 class NoCameraToCamera(StrEnum):

@@ -215,10 +215,10 @@ def _level(frames: RecordedFrames, index: int) -> FloorPlane | None:
 
 
 def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None], config: ClockConfig) -> Clocks:
-    """Every camera's clock against the first camera's.
+    """Estimate the offset and drift of every camera's clock against the first camera's clock.
 
     levels: one per camera, see ``motion_signal``; cameras with a pose may give it by the world's Y, others by the
-    floor. A clock for which the motion is not enough evidence is kept as it is, and its ``doubt`` says why.
+    floor. If the motion is too little evidence for a clock, the clock is kept as it is, and ``doubt`` states why.
     """
     count = len(source.cameras)
     if count == 1 or not config.estimate:

@@ -71,10 +71,10 @@ def share_seen_through(
     floor_height_m: float,
     noise_per_m: float,
 ) -> float | None:
-    """Return the share of unhidden points of one camera that the other sees through; None where they are too few.
+    """Return the share of one camera's unhidden points that the other camera sees through; None for too few points.
 
-    Both ways, over pairs of depth frames of about the same moment. cameras: both with a pose; depths_m: frames (height,
-    width) of the first and the second, 0 = no reading.
+    Both directions are counted, over pairs of depth frames of about the same moment. cameras: both with a pose;
+    depths_m: frames (height, width) of the first and the second camera, 0 = no reading.
     """
     tested = through = 0
     for pair in depths_m:

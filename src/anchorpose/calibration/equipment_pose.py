@@ -179,18 +179,18 @@ def sigma_of(fit: Refined) -> tuple[float, float]:
     return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
 
 
-TRIED: Final = 6  # places of the search that are refined; the right one was always among the first two
-LEAST_LEAD: Final = 0.9  # the pose accepted explains this share of what the best-scoring one does
-RIVAL: Final = 0.75  # another credible pose that explains this share of it leaves the choice open
-DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # two poses nearer than this are one, of which one has not settled
-TWO_HEIGHTS_M: Final = 0.03  # between chi_0's lowest point and Y = 0: either may be the floor
+TRIED: Final = 6  # search results that are refined; the right one was always among the first two
+LEAST_LEAD: Final = 0.9  # least evidence of an accepted pose, as a share of that of the best-scoring pose
+RIVAL: Final = 0.75  # with this share of its evidence, another credible pose makes the choice ambiguous
+DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # two poses nearer than this are the same; one of them has not converged
+TWO_HEIGHTS_M: Final = 0.03  # m between chi_0's lowest point and Y = 0, above which either may be the floor
 
 
 @settings
 class EquipmentPoseConfig:
-    """How exactly the equipment must be where it is expected."""
+    """How closely readings must lie on the surface of the equipment."""
 
-    tolerance_m: Positive = 0.015  # of readings from its surface, as at the end of the refinement
+    tolerance_m: Positive = 0.015  # m from the equipment's surface, as in the last step of the refinement
 
 
 @dataclass(frozen=True, slots=True, eq=False)

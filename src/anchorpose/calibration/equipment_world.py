@@ -37,12 +37,12 @@ from anchorpose.recording.recording import FrameSet, Recording
 LATE_SHARE: Final = 0.34  # of the sampled frames, at the end: where the equipment is looked for again
 LEAST_FRAMES: Final = 3
 MOVED_SIGMAS: Final = 5.0  # of the pose: the equipment moved by more counts as moved
-LEAST_SHIFT_M: Final = 0.008  # twice the accuracy required of a calibration
+LEAST_SHIFT_M: Final = 0.008  # m, twice the accuracy required of a calibration
 LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees
-DOUBT_SHARE: Final = 0.2  # of what is not hidden, seen through: worth a search of the whole floor
-GONE_SHARE: Final = 0.4  # of what is not hidden, seen through: it is not there
+DOUBT_SHARE: Final = 0.2  # share of the unhidden equipment seen through, above which the whole floor is searched
+GONE_SHARE: Final = 0.4  # share of the unhidden equipment seen through, above which it is not there
 REFUTED_M, REFUTED_RAD = 0.10, 0.052  # 3 degrees; poses 3 cm and a degree off, as published, have 7 cm at 2.5 m
-LEAST_PIXELS: Final = 100  # of a frame that show the equipment or what is behind it
+LEAST_PIXELS: Final = 100  # pixels of a frame that must show the equipment or see through it
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,11 +19,11 @@ from anchorpose.settings import Positive, settings
 
 FLOOR_SIGMAS: Final = 4.0  # of the depth noise as seen across the floor
 JUMP_M, JUMP_SIGMAS = 0.03, 4.0  # between neighbours on one object: a bar's slanted side, and noise
-SUPPORT: Final = 4  # of eight neighbours at a pixel's own depth; flying pixels and their like have fewer
-FREE_SHARE: Final = 0.5  # of an object's pixels near the patient's place; walls and cupboards reach farther
-BEYOND_PX: Final = 14  # around what stands free: rays that pass by it
-UNREAD_M: Final = 100.0  # where a large area has no reading, the room is out of range and the rays passed all in it
-UNREAD_PX: Final = 21  # such an area; the side of a tube at a grazing angle is unread as well, but narrower
+SUPPORT: Final = 4  # least neighbours, of eight, at the pixel's own depth; flying pixels have fewer
+FREE_SHARE: Final = 0.5  # least share of an object's pixels near the patient's place; walls and cupboards have less
+BEYOND_PX: Final = 14  # pixels around a free-standing object whose rays pass by it
+UNREAD_M: Final = 100.0  # m, depth assumed for a large area without readings: the room there is out of range
+UNREAD_PX: Final = 21  # pixels, width of such an area; the side of a tube at a grazing angle is unread but narrower
 TOP_M: Final = 2.2  # above the floor; lamps and ceiling lifts are not what the patient holds
 
 
@@ -150,8 +150,8 @@ GAP_M: Final = 0.06  # without readings along a bar: what another bar hides
 SEEDS: Final = 120  # places from which a bar is sought, drawn again for each bar
 NEAR_M: Final = 0.12  # points around a seed that give a direction: twice a thick bar's breadth
 LEAST_PIXELS: Final = 40  # of a bar or plate: fewer give no direction
-PLATE_RADIUS_M: Final = 0.09  # a disc of this size is filled on a plate and never on a bar
-PLATE_FILLED: Final = 0.85  # of the disc's cells
+PLATE_RADIUS_M: Final = 0.09  # m, radius of the disc that readings fill on a plate but never on a bar
+PLATE_FILLED: Final = 0.85  # share of the disc's cells with readings, from which it counts as filled
 PLATE_FLATNESS_M: Final = 0.02  # noise and upholstery
 PLATE_EDGE_M: Final = 0.05  # a seat's edge, which is not a bar of its own
 CELL_M: Final = 0.02  # three pixels at 2.4 m

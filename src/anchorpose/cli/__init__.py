@@ -19,6 +19,7 @@ from anchorpose.cli.research_verbs import benchmark, experiment
 from anchorpose.cli.results_verbs import export, measure, report, verify
 from anchorpose.cli.settings_file import fill_from_file
 from anchorpose.cli.simulation_verbs import demo, simulate
+from anchorpose.cli.sync_verbs import sync
 from anchorpose.cli.track_verbs import batch, track
 from anchorpose.cli.viewing_verbs import inspect, view
 from anchorpose.errors import AnchorposeError, InputError, is_utf8
@@ -57,6 +58,7 @@ GROUPS: Final = {
         measure,
         report,
         export,
+        sync,
         live,
         record,
         batch,

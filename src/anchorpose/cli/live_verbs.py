@@ -35,17 +35,21 @@ class LiveGiven:
     """Later frames to wait for before a frame is answered. 1 was more accurate only in a clinic with one camera."""
 
     start_seconds: Annotated[float, positive(DAY_S)] = 6.0
-    """How long room and patient are looked at before the body is learnt; the patient should move a little meanwhile."""
+    """Seconds of room and patient that are recorded before the body is learnt; the patient should move a little."""
 
     seconds: Annotated[float | None, positive(DAY_S)] = None
-    """Track for so long; the default is until Ctrl+C, or until the source ends."""
+    """Track for this many seconds; the default is until Ctrl+C, or until the source ends."""
 
     like: Path | None = None
-    """An earlier recording of the same cameras in the same place: its equipment and its pictures of the empty room hold
-    now, too. Of a recording that is played, its own hold."""
+    """An earlier recording of the same cameras in the same place, whose equipment and images of the empty room are used
+    again. A recording that is played uses its own."""
 
     record: Path | None = None
     """A folder to keep all depth images in, as a recording."""
+
+    markers: str | None = None
+    """With --record: the name of a Lab Streaming Layer stream whose markers are kept with the recording; 'begin NAME',
+    'end' and 'rating NUMBER' make its events.tsv."""
 
     lsl: bool = False
     """Send joints and angles as Lab Streaming Layer streams."""
@@ -60,7 +64,7 @@ class LiveGiven:
     """The port of the page, always the same, so that the browser remembers the chosen angles; 0 takes a free one."""
 
     finish: bool = False
-    """Make the results folder of a session that was cut off, of all that was tracked; no sources are needed."""
+    """Make the results folder of a session that was cut off, from all frames tracked; no sources are needed."""
 
 
 def live(
@@ -103,7 +107,10 @@ def live(
         calibration=run.calibration,
         record=given.record,
         seconds=given.seconds,
+        markers=given.markers,
     )
+    if given.markers is not None and given.record is None:
+        raise AnchorposeError("--markers keeps markers with a recording; add --record FOLDER.")
     opened = open_sources(sources, given.like)
     if given.record is not None:
         check_place(given.record, about_folder(opened), results)
@@ -112,7 +119,9 @@ def live(
         unfinished_results(results, about_folder(opened), run.overwrite) as folder,
         page_output(given, browser) as page,
     ):
-        user = User(say, stop, lambda: None) if page is None else User(_also_on(page), stop, page.asked)
+        user = (
+            User(say, stop, lambda: None) if page is None else User(_also_on(page), stop, page.asked, page.keep_markers)
+        )
         outputs = [*make_outputs(given.lsl, given.osc), *([] if page is None else [page])]
         summary = track_live(opened, folder, chosen, outputs, user)
     say(f"{summary.sentence}. The results are in {results}.")
@@ -125,6 +134,7 @@ def record(
     seconds: Annotated[float | None, positive(DAY_S)] = None,
     empty_room: Annotated[float, between(0.0, DAY_S)] = 0.0,
     like: Path | None = None,
+    markers: str | None = None,
     finish: bool = False,
     defaults: SettingsFile | None = None,
 ) -> None:
@@ -146,6 +156,9 @@ def record(
     like
         An earlier recording of the same cameras in the same place: its equipment and its pictures of the empty room
         hold now, too.
+    markers
+        The name of a Lab Streaming Layer stream whose markers are kept; 'begin NAME', 'end' and 'rating NUMBER' make
+        the trials of events.tsv.
     finish
         Make a recording of a folder whose recording was cut off; no sources are needed.
     """
@@ -156,7 +169,7 @@ def record(
         return
     opened = open_sources(sources, like)
     with stop_on_signals() as stop:
-        say(f"The recording is in {record_live(opened, recording, seconds, empty_room, say, stop)}.")
+        say(f"The recording is in {record_live(opened, recording, seconds, empty_room, say, stop, markers)}.")
 
 
 def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:
@@ -223,7 +236,7 @@ def page_output(given: LiveGiven, browser: PageOptions) -> Iterator[PageOutput |
         return
     from anchorpose.live.page_server import PageOutput
 
-    page = PageOutput(browser.host, given.port)
+    page = PageOutput(browser.host, given.port, has_markers=given.record is not None)
     try:
         with browser.showing(page.address, "The page", "see the patient"):
             yield page

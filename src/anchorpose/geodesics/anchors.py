@@ -37,7 +37,7 @@ PLACES: Final = np.array(
         [0.64, -0.52, -0.07, -0.16, -0.05],
     ]
 )
-"""Where the anchors of a person are, over the body height: medians of simulated people (order of ``ANCHOR_NAMES``)."""
+"""Usual places of the anchors, over the body height: medians of simulated people (order of ``ANCHOR_NAMES``)."""
 
 TOLERANCES: Final = np.array(
     [
@@ -48,7 +48,7 @@ TOLERANCES: Final = np.array(
         [0.12, 0.12, 0.12, 0.10, 0.06],
     ]
 )
-"""By how much those vary: arms move a lot, head and feet hardly."""
+"""Spread of each value in ``PLACES``, over the body height: arms move a lot, head and feet hardly."""
 
 FROM_HEAD: Final = np.array([0.47, 0.47, 0.92, 0.92])
 """How far hands and feet are from the head along their paths, over the body height; 0.25 for a hand above the head."""

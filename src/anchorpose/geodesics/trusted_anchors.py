@@ -1,12 +1,13 @@
 """Decide which anchor distances of a node can be trusted: holes that cast a shadow lengthen the paths behind them.
 
-Nodes behind a bend lie in the shadow of the rim. In its plane a path begins at the anchor, the origin, along the first
-axis; the way over the whole skin, were the hole filled flat, is the chord to the path's end.
+A node behind a bend of the path lies in the shadow of the hole's rim. In the plane of the bend, the path begins at the
+anchor, which is the origin, and runs along the first axis. If the hole were filled flat, the shortest path would be
+the chord to the path's end.
 
-Tracking sees the surface with the hole only. Where the path from an anchor grazes the rim of what hides the skin and
-turns towards the hidden side, it is a detour: the node lies in the anchor's shadow (paper, Definition 5). The length of
-the detour follows from the path itself, as if the hole were filled as flat as the skin around it: laid flat, the path
-is a chain of straight pieces, and the path over the whole skin is the chord from its beginning to its end.
+The depth images show the surface only with its hole. A path from an anchor is a detour if it touches the rim of the
+hole and bends towards the hidden side. The node then lies in the anchor's shadow (paper, Definition 5). The length of
+the detour follows from the path: laid flat, the path is a chain of straight pieces, and the path over the complete skin
+is the chord from its beginning to its end. This assumes that the hole is as flat as the skin around it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The empty room of one camera: from its background frame or, without one, from what stays in place in the recording.
 
-What stays is the room less the people who never leave their place: the learnt descriptor knows what a person looks
-like, and of what is behind people who stay only floor and walls are known.
+Static surfaces are the room, except for people who never leave their place. The learnt descriptor recognises these
+people. Behind them, only floor and walls are known.
 """
 
 from __future__ import annotations

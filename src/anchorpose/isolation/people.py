@@ -20,11 +20,11 @@ from anchorpose.threads import each
 class IsolationConfig:
     """How closely people's skin follows its prediction."""
 
-    skin_sigma_m: Positive = 0.02  # clothes and shape, for the patient's predicted skin
+    skin_sigma_m: Positive = 0.02  # m; deviation of the patient's skin from its prediction, by clothes and shape
 
 
-PERSON_AREA_M2: Final = 0.12  # what must be seen of a person: a fifth of an adult's frontal area
-EDGE_M: Final = 0.1  # between a pixel and the ray nearest to it: across an outline the depth jumps by more
+PERSON_AREA_M2: Final = 0.12  # m2, least seen surface of a person: a fifth of an adult's frontal area
+EDGE_M: Final = 0.1  # m, largest depth step from a pixel to its nearest ray; depth jumps by more across an outline
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -189,7 +189,7 @@ def _camera(found: dict[str, Any], scale: float) -> Camera:
 
 def _out(process: subprocess.Popen[bytes]) -> IO[bytes]:
     if process.stdout is None:
-        raise ValueError("the process was started with a pipe")
+        raise ValueError("the process must be started with stdout=PIPE")
     return process.stdout
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.errors import AnchorposeError
 from anchorpose.live.feed import Feed, Intake, LiveImage, LiveSet
+from anchorpose.live.markers import TakeMarker
 from anchorpose.live.recorder import Recorder
 from anchorpose.motion.prediction import load_motions
 from anchorpose.recording.depth_image import decode_grey_png
@@ -43,7 +44,7 @@ Say = Callable[[str], None]
 class LiveOptions:
     """config: of tracking; wait_frames: how many later frames are waited for before a frame is answered; start_s: how
     long is recorded before the body is learnt; calibration: a file of camera poses; record: a folder for all depth
-    images; seconds: of tracking, None until ``stop``."""
+    images; seconds: of tracking, None until ``stop``; markers: the stream whose markers are kept in ``record``."""
 
     config: TrackConfig
     wait_frames: int = 0
@@ -51,6 +52,7 @@ class LiveOptions:
     calibration: Path | None = None
     record: Path | None = None
     seconds: float | None = None
+    markers: str | None = None
 
     def live(self, config: TrackConfig) -> TrackConfig:
         """Settings with the look-ahead that live tracking waits for."""
@@ -60,11 +62,13 @@ class LiveOptions:
 @dataclass(frozen=True, slots=True, eq=False)
 class User:
     """say: is given sentences while it runs; stop: set when it is to end; asked: the number (``PersonInView``) of a
-    person who is to be the patient from now on, given once, None in between."""
+    person who is to be the patient from now on, given once, None in between; keep_markers: is given what keeps the
+    user's markers, once there is a recording."""
 
     say: Say
     stop: Event
     asked: Callable[[], int | None] = lambda: None
+    keep_markers: Callable[[TakeMarker], object] = lambda take: None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

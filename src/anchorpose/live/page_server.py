@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import socket
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -17,6 +18,7 @@ from typing import Any, Final
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
+from anchorpose.live.markers import TakeMarker, plain_text
 from anchorpose.live.output import LiveFrame, angles_of
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import LONGEST_GAP_S
@@ -91,15 +93,16 @@ EXACT: Final = 4  # decimals: a tenth of a millimetre
 class PageOutput:
     """Serves the page from now on, in threads of its own; see ``Output``. address: what to open, token included.
 
-    Raises AnchorposeError where it cannot listen on ``host`` and ``port``.
+    has_markers: the page has keys for conditions and ratings, since a recording keeps them. Raises AnchorposeError
+    where it cannot listen on ``host`` and ``port``.
     """
 
     name = "the page"
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, has_markers: bool = False) -> None:
         self._newest = _Newest()
         self._clock, self._patient = UprightClock(UprightConfig()), 1
-        self._server = _LiveServer(self._newest, host, port)
+        self._server = _LiveServer(self._newest, host, port, has_markers)
         self._thread = Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
         self._thread.start()
 
@@ -122,6 +125,10 @@ class PageOutput:
         """The person who is to be the patient from now on, by number (``PersonInView``); given once."""
         return self._newest.take_asked()
 
+    def keep_markers(self, take: TakeMarker) -> None:
+        """From now on, ``take`` is given the text of each marker of the page, and when it came."""
+        self._server.take_marker = take
+
     def close(self) -> None:
         """The page says that the session has ended; the server ends. May be called twice."""
         self._newest.end()
@@ -130,9 +137,10 @@ class PageOutput:
         self._thread.join()
 
 
-def describe_live() -> dict[str, Any]:
-    """What the page must know before it shows a frame, as values for JSON."""
+def describe_live(has_markers: bool = False) -> dict[str, Any]:
+    """What the page must know before it shows a frame, as values for JSON; has_markers: as of ``PageOutput``."""
     return {
+        "markers": has_markers,
         "joints": list(JOINT_NAMES),
         "limbs": [list(limb) for limb in LIMBS],
         "states": [str(state) for state in JointState],
@@ -245,8 +253,9 @@ def _event(name: str, value: Any) -> bytes:
 class _LiveServer(GuardedServer):
     page, program = LIVE_PAGE, "anchorpose live"
 
-    def __init__(self, newest: _Newest, host: str, port: int) -> None:
-        self.newest = newest
+    def __init__(self, newest: _Newest, host: str, port: int, has_markers: bool) -> None:
+        self.newest, self.has_markers = newest, has_markers
+        self.take_marker: TakeMarker | None = None
         super().__init__(host, port, _Handler)
 
 
@@ -257,12 +266,14 @@ class _Handler(GuardedHandler):
         if name == EVENTS:
             self._send_events()
         elif name == "description":
-            self.answer(lambda: json_response(describe_live()))
+            self.answer(lambda: json_response(describe_live(self.server.has_markers)))
         else:
             self.refuse(HTTPStatus.NOT_FOUND, "There is nothing of this name here.")
 
     def answer_post(self, name: str, body: dict[str, Any]) -> Response:
-        """Of ``patient``: the person with a number is to be the patient."""
+        """Of ``patient``: the person with a number is to be the patient. Of ``marker``: its text is kept."""
+        if name == "marker":
+            return self._keep_marker(body.get("text"))
         if name != "patient":
             raise KeyError(name)
         number = body.get("person")
@@ -270,6 +281,14 @@ class _Handler(GuardedHandler):
             raise ValueError("Give the number of a person who is in view; the patient is as before.")
         self.server.newest.ask(number)
         return json_response({"person": number})
+
+    def _keep_marker(self, text: object) -> Response:
+        if self.server.take_marker is None:
+            raise ValueError("Nothing is recorded, so that no marker is kept.")
+        if not isinstance(text, str) or not plain_text(text):
+            raise ValueError("Give the marker a text.")
+        self.server.take_marker(text, time.monotonic())
+        return json_response({"marker": plain_text(text)})
 
     def _send_events(self) -> None:
         """Until the session ends, or the client goes away or takes nothing."""

@@ -9,6 +9,7 @@ import shutil
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from threading import Event, Lock, Thread
 from typing import Any, Final
@@ -17,9 +18,10 @@ import numpy as np
 
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.live.feed import Intake, LiveImage, LiveSource, about_folder
+from anchorpose.live.markers import HEAD, MARKERS_FILE, MISSING, MarkerInlet, plain_text, write_events
 from anchorpose.recording.document import read_document, read_json, read_text
 from anchorpose.recording.equipment import equipment_files
-from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
+from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument, read_timestamps
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.results.folder import naming_place, write_text_whole
@@ -47,7 +49,11 @@ class Recorder:
         self._writers = [self._stack.enter_context(CameraWriter(folder / one.camera.name, one)) for one in cameras]
         if about is not None:
             document |= _copy_about(about, folder)
-        write_text_whole(folder / UNFINISHED_FILE, json.dumps(document, indent=1) + "\n")
+        self._document: dict[str, Any] = document
+        self._began_s: float | None = None  # when the first image of the first camera was taken, by time.monotonic
+        self._waiting: list[tuple[str, float]] = []  # markers that came before it
+        self._marking = Lock()
+        self._write_document()
         self.images, self.finished = 0, False  # written so far
         self._unsynced: list[Path] = []
         self._writing = [Lock() for _ in cameras]  # an image comes from its camera's thread while another one ends this
@@ -61,12 +67,38 @@ class Recorder:
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():
                 return
+            if image.camera == 0 and self._began_s is None:
+                self._begin(image.taken_s)
             path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
         if path is not None:
             self.images += 1
             self._unsynced.append(path)
         if self.images % ROOM_EVERY == 0:
             self._require_free()
+
+    def mark(self, text: str, at_s: float) -> None:
+        """One more marker, sent at ``at_s`` by ``time.monotonic``; it is on disk at once."""
+        with naming_place(self.folder), self._marking:
+            self._waiting.append((plain_text(text), at_s))
+            self._write_markers()
+
+    def _begin(self, taken_s: float) -> None:
+        """The first image of the first camera was taken."""
+        self._document["start"] = start_of(taken_s)
+        self._write_document()
+        with self._marking:
+            self._began_s = taken_s
+            self._write_markers()
+
+    def _write_markers(self) -> None:
+        if self._began_s is None or not self._waiting:
+            return
+        path = self.folder / MARKERS_FILE
+        rows = "".join(f"{at_s - self._began_s:.4f}\t{MISSING}\t{text}\n" for text, at_s in self._waiting)
+        self._waiting = []
+        begun = path.exists()
+        with path.open("a", encoding="utf-8", newline="\n") as file:
+            file.write(rows if begun else f"{HEAD}\n{rows}")
 
     def write_empty_room(self, camera: int, grey: np.ndarray) -> None:
         """The picture of the empty room (height, width) uint16 of one camera."""
@@ -94,6 +126,9 @@ class Recorder:
                 pass
         self._stack.close()
 
+    def _write_document(self) -> None:
+        write_text_whole(self.folder / UNFINISHED_FILE, json.dumps(self._document, indent=1) + "\n")
+
     def _require_free(self) -> None:
         if shutil.disk_usage(self.folder).free < LEAST_FREE_BYTES:
             raise AnchorposeError(f"{self.folder}: the disk is nearly full; what was recorded is kept. Make room.")
@@ -111,6 +146,21 @@ class Recorder:
         del self._unsynced[:count]  # images that came meanwhile stay
 
 
+def start_of(taken_s: float) -> dict[str, Any]:
+    """What recording.json says of the start; taken_s: of the first image, by ``time.monotonic``.
+
+    The clock of the Lab Streaming Layer is left out where pylsl is not installed.
+    """
+    ago_s = time.monotonic() - taken_s
+    utc = datetime.now(UTC) - timedelta(seconds=ago_s)
+    found: dict[str, Any] = {"utc": utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")}
+    with suppress(ImportError, RuntimeError):  # the second: its library does not load on this system
+        import pylsl
+
+        found["lsl_s"] = round(pylsl.local_clock() - ago_s, 6)
+    return found
+
+
 def finish_recording(folder: Path) -> Path:
     """Makes a recording of a folder that ``Recorder`` has written; where it was cut off, of all that is whole in it.
 
@@ -120,7 +170,8 @@ def finish_recording(folder: Path) -> Path:
     if not path.is_file():
         problem = "is a finished recording" if (folder / RECORDING_FILE).is_file() else "holds no unfinished recording"
         raise InputError(folder, problem, "give a folder that 'anchorpose record' was writing when it was cut off")
-    for camera in read_document(path, RecordingDocument).cameras:
+    cameras = read_document(path, RecordingDocument).cameras
+    for camera in cameras:
         part = folder / camera.name
         if link := next((one for one in (part, part / "depth", part / "timestamps.csv") if one.is_symlink()), None):
             raise InputError(link, "is a link", "put there what it leads to")
@@ -128,6 +179,8 @@ def finish_recording(folder: Path) -> Path:
             if writer.written == 0:
                 raise InputError(part, "holds no depth image", "record again with this camera")
         _remove_without_row(part)
+    times_s = list(read_timestamps(folder / cameras[0].name / "timestamps.csv").values())
+    write_events(folder, times_s[-1] - times_s[0])
     path.replace(folder / RECORDING_FILE)
     return folder
 
@@ -181,17 +234,21 @@ def record_live(
     empty_room_s: float,
     say: Callable[[str], None],
     stop: Event,
+    markers: str | None = None,
 ) -> Path:
     """The finished recording ``out`` of all sources, until they end, ``stop`` is set or ``seconds`` have passed.
 
-    empty_room_s: first the empty room is looked at for so long; 0: it is not. Raises AnchorposeError where no camera
-    gives an image.
+    empty_room_s: first the empty room is looked at for so long; 0: it is not. markers: the stream whose markers are
+    kept. Raises AnchorposeError where no camera gives an image, or there is no such stream.
     """
     about = about_folder(sources)
     check_place(out, about)
+    inlet = None if markers is None else MarkerInlet(markers)
     intake = Intake(sources)
     recorder = Recorder(out, intake.cameras, about)
     try:
+        if inlet is not None:
+            inlet.start(recorder.mark)
         if empty_room_s > 0.0:
             intake.start()
             _record_empty_room(intake, recorder, empty_room_s, say, stop)
@@ -201,6 +258,8 @@ def record_live(
         _wait(intake, recorder, seconds, say, stop)
     finally:
         intake.stop()
+        if inlet is not None:
+            inlet.stop()
         recorder.abandon()
     for sentence in intake.failed:
         say(sentence)

@@ -23,6 +23,7 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.live.feed import Intake, LiveSource, about_folder
 from anchorpose.live.first_seconds import Backlog, FirstSeconds, LiveOptions, Prepared, User, in_room, latest_good
 from anchorpose.live.follow import LatencyMeter, LiveFollower
+from anchorpose.live.markers import MarkerInlet
 from anchorpose.live.output import Output, Outputs, people_in
 from anchorpose.live.recorder import Recorder
 from anchorpose.live.stored import LivePatient, SessionStore, write_patients
@@ -55,9 +56,13 @@ def track_live(
     """
     intake = Intake(sources)
     about = about_folder(sources)
+    inlet = None if options.markers is None else MarkerInlet(options.markers)
     recorder = None if options.record is None else Recorder(options.record, intake.cameras, about)
     if recorder is not None:
         intake.add(recorder.put)
+        user.keep_markers(recorder.mark)
+        if inlet is not None:
+            inlet.start(recorder.mark)
     store = SessionStore(results, options)
     first_seconds = FirstSeconds(intake, about, store.first_seconds, options, user)
     session = _Session(intake, first_seconds, store, options, Outputs(outputs), user)
@@ -67,15 +72,22 @@ def track_live(
             patients = session.follow(session.begin(prepared), backlog)
             session.outputs.close()
             intake.stop()
+            _stop(inlet)
             session.write(results, patients, recorder)
     except BaseException as error:
         store.end_early(str(error) if isinstance(error, Exception) else "it was stopped")
         raise
     finally:
         intake.stop()
+        _stop(inlet)
         _finish(recorder, intake)
     end_journal(results)
     return session.latency
+
+
+def _stop(inlet: MarkerInlet | None) -> None:
+    if inlet is not None:
+        inlet.stop()
 
 
 def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:

@@ -193,8 +193,8 @@ def _cost(
 
 
 SPANS: Final = (1, 2, 4)  # frames over which the patient's velocity is measured
-DAMPING: Final = 0.85  # of the velocity, after each frame: a limb reverses within a few tenths of a second
-OWN_VELOCITY: Final = 0.8  # of how the patient's velocity differs from the matches'; 1 would follow all of its noise
+DAMPING: Final = 0.85  # factor on the velocity per frame; a limb reverses within a few tenths of a second
+OWN_VELOCITY: Final = 0.8  # share of the velocity difference, patient minus matches, added; 1 would follow its noise
 _CHECKED_STEPS: Final = 6  # one-frame predictions that each span is judged by: times some 60 columns, enough
 _SHARPNESS: Final = 4  # a span whose squared error is a fifth larger counts half
 
@@ -217,10 +217,10 @@ class MotionConfig:
 
     rule: MotionRule = MotionRule.BLEND
     history: Annotated[int, Field(ge=2, strict=True)] = 5  # frames compared; at 30 Hz they show a direction
-    speeds: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.71, 1.0, 1.41, 2.0)  # in half octaves
-    displacement_weight: NotNegative = 4.0  # of the displacement over the history; 0 is the paper's equation
-    neighbours: Count = 32  # sub-lists averaged: one alone adds its own noise; 64 are no better
-    checked: Count = 7  # frames back from which matches and velocity are both tested on what has happened since
+    speeds: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.71, 1.0, 1.41, 2.0)  # relative, half octaves
+    displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0: the paper's equation
+    neighbours: Count = 32  # similar sub-lists averaged; a single one adds its own noise, and 64 are no better
+    checked: Count = 7  # age in frames of the predictions whose errors decide how matches and velocity are weighted
 
     @property
     def uses_database(self) -> bool:
@@ -271,7 +271,7 @@ def joint_database(
 
 
 def load_motions(path: Path, at_hz: float, config: MotionConfig) -> MotionDatabase | None:
-    """Read the database for a recording of ``at_hz``; None, unread, where the rule needs none. Raises InputError."""
+    """Read the database for a recording of ``at_hz``. Returns None if the rule needs no database. Raises InputError."""
     if not config.uses_database:
         return None
     clips = read_motions(path)

@@ -130,7 +130,7 @@ class DepthStream:
     """The depth images of one camera, in the order of time."""
 
     files: Sequence[Path]
-    time_s: np.ndarray  # (n,) float64, strictly increasing; the camera's own clock, or the reference once aligned
+    time_s: np.ndarray  # (n,) float64, strictly increasing, by the camera's clock; after alignment, by the reference's
     frame: np.ndarray  # (n,) int64, the number in the file's name
     duplicate: np.ndarray | None = None  # (n,) bool, equal to the image before; None where this was not checked
     repeated: int = 0  # files left out because their time is that of the file before
@@ -250,9 +250,9 @@ def half_period_s(time_s: np.ndarray) -> float:
     return float(np.median(np.diff(time_s)) if len(time_s) > 1 else USUAL_PERIOD_S) / 2.0
 
 
-def nearest_within(time_s: np.ndarray, other_s: np.ndarray, within_s: float) -> np.ndarray:
+def nearest_within(time_s: np.ndarray, other_s: np.ndarray, within_s: float | np.ndarray) -> np.ndarray:
     """Return (n,) int64: index into ``other_s`` (m,) of the mutually nearest time; -1 where none lies within
-    ``within_s``."""
+    ``within_s``, one number or (n,)."""
     there, back = _nearest(time_s, other_s), _nearest(other_s, time_s)
     mutual = back[there] == np.arange(len(time_s))
     # a nanosecond of slack: times written with six decimals must not fall out of an exact half period

@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -256,6 +257,26 @@ class CameraEntry(Entry):
         return Camera(**same, intrinsics=self.intrinsics.lens(), T_world_camera=self.camera_to_world)
 
 
+def _require_utc(text: str) -> str:
+    try:
+        is_utc = text.isascii() and datetime.fromisoformat(text).utcoffset() == timedelta(0)
+    except ValueError:
+        is_utc = False
+    if not is_utc:
+        raise Unfit(f"is {shown(text)}", "write the time in UTC, for example 2026-03-28T09:15:02.125Z")
+    return text
+
+
+class StartEntry(Entry):
+    """When the first depth image of the first camera was taken, on clocks that other devices have as well.
+
+    utc: ISO 8601, in UTC. lsl_s: by the clock of the Lab Streaming Layer on the computer that recorded.
+    """
+
+    utc: Annotated[Text, AfterValidator(_require_utc)] | None = None
+    lsl_s: Seconds | None = None
+
+
 class RecordingDocument(Entry):
     """The content of recording.json, before any other file of the folder is read.
 
@@ -268,6 +289,7 @@ class RecordingDocument(Entry):
     equipment: FileInFolder | None = None
     subject: Subject | None = None
     fps: Rate | None = None
+    start: StartEntry | None = None
 
     @model_validator(mode="after")
     def _require_named_cameras(self) -> RecordingDocument:

@@ -25,19 +25,19 @@ SHOWN_SHARE: Final = 0.2
 
 @settings
 class ContactConfig:
-    """What counts as touched skin, when that becomes a contact, and when the contact has ended."""
+    """When skin counts as touched, when touched skin becomes a contact, and when the contact ends."""
 
-    # Touching skin is within 3 cm of the other's skin. Cameras see the back of a hand that holds, so its thickness, 2
-    # cm at the fingers, and half the spacing of the points of other people are added.
+    # Metres between the skins of two people: 3 cm, plus the thickness of a holding hand whose back the cameras see (2
+    # cm at the fingers), plus half the spacing of other people's points.
     reach_m: Positive = 0.06
-    begin_m2: Positive = 0.0025  # a few finger tips; less is noise at the border between two people
-    keep_m2: Positive = 0.0007  # of a contact that has begun: one skin point
-    begin_s: NotNegative = 0.1  # a shorter touch is a sleeve that brushes past
-    release_s: NotNegative = 0.3  # gaps up to this are bridged: isolation may lose a hand for a few frames
-    # Of skin to the surface of equipment, whose model is known to a centimetre; clothes fold by as much.
+    begin_m2: Positive = 0.0025  # m2 touched to begin a contact: a few finger tips; less is noise between two people
+    keep_m2: Positive = 0.0007  # m2 touched to continue a contact: one skin point
+    begin_s: NotNegative = 0.1  # s, shortest contact; a sleeve that brushes past touches for less
+    release_s: NotNegative = 0.3  # s, longest gap that is bridged; isolation may lose a hand for a few frames
+    # Metres from skin to the surface of equipment: its model is known to a centimetre, and clothes fold by as much.
     equipment_touch_m: Positive = 0.01
-    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # probability of touching with which a contact goes on
-    equipment_sigma_m: Positive = 0.03  # of the gap: half a fist, so a hand on a rail is told from one beside it
+    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # probability of touching above which contact continues
+    equipment_sigma_m: Positive = 0.03  # m, of the gap: half a fist, to distinguish a hand on a rail from one beside it
 
     def __post_init__(self) -> None:
         if self.keep_m2 > self.begin_m2:
@@ -53,8 +53,8 @@ class _Key(NamedTuple):
 
 
 class _Touch(NamedTuple):
-    """What one frame says of a contact: skin points touched (none for equipment), whether it is enough to begin, the
-    area, the share that is seen, and the gap."""
+    """Evidence of one frame for a contact: the touched skin points (none for equipment), whether they suffice to begin
+    a contact, the touched area, the share of it that is seen, and the gap."""
 
     skin: np.ndarray
     begins: bool

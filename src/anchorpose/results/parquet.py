@@ -1,4 +1,4 @@
-"""Parquet files of the results, and how a table of records is declared: the same values always give the same bytes.
+"""Read and write the results' Parquet files, and declare tables of records. Equal values always give equal bytes.
 
 Nothing else opens a parquet file, since every page is written with a checksum and compared with it when it is read.
 """

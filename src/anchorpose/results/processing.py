@@ -266,9 +266,9 @@ class ProcessingConfig:
 
     smooth: Smoothing = "none"
     cutoff_hz: Positive = DEFAULT_CUTOFF_HZ
-    jerk: Positive = 30.0  # m/s^3 times the root of a second: a reaching hand turns round within about 0.3 s
+    jerk: Positive = 30.0  # m/s^2.5, random change of acceleration: a reaching hand reverses within about 0.3 s
     fill: Filling = "none"
-    longest_gap_s: Positive = 0.2  # about half the time in which a reaching hand turns round
+    longest_gap_s: Positive = 0.2  # s, longest gap filled: about half the time in which a reaching hand reverses
 
     @property
     def active(self) -> bool:

@@ -38,7 +38,7 @@ BLOCKS: Final = 16  # spread over a large file: another recording of the same si
 
 SMALL: Final = 65536
 LISTED: Final = 200
-"""Of the small text files of a folder, so many are read whole: a corrected lens changes no size."""
+"""At most this many text files of up to ``SMALL`` bytes are read whole: a corrected lens changes no file's size."""
 
 TEXTS: Final = {".json", ".txt", ".csv", ".yaml", ".yml"}
 

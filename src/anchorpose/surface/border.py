@@ -104,10 +104,10 @@ def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.n
 
 @njit(cache=True, nogil=True)
 def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """What each patient pixel meets within ``SEARCH_PX`` in eight directions.
+    """Classify each patient pixel by the surfaces that it meets within ``SEARCH_PX`` in eight directions.
 
-    The floor and the foot plate extend towards the camera below every sole and cut nothing. So what is in front is
-    judged by its own slope, carried on to the patient's pixel: floor arrives there at the sole's depth, a bar well
+    Floor and foot plate lie in front of every sole, but they do not cut the patient's surface. So a surface in front is
+    extrapolated by its own slope to the patient's pixel: the floor arrives there at the sole's depth, a bar well
     before it.
     """
     height, width = depth.shape

@@ -23,14 +23,14 @@ HIDDEN_SKIN: Final = 255
 class SurfaceConfig:
     """From labelled depth images to one surface."""
 
-    by_body: bool = True  # cut and closed by the expected body; False: what the depth images show, as in the paper
-    step: Count = 2  # every second pixel: 13 mm at 2.4 m, a quarter of the time for 3 mm more geodesic error
-    min_piece_m2: NotNegative = 0.0020  # half the palm of a hand; smaller pieces are bits of clothes, bars and floor
-    max_join_m: NotNegative = 0.10  # a chin is up to this far in front of the neck; 0 leaves pieces apart
-    denoise_radius_px: Count = 2  # 5x5 pixels: less than a finger's width at 2.4 m, path error falls to about 1 %
-    min_support: Annotated[int, Field(ge=0, le=8)] = 3  # neighbours; a fingertip two pixels wide has that many
-    bridge_max_width_m: NotNegative = 0.15  # a padded knee rest with its shadow; beyond it the leg's bend is unknown
-    fusion_max_apart_m: Positive = 0.03  # calibration to about 1 cm, plus half a mesh cell seen at a slant
+    by_body: bool = True  # the predicted body cuts and closes the mesh; False: the depth images alone, as in the paper
+    step: Count = 2  # pixels per node: 13 mm at 2.4 m; 3 mm more geodesic error than 1, in a quarter of the time
+    min_piece_m2: NotNegative = 0.0020  # m2, half a palm; smaller pieces are left out: bits of clothes, bars and floor
+    max_join_m: NotNegative = 0.10  # m, widest gap that joins pieces: chin to neck in depth; 0: pieces stay apart
+    denoise_radius_px: Count = 2  # 5x5 pixels: less than a finger's width at 2.4 m; reduces path error to about 1 %
+    min_support: Annotated[int, Field(ge=0, le=8)] = 3  # neighbours on the same surface: as a fingertip 2 px wide has
+    bridge_max_width_m: NotNegative = 0.15  # m, widest bar bridged: knee pad with shadow; beyond, bends are unknown
+    fusion_max_apart_m: Positive = 0.03  # m; calibration error of about 1 cm, plus half a mesh cell seen at a slant
 
 
 class MeshArrays(NamedTuple):

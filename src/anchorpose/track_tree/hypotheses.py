@@ -31,18 +31,18 @@ class HypothesisConfig:
     """How hypotheses are made."""
 
     feature: Feature = Feature.GEODESIC
-    subset_size: Count = 3  # N_S: three anchors distinguish nodes (paper, Section IV-D); 5: one hypothesis from all
-    always: bool = False  # match every frame, as the paper does; False: none
-    trusted_only: bool = True  # without distances that a hole lengthens; False: left to the subsets, as in the paper
+    subset_size: Count = 3  # N_S, anchors per hypothesis; three suffice (paper, Section IV-D); 5: all in one hypothesis
+    always: bool = False  # match every frame with the next ones, as the paper does; False: match none
+    trusted_only: bool = True  # leave out distances that a hole lengthens; False: the subsets decide, as in the paper
 
 
 @settings
 class GateConfig:
-    """e_max = e_1 + e_2: what the anchors' jitter and the surface's noise may add between two frames."""
+    """e_max = e_1 + e_2: largest change of a descriptor between two frames by anchor jitter and surface noise."""
 
-    anchor_bound_m: NotNegative = 0.020  # 3 cm in all at 1 m; the paper's 5 cm gave best matches a quarter worse
-    surface_bound_per_m: NotNegative = 0.010  # geodesic noise left after smoothing: 1 % of the path to the anchor
-    search_radius_m: Positive = 0.12  # a 3.6 m/s hand over one 33 ms frame, about its predicted place
+    anchor_bound_m: NotNegative = 0.020  # e_1, m: 3 cm with e_2 at 1 m; the paper's 5 cm matched a quarter worse
+    surface_bound_per_m: NotNegative = 0.010  # e_2, m per m of path to the anchor: geodesic noise left after smoothing
+    search_radius_m: Positive = 0.12  # m about the predicted place: a hand at 3.6 m/s over one frame of 33 ms
 
 
 @dataclass(frozen=True, slots=True, eq=False)

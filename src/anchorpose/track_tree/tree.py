@@ -15,9 +15,9 @@ from anchorpose.settings import Count, Positive, settings
 
 @settings
 class TreeConfig:
-    """missed_cost_m: what a frame without a match costs; max_branches: the tree size above which it is pruned."""
+    """missed_cost_m: cost of a frame without a match; max_branches: the tree size above which a tree is pruned."""
 
-    missed_cost_m: Positive = 0.10  # a branch worse than this per frame is no match: twice the anchor bound
+    missed_cost_m: Positive = 0.10  # m per frame, twice the anchor bound; a branch that costs more is not a match
     max_branches: Count = 200  # of 10 + 100 + 1000; on 3650 nodes with ten noisy subsets no exact search visited 50
 
 

@@ -61,10 +61,10 @@ ROUGHLY: Final = RegistrationConfig(
 )
 """A third of the patient's nodes and steps."""
 
-WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # a person who walks
+WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # uncertainty of the next pose of a walking person
 
-TALLEST_CHILD_M: Final = 1.5  # who is taller has an adult's proportions
-STATURE_STEP_M: Final = 0.05  # the error of a stature by one frame
+TALLEST_CHILD_M: Final = 1.5  # a taller person has an adult's proportions
+STATURE_STEP_M: Final = 0.05  # m, error of a stature that is estimated from one frame
 HEIGHT_SIGMA_M: Final = 0.01  # of a child's height: to a decimetre it is as given
 LEAST_EXPLAINED: Final = 0.75  # share of a person's nodes that the body must account for; otherwise there is no body
 MOST_TRUNK_PAST: Final = 0.25  # share of the trunk that a camera sees past; rough bodies are a few centimetres off
@@ -109,7 +109,7 @@ class Bystanders:
 
 
 def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: float) -> OwnershipLikelihood:
-    """Likely places of their skin ``elapsed_s`` after the frame they were fitted to; 0: in that frame itself."""
+    """Predict where bystanders' skin may be ``elapsed_s`` after the frame in which their bodies were fitted."""
     found = []
     for one in bystanders.followed:
         spread = SKIN_SIGMA_M + GROWTH_M_S * (abs(elapsed_s) + one.hidden_s)

@@ -24,27 +24,27 @@ from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.track_tree.tree import TreeConfig
 
-HEIGHTS_M: Final = (1.2, 2.2)  # of adults: beyond these the shape model does not reach, and the unit is probably wrong
+HEIGHTS_M: Final = (1.2, 2.2)  # m; a height outside is beyond the shape model and probably has the wrong unit
 
 
 class Method(StrEnum):
     """How a frame's pairs become a pose."""
 
     ARTICULATED = "articulated"  # all parts at once, joined, on the learnt body
-    PARTS = "parts"  # the paper's own: every part by itself, from frame to frame
+    PARTS = "parts"  # the paper's method: every part separately, from frame to frame
 
 
 @settings
 class FollowConfig:
     """How the patient is followed over time."""
 
-    look_ahead: Count = 3  # N_Tr, depth of the track tree (paper, Section V)
-    tree_nodes: Count = 800  # source nodes of the tree: 40 per body part
+    look_ahead: Count = 3  # N_Tr, depth of the track tree in frames (paper, Section V)
+    tree_nodes: Count = 800  # source nodes of the track tree: 40 per body part
     history: Count = 12  # frames kept for the motion dynamics
-    samples: Count = 16  # frames read beforehand to find the background and who stays
-    lost_sigma_m: Positive = 0.25  # a joint less certain than half a forearm is lost, not estimated
-    lost_after_s: Positive = 1.0  # without any evidence for this long, the whole patient is searched for again
-    bystanders: bool = True  # follow everybody else with a body of their own; False: only remember where they were
+    samples: Count = 16  # frames read beforehand to find the background and the people who stay
+    lost_sigma_m: Positive = 0.25  # m, half a forearm; a joint with a larger sigma is lost, not estimated
+    lost_after_s: Positive = 1.0  # s without any evidence, after which the whole patient is searched for again
+    bystanders: bool = True  # follow other people with a body each; False: only remember where they were
 
 
 @settings
@@ -54,9 +54,9 @@ class TrackConfig:
     method: Method = Method.ARTICULATED
     start: int = 0  # first frame to track
     stop: int | None = None  # frame to stop before; None = the end
-    smooth: bool = False  # also track backward in time and combine both passes: not for live use, twice the work
-    height_m: float | None = None  # the patient's standing height; None = that of recording.json, or unknown
-    patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user gives it
+    smooth: bool = False  # also track backward in time and combine both passes; takes twice as long, not for live use
+    height_m: float | None = None  # m, the patient's standing height; None = that of recording.json, or unknown
+    patient_xz_m: tuple[float, float] | None = None  # m, x and z of the patient on the floor; None = found
     patient_frame: int | None = None  # number of the frame in which the patient stands there; None = when first seen
     motions: str | None = None  # file of reference movements; None = those that ship with the package
     clocks: ClockConfig = field(default_factory=ClockConfig)

@@ -133,13 +133,13 @@ class UprightConfig:
     """Upright begins when all three limits are met and ends when one of the wider limits is passed (hysteresis).
 
     Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
-    doi:10.1123/jpah.2011-0347). The thigh alone would call kneeling upright, and a patient who hangs over a rail; the
-    pelvis' height and the trunk say otherwise.
+    doi:10.1123/jpah.2011-0347). By the thigh alone, kneeling and hanging over a rail would count as upright; the
+    height of the pelvis and the inclination of the trunk exclude them.
     """
 
     thigh_enter_deg: Positive = 40.0
     thigh_leave_deg: Positive = 45.0
-    height_enter: Positive = 0.85  # of the leg's length: thigh and shank each about 30 degrees from the vertical
+    height_enter: Positive = 0.85  # pelvis height in leg lengths: thigh and shank about 30 degrees off the vertical
     height_leave: Positive = 0.80
     trunk_enter_deg: Positive = 45.0
     trunk_leave_deg: Positive = 50.0

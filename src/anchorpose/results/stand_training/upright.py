@@ -101,19 +101,19 @@ def _sigma_s(session: Session, config: UprightConfig) -> float:
 
 @settings
 class TransitionConfig:
-    """Seated: both thighs near the level and the pelvis at rest for a while, so that a short squat is not sitting.
+    """Seated means that both thighs are nearly level and the pelvis rests for a while, so a short squat is not sitting.
 
-    Nor is a longer one: nobody squats with the centre of mass behind the heels. Standing must last, too: a patient who
-    nearly stands and sinks back has not stood up.
+    A longer squat is not sitting either, since nobody squats with the centre of mass behind the heels. Standing must
+    last as well: a patient who nearly stands and sinks back has not stood up.
     """
 
     seated_enter_deg: Positive = 65.0
     seated_leave_deg: Positive = 55.0
-    behind_feet_m: Positive = 0.07  # of the ankles at some moment: a heel, and errors of ankles and centre of mass
-    rest_s: Positive = 1.0  # the pelvis within ``rest_height`` of the seat, or of its height in standing
-    rest_height: Positive = 0.05  # of the leg's length
-    settle_s: Positive = 3.0  # next to the transition, of sitting and of standing: gives their heights
-    edge: Positive = 0.05  # of the rise: it begins when the pelvis has left the lower end by this much
+    behind_feet_m: Positive = 0.07  # m, centre of mass behind the ankles while seated: a heel plus measurement errors
+    rest_s: Positive = 1.0  # s that the pelvis stays within ``rest_height`` of its height in sitting or standing
+    rest_height: Positive = 0.05  # in leg lengths
+    settle_s: Positive = 3.0  # s of sitting and of standing next to the transition, which give their heights
+    edge: Positive = 0.05  # share of the rise by which the pelvis must have left an end: there the transition begins
     longest_s: Positive = 20.0  # between sitting and standing; slower ones are a pause between the two
 
     def __post_init__(self) -> None:

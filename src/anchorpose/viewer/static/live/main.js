@@ -5,6 +5,7 @@ import { isFull, remember, remembered } from "./choice.js";
 import { Dial } from "./dials.js";
 import { showFacts } from "./facts.js";
 import { Figure, People } from "./figure.js";
+import { Markers } from "./markers.js";
 import { Sound } from "./sound.js";
 import { Stream } from "./stream.js";
 
@@ -22,6 +23,7 @@ class Page {
     this.sentence = "";
     byId("add").addEventListener("click", () => this.add());
     for (const button of byId("presets").children) button.addEventListener("click", () => this.figure.look(button.dataset.view));
+    if (description.markers) this.markers = new Markers(byId);
     this.build();
     showFacts(null);
     this.stream = new Stream("events");

@@ -1,0 +1,145 @@
+"""Markers of other programs while cameras run, by the Lab Streaming Layer, and the trials that they make.
+
+``begin NAME`` begins a trial of the condition NAME and ends the trial before; ``end`` ends it; ``rating NUMBER`` rates
+the trial that runs, or the last. Any other text is kept as a marker alone.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Event, Thread
+from typing import Final
+
+from anchorpose.errors import AnchorposeError, MissingPackage
+from anchorpose.options import plain_number
+from anchorpose.recording.document import read_text
+from anchorpose.recording.regular_file import is_there
+from anchorpose.results.folder import write_text_whole
+
+MARKERS_FILE: Final = "markers.tsv"
+EVENTS_FILE, SIDECAR_FILE = "events.tsv", "events.json"
+HEAD: Final = "onset\tduration\ttrial_type"
+MISSING: Final = "n/a"
+
+BEGIN, END, RATING = "begin", "end", "rating"
+LONGEST_TEXT: Final = 200
+SHORTEST_S: Final = 0.001  # of a trial: two markers sent at once make none
+
+FIND_S: Final = 5.0
+"""How long a stream is looked for on the network."""
+
+WAIT_S: Final = 0.2
+
+
+TakeMarker = Callable[[str, float], object]
+"""Is given the text of a marker and when it was sent, by ``time.monotonic``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A row of events.tsv; seconds since the recording's first frame. rating: None where none was given."""
+
+    condition: str
+    onset_s: float
+    duration_s: float
+    rating: float | None = None
+
+
+def plain_text(text: str) -> str:
+    """A marker as one cell of a table: spaces in place of line breaks, tabs and what cannot be printed."""
+    return " ".join("".join(each if each.isprintable() else " " for each in text).split())[:LONGEST_TEXT]
+
+
+def trials_of(markers: Sequence[tuple[float, str]], end_s: float) -> list[Trial]:
+    """The trials of markers (onset, text), in the order of time; a trial that still runs ends at ``end_s``."""
+    found, running = list[Trial](), False
+    for onset_s, text in sorted((each for each in markers if each[0] < end_s), key=lambda each: each[0]):
+        word, _, rest = text.partition(" ")
+        if word in (BEGIN, END) and running:
+            found[-1] = replace(found[-1], duration_s=onset_s - found[-1].onset_s)
+            running = False
+        if word == BEGIN and rest:
+            found.append(Trial(rest, max(onset_s, 0.0), 0.0))
+            running = True
+        elif word == RATING and found and (rating := _rating(rest)) is not None:
+            found[-1] = replace(found[-1], rating=rating)
+    if running:
+        found[-1] = replace(found[-1], duration_s=end_s - found[-1].onset_s)
+    return [trial for trial in found if trial.duration_s >= SHORTEST_S]
+
+
+def _rating(text: str) -> float | None:
+    try:
+        return plain_number(text)
+    except ValueError:
+        return None
+
+
+def write_events(folder: Path, end_s: float) -> None:
+    """Write events.tsv of the markers that a recording folder has, in the form of BIDS, with the unit of ratings.
+
+    end_s: seconds from the first frame to the last. Nothing is written where no trial began, or events.tsv is there.
+    """
+    if not is_there(folder / MARKERS_FILE) or is_there(folder / EVENTS_FILE):
+        return
+    lines = [line.split("\t") for line in read_text(folder / MARKERS_FILE).splitlines()[1:]]
+    trials = trials_of([(float(cells[0]), cells[2]) for cells in lines if len(cells) == 3], end_s)
+    if not trials:
+        return
+    rated = any(trial.rating is not None for trial in trials)
+    rows = [f"{HEAD}\t{RATING}" if rated else HEAD]
+    for trial in trials:
+        row = f"{trial.onset_s:.4f}\t{trial.duration_s:.4f}\t{trial.condition}"
+        rating = MISSING if trial.rating is None else f"{trial.rating:g}"
+        rows.append(f"{row}\t{rating}" if rated else row)
+    if rated:
+        write_text_whole(folder / SIDECAR_FILE, json.dumps({RATING: {"Units": "score"}}, indent=1) + "\n")
+    write_text_whole(folder / EVENTS_FILE, "\n".join(rows) + "\n")
+
+
+class MarkerInlet:
+    """Reads a stream of markers in a thread of its own, from ``start`` to ``stop``."""
+
+    def __init__(self, name: str) -> None:
+        """Raises MissingPackage without pylsl, AnchorposeError where no stream has this name within ``FIND_S``."""
+        try:
+            import pylsl
+        except (ImportError, RuntimeError):  # the second: its library does not load on this system
+            raise MissingPackage("--markers", "pylsl", "sync") from None
+        if "'" in name:
+            raise AnchorposeError(f"--markers is {name[:40]!r}; give the name of a stream without quotes.")
+        found = pylsl.resolve_bypred(f"name='{name}'", timeout=FIND_S)
+        if not found:
+            raise AnchorposeError(
+                f"No stream of markers is named '{name[:40]}'; start the program that sends it first."
+            )
+        if found[0].channel_format() != pylsl.cf_string:
+            raise AnchorposeError(f"The stream '{name[:40]}' holds numbers; give the name of a stream of markers.")
+        self._clock, self._inlet = pylsl.local_clock, pylsl.StreamInlet(found[0])
+        self._stop = Event()
+        self._thread: Thread | None = None
+
+    def start(self, take: TakeMarker) -> None:
+        """From now on, ``take`` is given each marker."""
+        self._inlet.open_stream(timeout=FIND_S)
+        self._thread = Thread(target=self._run, args=(take,), daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """No more markers are taken; may be called twice."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        self._inlet.close_stream()
+
+    def _run(self, take: TakeMarker) -> None:
+        while not self._stop.is_set():
+            sample, stamp = self._inlet.pull_sample(timeout=WAIT_S)
+            if sample is not None:
+                sent_s = stamp + self._inlet.time_correction(timeout=FIND_S)  # the first time, it waits for an answer
+                take(str(sample[0]), time.monotonic() - (self._clock() - sent_s))

@@ -1,0 +1,1 @@
+"""Bring the results and the file of another device, such as EMG or an accelerometer, to one clock."""

@@ -1,0 +1,86 @@
+"""What an inertial sensor on a segment of the body would measure, by the tracked joints."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from anchorpose.agreement.clock import GRID_HZ, Signals, on_grid
+from anchorpose.agreement.placement import segment_axes
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.tables import JointTable
+from anchorpose.rotations import UP
+
+SEGMENTS: Final = {
+    "pelvis": ("SpineBase", "SpineBase"),
+    "trunk": ("SpineMid", "SpineShoulder"),
+    **{
+        f"{segment}_{side.lower()}": (f"{upper}{side}", f"{lower}{side}")
+        for segment, upper, lower in (
+            ("upper_arm", "Shoulder", "Elbow"),
+            ("forearm", "Elbow", "Wrist"),
+            ("thigh", "Hip", "Knee"),
+            ("shank", "Knee", "Ankle"),
+            ("foot", "Ankle", "Foot"),
+        )
+        for side in ("Left", "Right")
+    },
+}
+"""Each segment's upper and lower joint; the sensor is taken to sit midway, and axes are those of the lower joint."""
+
+DIRECTION_ERROR_RAD: Final = 0.07
+"""Four degrees: thighs tracked in real recordings were off by 2.7 degrees in the median, 4.8 in the worst of twelve."""
+
+GRAVITY_M_S2: Final = 9.81
+
+SMOOTHING_S: Final = 0.1
+"""Standard deviation of the kernel for joints and sensor alike. Tracked joints move by some millimetres from frame to
+frame, which two derivatives turn into metres per second squared; the kernel leaves 0.1 m/s2 of that."""
+
+
+def specific_force(joints: JointTable, segment: str) -> Signals:
+    """Acceleration without gravity's, m/s2, in the segment's axes: what an accelerometer on it measures.
+
+    values (g, 3), NaN in gaps. At rest it is gravity's reaction, upwards.
+    """
+    time_s, middle_m, axes = _motion(joints, segment)
+    acceleration = _derivative(_derivative(middle_m)) + GRAVITY_M_S2 * UP
+    return Signals(time_s, np.einsum("gij,gi->gj", axes, acceleration))
+
+
+def angular_velocity(joints: JointTable, segment: str) -> Signals:
+    """Angular velocity, rad/s, in the segment's axes: what a gyroscope on it measures. values (g, 3), NaN in gaps."""
+    time_s, _, axes = _motion(joints, segment)
+    rate = np.einsum("gij,gik->gjk", axes, _derivative(axes.reshape(-1, 9)).reshape(-1, 3, 3))
+    return Signals(time_s, np.stack([rate[:, 2, 1], rate[:, 0, 2], rate[:, 1, 0]], axis=1))
+
+
+def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float) -> float:
+    """What errors of the segment's direction add to the sigma of an offset found from ``from_s`` to ``to_s``.
+
+    In a movement that goes one way, such as sitting down, a segment that is tracked too far forward in mid-way looks
+    as if it were early. Going back it looks late, so that only the change from the first posture to the last counts.
+    NaN where the segment is not known.
+    """
+    time_s, _, axes = _motion(joints, segment)
+    along = axes[(time_s >= from_s) & (time_s <= to_s)][:, :, 1]
+    along = along[np.isfinite(along).all(axis=1)]
+    if len(along) < 2:
+        return float("nan")
+    speed = _derivative(along)
+    return float(DIRECTION_ERROR_RAD * np.linalg.norm(along[-1] - along[0]) * GRID_HZ / (speed**2).sum())
+
+
+def _motion(joints: JointTable, segment: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (g,) of the grid, and there the smoothed middle (g, 3) in metres and axes (g, 3, 3) of a segment."""
+    upper, lower = (JOINT_INDEX[name] for name in SEGMENTS[segment])
+    middle_m = joints.position_m[:, [upper, lower]].mean(axis=1)
+    axes = segment_axes(joints.position_m)[:, lower]
+    smooth = on_grid(joints.time_s, np.concatenate([middle_m, axes.reshape(-1, 9)], axis=1), SMOOTHING_S)
+    return smooth.time_s, smooth.values[:, :3], smooth.values[:, 3:].reshape(-1, 3, 3)
+
+
+def _derivative(values: np.ndarray) -> np.ndarray:
+    """Per second, of (g, k) on the grid."""
+    return np.asarray(np.gradient(values, 1.0 / GRID_HZ, axis=0))

@@ -1,0 +1,134 @@
+"""Find another clock from pulses that both recorded: onsets in one are matched with onsets in the other."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from anchorpose.agreement.clock import RIVAL_DISTANCE_S, NoCommonMovement, OtherClock
+from anchorpose.calibration.clock_lags import DRIFT_SIGMA
+from anchorpose.recording.recording import nearest_within
+
+MOST_PULSES: Final = 1000
+"""Of one file. More than that is a signal without pulses, or the clock of a camera, which says nothing of offsets."""
+
+LEAST_PULSES: Final = 3
+"""Matched pulses, where nothing else is known of the offset: two with the same distance are common by chance."""
+
+ANCHORS: Final = 20
+"""Onsets of ours that offsets are tried with; a pulse that only one file has may be among them."""
+
+TOLERANCE_S: Final = 0.02
+"""Between matched onsets: the jitter of a marker that another program sends, and of a sample of a slow signal."""
+
+LEAST_SHARE: Final = 0.5
+"""Of the pulses that either file has in the common time, to be matched."""
+
+RIVAL_SHARE: Final = 0.75
+"""Of the matched pulses: with so many at another offset, pulses are too evenly spaced to tell the two apart."""
+
+LEAST_SIGMA_S: Final = 0.001
+"""Of one onset: a sample of a signal at 300 Hz, evenly distributed."""
+
+ROUNDS: Final = 5
+"""Of line and sigma in turn."""
+
+HIGH, LOW = 0.6, 0.4
+"""Shares of the way from the lowest value to the highest: a pulse is above the first and has ended below the second."""
+
+
+def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(p,) times at which pulses begin in a signal (n,) at times (n,); NaN is no pulse.
+
+    The rarer of its two levels is the pulse, so that pulses may go down. The onset lies midway between two samples,
+    unless the signal rises slowly.
+    """
+    known = np.isfinite(values)
+    times, heights = time_s[known], values[known]
+    if len(heights) < 2 or np.ptp(heights) <= 0.0:
+        return np.empty(0)
+    level = (heights - heights.min()) / np.ptp(heights)
+    level = 1.0 - level if (level > 0.5).mean() > 0.5 else level
+    sample = np.arange(len(level))
+    clear = np.maximum.accumulate(np.where((level >= HIGH) | (level <= LOW), sample, 0))  # the last sample that is
+    is_high = level[clear] >= HIGH
+    begun = np.flatnonzero(is_high[1:] & ~is_high[:-1]) + 1
+    below = np.maximum.accumulate(np.where(level < 0.5, sample, 0))[begun]
+    share = (0.5 - level[below]) / (level[below + 1] - level[below])
+    return np.asarray(times[below] + share * (times[below + 1] - times[below]))
+
+
+def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None = None) -> tuple[OtherClock, int]:
+    """The other clock, and how many pulses were matched; ours (n,) and theirs (m,) are onsets, rising.
+
+    near_s: an offset that is right within half a second, None where none is known. Raises NoCommonMovement where too
+    few pulses match, or another offset matches nearly as many.
+    """
+    if not len(ours_s) or not len(theirs_s):
+        raise NoCommonMovement("one of the two has no pulse")
+    tried = _candidates(ours_s, theirs_s, near_s)
+    counts = np.array([len(_matched(ours_s, theirs_s, *each)[0]) for each in tried])
+    if not len(counts):
+        raise NoCommonMovement("no pulses lie as far apart as --near states")
+    best = int(np.argmax(counts))
+    far = np.abs(tried[:, 0] - tried[best, 0]) > 5.0 * TOLERANCE_S
+    rivals = np.flatnonzero(far & (counts >= RIVAL_SHARE * counts[best]))
+    _require_enough(ours_s, theirs_s, float(tried[best, 0]), int(counts[best]), near_s)
+    if len(rivals):
+        other = tried[rivals[np.argmax(counts[rivals])], 0]
+        raise NoCommonMovement(
+            f"offsets of {tried[best, 0]:.2f} and {other:.2f} s match {counts[best]} and {counts[rivals].max()} pulses"
+        )
+    mine, theirs = _matched(ours_s, theirs_s, *tried[best])
+    return _fitted(ours_s[mine], theirs_s[theirs]), len(mine)
+
+
+def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) -> np.ndarray:
+    """(c, 2) offsets and the times of ours at which they hold: each onset of theirs less an anchor of ours."""
+    anchors = ours_s[np.unique(np.linspace(0, len(ours_s) - 1, ANCHORS).astype(int))]
+    tried = np.array([(theirs - anchor, anchor) for anchor in anchors for theirs in theirs_s])
+    return tried if near_s is None else tried[np.abs(tried[:, 0] - near_s) <= RIVAL_DISTANCE_S]
+
+
+def _matched(
+    ours_s: np.ndarray, theirs_s: np.ndarray, offset_s: float, anchor_s: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Indices (k,) of the onsets that match, ours and theirs; farther from the anchor clocks may have drifted."""
+    within_s = TOLERANCE_S + 2.0 * DRIFT_SIGMA * np.abs(ours_s - anchor_s)
+    found = nearest_within(ours_s + offset_s, theirs_s, within_s)
+    return np.flatnonzero(found >= 0), found[found >= 0]
+
+
+def _require_enough(
+    ours_s: np.ndarray, theirs_s: np.ndarray, offset_s: float, matched: int, near_s: float | None
+) -> None:
+    least = LEAST_PULSES if near_s is None else 1
+    if matched < least:
+        raise NoCommonMovement(f"{matched} pulses match, and {least} are needed")
+    there_s = theirs_s - offset_s
+    from_s, to_s = max(ours_s[0], there_s[0]) - TOLERANCE_S, min(ours_s[-1], there_s[-1]) + TOLERANCE_S
+    most = max(int(((each >= from_s) & (each <= to_s)).sum()) for each in (ours_s, there_s))
+    if matched < LEAST_SHARE * most:
+        raise NoCommonMovement(f"only {matched} of {most} pulses match")
+
+
+def _fitted(ours_s: np.ndarray, theirs_s: np.ndarray) -> OtherClock:
+    """The line through matched onsets (k,), of which the drift has a prior of 0 ± ``DRIFT_SIGMA``."""
+    middle_s, ahead_s = float(ours_s.mean()), theirs_s - ours_s
+    since_s, offset_s = ours_s - middle_s, float(ahead_s.mean())
+    sigma_s, drift, information = TOLERANCE_S / 2.0, 0.0, DRIFT_SIGMA**-2
+    for _ in range(ROUNDS):  # the first knows no sigma yet
+        information = float((since_s**2).sum()) / sigma_s**2 + DRIFT_SIGMA**-2
+        drift = float((since_s * (ahead_s - offset_s)).sum()) / sigma_s**2 / information
+        left_s = ahead_s - offset_s - drift * since_s
+        if len(left_s) >= LEAST_PULSES:
+            sigma_s = max(LEAST_SIGMA_S, float(np.std(left_s, ddof=1)))
+    return OtherClock(
+        offset_s=offset_s,
+        offset_sigma_s=sigma_s / float(np.sqrt(len(ours_s))),
+        drift=drift,
+        drift_sigma=information**-0.5,
+        middle_s=middle_s,
+        overlap_s=(float(ours_s[0]), float(ours_s[-1])),
+    )

@@ -1,0 +1,80 @@
+"""When shared pulses began on the clock of the recording: as a table of events or pulses states it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.errors import InputError
+from anchorpose.recording.document import read_text
+from anchorpose.recording.regular_file import LARGEST_TABLE
+from anchorpose.results.parquet import TRACK_AGAIN
+from anchorpose.results.run_record import RUN_FILE, read_run
+from anchorpose.results.tables import JointTable
+from anchorpose.sync.csv_file import TIME_COLUMNS, read_csv
+from anchorpose.sync.pulses import rising_onsets
+
+EVENTS_REMEDY: Final = "give an events.tsv, whose first line begins with onset, duration, trial_type, or a .csv"
+
+
+def recorded_onsets(path: Path, results: Path, joints: JointTable, column: str, kind: str | None) -> np.ndarray:
+    """(p,) seconds on the clock of the first camera, rising.
+
+    path: an events.tsv, whose onsets count from the recording's first frame, or a .csv on the recording's clock, with
+    the signal ``column``, or with times alone, one per pulse. kind: the trial_type to take, None for all. Raises
+    InputError where the file cannot be used.
+    """
+    if path.suffix.lower() == ".tsv":
+        return np.unique(_events(path, kind) + first_frame_s(results, joints))
+    if kind is not None:
+        raise InputError(path, "is not an events.tsv", "leave out --pulse-type, or give an events.tsv")
+    if path.suffix.lower() != ".csv":
+        raise InputError(path, f"ends in '{path.suffix}'", EVENTS_REMEDY)
+    if read_text(path, LARGEST_TABLE).partition("\n")[0].strip() in TIME_COLUMNS:
+        return _times(path)
+    time_s, values = read_csv(path).take((column,))
+    return rising_onsets(time_s, values[:, 0])
+
+
+def _times(path: Path) -> np.ndarray:
+    """One time per line below the name."""
+    cells = read_text(path, LARGEST_TABLE).split()[1:]
+    return np.unique([_number(path, cell) for cell in cells])
+
+
+def _events(path: Path, kind: str | None) -> np.ndarray:
+    """Onsets of the rows of events.tsv, of one trial_type or of all."""
+    lines = [line.split("\t") for line in read_text(path, LARGEST_TABLE).splitlines() if line.strip()]
+    head = [name.strip() for name in lines[0]] if lines else []
+    if not {"onset", "trial_type"} <= set(head):
+        raise InputError(path, "has no columns onset and trial_type", EVENTS_REMEDY)
+    if any(len(line) != len(head) for line in lines):
+        raise InputError(path, f"has lines without {len(head)} cells", "correct them")
+    onset, name = head.index("onset"), head.index("trial_type")
+    chosen = [line for line in lines[1:] if kind is None or line[name].strip() == kind]
+    if not chosen:
+        raise InputError(path, f"has no row of the trial_type '{kind}'" if kind else "has no row", EVENTS_REMEDY)
+    return np.array([_number(path, line[onset]) for line in chosen])
+
+
+def _number(path: Path, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(path, f"has the time '{text[:40]}'", "write seconds with a decimal point")
+    return value
+
+
+def first_frame_s(results: Path, joints: JointTable) -> float:
+    """When the recording began on the clock of its first camera; raises InputError where that is not known."""
+    run: dict[str, Any] = read_run(results / RUN_FILE)
+    if run.get("recorded"):
+        return float(run["recorded"]["first_s"])
+    if (run.get("config") or {}).get("start"):
+        problem = "does not state when the recording began, and its beginning was not tracked"
+        raise InputError(results / RUN_FILE, problem, TRACK_AGAIN)
+    return float(joints.time_s[0])

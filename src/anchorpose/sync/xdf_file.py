@@ -1,0 +1,103 @@
+"""Streams of an XDF file, as LabRecorder writes them, on the clock of the computer that recorded it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.errors import InputError, MissingPackage
+from anchorpose.recording.regular_file import open_regular, require_regular
+from anchorpose.sync.streams import LARGEST_BYTES, Markers, OtherFile, Stream, distinct, usable
+
+MAGIC: Final = b"XDF:"
+
+REMEDY: Final = "give a file that LabRecorder or another program has written as XDF"
+
+
+def read_xdf(path: Path) -> OtherFile:
+    """Streams of numbers as signals, streams of texts as markers; times are corrected by the clock offsets in the file.
+
+    Raises InputError where it is not XDF or holds nothing, MissingPackage without pyxdf.
+    """
+    try:
+        import pyxdf
+    except ImportError:
+        raise MissingPackage("sync with an XDF file", "pyxdf", "sync") from None
+    _require_xdf(path)
+    with _complaints() as damaged:
+        try:
+            found = pyxdf.load_xdf(str(path))[0]
+            streams = [each for each in found if len(each["time_stamps"])]
+            names = distinct([_name(each) for each in streams])
+            signals = [_signals(name, each) for name, each in zip(names, streams, strict=True) if _has_numbers(each)]
+            markers = [
+                Markers(name, np.unique(np.asarray(each["time_stamps"], dtype=np.float64)))
+                for name, each in zip(names, streams, strict=True)
+                if not _has_numbers(each)
+            ]
+        except Exception as error:  # the library raises whatever comes of damaged bytes
+            reason = (str(error).splitlines() or [type(error).__name__])[0][:80]
+            raise InputError(path, f"cannot be read as XDF ({reason})", REMEDY) from None
+    notes = [f"{path.name} is damaged, and what is whole was read ({damaged[0][:80]})"] if damaged else []
+    return usable(path, signals, markers, notes)
+
+
+def _require_xdf(path: Path) -> None:
+    try:
+        require_regular(path, LARGEST_BYTES)
+        with open_regular(path) as file:
+            begins = file.read(len(MAGIC))
+    except FileNotFoundError:
+        raise InputError(path, "there is no such file", "check the path") from None
+    if begins != MAGIC:
+        raise InputError(path, "is not an XDF file", REMEDY)
+
+
+@contextmanager
+def _complaints() -> Iterator[list[str]]:
+    """What the library logs about damage, which would otherwise go to the terminal."""
+    found = list[str]()
+
+    class Keeper(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.levelno >= logging.ERROR:
+                found.append(" ".join(record.getMessage().split()))
+
+    logger, keeper = logging.getLogger("pyxdf"), Keeper()
+    before = logger.propagate
+    logger.addHandler(keeper)
+    logger.propagate = False
+    try:
+        yield found
+    finally:
+        logger.removeHandler(keeper)
+        logger.propagate = before
+
+
+def _name(stream: Any) -> str:
+    return str(stream["info"]["name"][0])
+
+
+def _has_numbers(stream: Any) -> bool:
+    return isinstance(stream["time_series"], np.ndarray)
+
+
+def _signals(name: str, stream: Any) -> Stream:
+    values = np.asarray(stream["time_series"], dtype=np.float64)
+    labels = _labels(stream, values.shape[1])
+    return Stream(name, np.asarray(stream["time_stamps"], dtype=np.float64), labels, values)
+
+
+def _labels(stream: Any, count: int) -> tuple[str, ...]:
+    """Those of the header where each channel has one, otherwise ch1, ch2 and so on."""
+    try:
+        channels = stream["info"]["desc"][0]["channels"][0]["channel"]
+        found = [str(each["label"][0]) for each in channels]
+    except (KeyError, IndexError, TypeError):
+        found = []
+    return distinct(found if len(found) == count else [f"ch{number + 1}" for number in range(count)])
