@@ -31,7 +31,7 @@ def find_failed_stands(session: Session, config: TransitionConfig, events: Event
         return []
     settled = settled_postures(session.joints, session.stance, session.posture.upright, config)
     found = list[Event]()
-    for run in (run for run in posture_stretches(session.stance, time_s) if len(settled.sitting)):
+    for run in posture_stretches(session.stance, time_s):
         for block in _seated_blocks(run, settled.sitting, session.upright):
             seated = np.zeros(len(height), dtype=bool)
             for sitting in settled.sitting:
