@@ -113,6 +113,13 @@ def events_sidecar() -> dict[str, Any]:
                 "upright": "the patient stands upright",
                 "sit_to_stand": "the patient stands up",
                 "stand_to_sit": "the patient sits down",
+                "step_left": "the left foot swings, from foot off to foot strike",
+                "step_right": "the right foot swings, from foot off to foot strike",
+                "knee_buckle_left": "the left knee gives way, until it is bent the most",
+                "knee_buckle_right": "the right knee gives way, until it is bent the most",
+                "failed_stand": "the patient leaves the seat, until highest, and sinks back without having stood",
+                "recovery_step_left": "from a loss of balance until the left foot is placed",
+                "recovery_step_right": "from a loss of balance until the right foot is placed",
             }
         },
         "part": {"Description": "region of the patient's body that is touched"},

@@ -15,8 +15,13 @@ from anchorpose.exports.regular_time import regular_samples, stretch_name
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import ExportConfig
 from anchorpose.results.records import (
+    BUCKLE_LEFT,
+    BUCKLE_RIGHT,
     CONTACTS_FILE,
     EPISODES_FILE,
+    FAILED_STAND,
+    RECOVERY_LEFT,
+    RECOVERY_RIGHT,
     SIT_TO_STAND,
     STAND_TO_SIT,
     STEP_LEFT,
@@ -151,6 +156,11 @@ _NAMES: Final = {
     SIT_TO_STAND: (GENERAL, "Stand Up Start", "Stand Up End"),
     STAND_TO_SIT: (GENERAL, "Sit Down Start", "Sit Down End"),
     UPRIGHT_EPISODE: (GENERAL, "Upright Start", "Upright End"),
+    BUCKLE_LEFT: ("Left", "Knee Buckle Start", "Knee Buckle Deepest"),
+    BUCKLE_RIGHT: ("Right", "Knee Buckle Start", "Knee Buckle Deepest"),
+    FAILED_STAND: (GENERAL, "Failed Stand Start", "Failed Stand Highest"),
+    RECOVERY_LEFT: ("Left", "Balance Lost", "Recovery Step"),
+    RECOVERY_RIGHT: ("Right", "Balance Lost", "Recovery Step"),
 }
 
 

@@ -30,7 +30,13 @@ _LARGEST: Final = ("functional_reach", "single_leg_stance")  # the best of all t
 
 _AVERAGED: Final = ("hands_on_at_once_mean",)  # the only count that is a mean
 
-_EXTREMES: Final = ("_shortest", "_longest", "_most", "_range")  # the more there are, the more extreme one of them is
+_EXTREMES: Final = (
+    "_shortest",
+    "_longest",
+    "_most",
+    "_largest",
+    "_range",
+)  # the more there are, the more extreme one of them is
 
 
 class Span(NamedTuple):

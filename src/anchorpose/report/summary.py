@@ -16,7 +16,12 @@ from anchorpose.report.words import PERCENT, Form, counted, figure, listed, name
 from anchorpose.results.explained import PART_NAMES, SEEN_PAST, UNCOVERED_CM2, ExplainedTable, Moment, worst_moments
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.records import (
+    BUCKLE_LEFT,
+    BUCKLE_RIGHT,
     CONTACTS_FILE,
+    FAILED_STAND,
+    RECOVERY_LEFT,
+    RECOVERY_RIGHT,
     SIT_TO_STAND,
     STAND_TO_SIT,
     Contact,
@@ -92,7 +97,20 @@ def _transitions(session: Session) -> Markup:
         if count:
             form = Form(after=" time" if count == 1 else " times")
             seen.append(Markup("{} {}{}").format(words, least, figure(count, form)))
-    return Markup(" The patient {}.").format(Markup(" and ").join(seen)) if seen else Markup()
+    moves = Markup(" The patient {}.").format(Markup(" and ").join(seen)) if seen else Markup()
+    return moves + _events(session)
+
+
+def _events(session: Session) -> Markup:
+    """How many events were seen; nothing where there were none, since some may have been hidden."""
+    words = (
+        ("knee buckle", "knee buckles", (BUCKLE_LEFT, BUCKLE_RIGHT)),
+        ("failed stand", "failed stands", (FAILED_STAND,)),
+        ("recovery step", "recovery steps", (RECOVERY_LEFT, RECOVERY_RIGHT)),
+    )
+    counts = [(sum(each.kind in kinds for each in session.episodes), single, many) for single, many, kinds in words]
+    seen = [Markup("{} {}").format(figure(n, Form()), single if n == 1 else many) for n, single, many in counts if n]
+    return Markup(" Events seen: {}.").format(Markup(", ").join(seen)) if seen else Markup()
 
 
 def _touch(session: Session) -> Markup:

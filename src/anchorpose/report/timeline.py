@@ -27,11 +27,24 @@ from anchorpose.report.chart import (
     worst,
 )
 from anchorpose.report.curves import band_path, line_paths, step_path
+from anchorpose.report.measure_section import unit_of
 from anchorpose.report.session import Session
-from anchorpose.report.words import STATE_WORDS, Form, named_part
+from anchorpose.report.words import STATE_WORDS, Form, decimals_for, named_part, number
 from anchorpose.results.explained import EXPLAINED_FILE, unexplained
 from anchorpose.results.frame_table import UNKNOWN
-from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT, Contact, Episode
+from anchorpose.results.records import (
+    BUCKLE_LEFT,
+    BUCKLE_RIGHT,
+    CONTACTS_FILE,
+    EPISODES_FILE,
+    FAILED_STAND,
+    RECOVERY_LEFT,
+    RECOVERY_RIGHT,
+    SIT_TO_STAND,
+    STAND_TO_SIT,
+    Contact,
+    Episode,
+)
 from anchorpose.results.tables import JOINTS_FILE, NOT_UPRIGHT, POSTURE_FILE, UPRIGHT
 from anchorpose.results.trial_table import TRIALS_FILE, trial_rows
 from anchorpose.results.uncertainty import NORMAL_95
@@ -231,9 +244,9 @@ def _pictures(session: Session) -> list[Row]:
         return []
     places = session.bins.place_of(np.array([time_s for _, time_s in times])).tolist()
     marks = []
-    for number, ((frame, _), place) in enumerate(zip(times, places, strict=True), 1):
+    for shown, ((frame, _), place) in enumerate(zip(times, places, strict=True), 1):
         title, style = f"pictures of frame {frame}", f"left:{100 * place:.2f}%"
-        marks.append(Mark(text=str(number), kind="kept", style=style, title=title, link=f"#frame-{frame}"))
+        marks.append(Mark(text=str(shown), kind="kept", style=style, title=title, link=f"#frame-{frame}"))
     return [Row(label="pictures", height=26, marks=tuple(marks), kind="marks")]
 
 
@@ -255,14 +268,42 @@ def posture_rows(session: Session) -> list[Row]:
     levels = {"lost": 0.5 * unknown, "posture_light": standing * inferred, "posture": standing * (1 - inferred)}
     label = "upright" + (" (half a column: unknown)" if unknown.any() else "")
     rows = [heading("Posture"), _state_row(label, bins, 18, **levels)]
-    marks = tuple(_transition_mark(bins, episode) for episode in session.episodes if episode.kind in TRANSITIONS)
+    marks = tuple(_mark(bins, each, *TRANSITIONS[each.kind]) for each in session.episodes if each.kind in TRANSITIONS)
     if marks:
         rows.append(Row(label="▲ stands up, ▼ sits down", height=22, marks=marks, kind="marks"))
-    return rows
+    return [*rows, *event_rows(session)]
+
+
+EVENTS: Final = {
+    BUCKLE_LEFT: ("L", "left knee buckles", "knee buckles, L left, R right"),
+    BUCKLE_RIGHT: ("R", "right knee buckles", "knee buckles, L left, R right"),
+    FAILED_STAND: ("↧", "fails to stand", "↧ fails to stand"),
+    RECOVERY_LEFT: ("L", "recovery step of the left foot", "recovery steps, L left, R right"),
+    RECOVERY_RIGHT: ("R", "recovery step of the right foot", "recovery steps, L left, R right"),
+}
+"""Sign, words and row of each kind of event."""
+
+
+def event_rows(session: Session) -> list[Row]:
+    """A row of marks per kind of event that was seen; no row where there was none."""
+    rows: dict[str, list[Mark]] = {}
+    for episode in session.episodes:
+        if episode.kind in EVENTS:
+            sign, words, label = EVENTS[episode.kind]
+            rows.setdefault(label, []).append(_mark(session.bins, episode, sign, f"{words} by {_depth(episode)}"))
+    return [Row(label=label, height=22, marks=tuple(marks), kind="marks") for label, marks in rows.items()]
+
+
+def _depth(episode: Episode) -> str:
+    """How far an event went, with 1.96 of its sigma."""
+    times, after = unit_of(episode.unit or "1")
+    depth, reach = times * (episode.depth or 0.0), times * NORMAL_95 * (episode.sigma or 0.0)
+    decimals = decimals_for(reach, depth)
+    return f"{number(depth, decimals)} ± {number(reach, decimals)}{after}"
 
 
 def posture_readings(session: Session) -> list[Reading]:
-    """For each group of frames: every posture in it, and the transitions under way."""
+    """For each group of frames: every posture in it, and the transitions and events under way."""
     bins = session.bins
     words = [
         POSTURE_WORDS[code] + ("" if seen or code == UNKNOWN else " (inferred)")
@@ -273,18 +314,18 @@ def posture_readings(session: Session) -> list[Reading]:
     ]
     moves = [
         " and ".join(
-            TRANSITIONS[episode.kind][1]
+            {**TRANSITIONS, **EVENTS}[episode.kind][1]
             for episode in session.episodes
-            if episode.kind in TRANSITIONS and episode.first_frame <= last and episode.last_frame >= first
+            if episode.kind in {**TRANSITIONS, **EVENTS}
+            if episode.first_frame <= last and episode.last_frame >= first
         )
         for first, last in zip(bins.frame[bins.start], bins.frame[bins.last], strict=True)
     ]
     return [Reading(label="", text=Column("posture", postures)), Reading(label="", text=Column("transition", moves))]
 
 
-def _transition_mark(bins: Bins, episode: Episode) -> Mark:
+def _mark(bins: Bins, episode: Episode, sign: str, words: str) -> Mark:
     begin, end = bins.place_of(np.array([episode.start_s, episode.end_s])).tolist()
-    sign, words = TRANSITIONS[episode.kind]
     return Mark(
         text=sign,
         kind="move" if episode.state is JointState.OBSERVED else "move unsure",

@@ -6,7 +6,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, Final
@@ -28,14 +28,19 @@ from anchorpose.results.records import (
     write_episodes,
     write_measures,
 )
+from anchorpose.results.stand_training.buckles import find_buckles
 from anchorpose.results.stand_training.centre_of_mass import SwayConfig, centre_of_mass, sway_measures
+from anchorpose.results.stand_training.event import Event, EventConfig, beginning_in, event_episodes
+from anchorpose.results.stand_training.event_measures import event_measures
 from anchorpose.results.stand_training.extension import (
     ExtensionConfig,
     extension_measures,
     range_measures,
     symmetry_measures,
 )
+from anchorpose.results.stand_training.failed_stands import find_failed_stands
 from anchorpose.results.stand_training.independence import IndependenceConfig, independence_measures
+from anchorpose.results.stand_training.recovery_steps import find_recovery_steps
 from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, unknown, upright
 from anchorpose.results.stand_training.steps import Step, find_steps, step_episodes, step_measures
 from anchorpose.results.stand_training.tasks import task_measures
@@ -47,6 +52,7 @@ from anchorpose.results.stand_training.touch import (
     time_with_sigma,
     touch_of,
 )
+from anchorpose.results.stand_training.tremor import TremorConfig, tremor_measures
 from anchorpose.results.stand_training.upright import (
     Transition,
     TransitionConfig,
@@ -159,6 +165,8 @@ class MeasureConfig:
     extension: ExtensionConfig = field(default_factory=ExtensionConfig)
     sway: SwayConfig = field(default_factory=SwayConfig)
     independence: IndependenceConfig = field(default_factory=IndependenceConfig)
+    events: EventConfig = field(default_factory=EventConfig)
+    tremor: TremorConfig = field(default_factory=TremorConfig)
 
 
 def measure_session(
@@ -180,7 +188,7 @@ def measure_session(
     state = upright(found, config.upright)
     moves = transitions(joints, found, state, config.transitions)
     bouts, steps = upright_episodes(joints, found, state), find_steps(joints, state == UPRIGHT)
-    session = Session(
+    quiet = Session(
         joints=joints,
         angles=angles,
         posture=PostureTable(
@@ -197,18 +205,31 @@ def measure_session(
         contacts=contacts,
         equipment=tuple(equipment),
     )
-    measures = _measures(session, moves, steps, config)
+    events = find_events(quiet, steps, config)
+    session = replace(quiet, episodes=(*quiet.episodes, *event_episodes(joints, events)))
+    measures = _measures(session, moves, steps, events, config)
     if trials is None:
         return session, measures
 
     def of_trial(part: Session, rows: slice) -> list[Measure]:
-        return _measures(part, within(moves, rows), within(steps, rows), config)
+        return _measures(part, within(moves, rows), within(steps, rows), beginning_in(events, rows), config)
 
     return session, [*measures, *measures_by_trial(session, trials, measures, config.sway.settle_s, of_trial)]
 
 
-def _measures(session: Session, moves: list[Transition], steps: list[Step], config: MeasureConfig) -> list[Measure]:
-    """Every measure of a session, or of a part of it, with the transitions and steps that lie in it."""
+def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> list[Event]:
+    """Return what went wrong in a session whose transitions and steps are known, in the order of kinds and time."""
+    return [
+        *find_buckles(session, config.events),
+        *find_failed_stands(session, config.transitions, config.events),
+        *find_recovery_steps(session, steps, config.events),
+    ]
+
+
+def _measures(
+    session: Session, moves: list[Transition], steps: list[Step], events: list[Event], config: MeasureConfig
+) -> list[Measure]:
+    """Every measure of a session, or of a part of it, with the transitions, steps and events that lie in it."""
     return [
         *time_measures(session, config.upright),
         *transition_measures(session, moves),
@@ -218,6 +239,8 @@ def _measures(session: Session, moves: list[Transition], steps: list[Step], conf
         *range_measures(session),
         *task_measures(session, config.transitions),
         *step_measures(session, steps),
+        *event_measures(session, events, config.events),
+        *tremor_measures(session, config.tremor),
         *assistance_measures(session),
         *independence_measures(session, config.independence),
     ]

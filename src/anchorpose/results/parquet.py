@@ -184,7 +184,7 @@ class RecordTable(Generic[Row]):
     file: str
     record: type[Row]
     schema: pa.Schema
-    known: Mapping[str, Collection[str]] = field(default_factory=dict)
+    known: Mapping[str, Collection[str | None]] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     rows_per_group: int = 1024
     may_be_empty: bool = True

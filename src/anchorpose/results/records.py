@@ -132,15 +132,26 @@ UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT = "upright", "sit_to_stand", "stand_
 
 STEP_LEFT, STEP_RIGHT = "step_left", "step_right"
 
-EPISODE_KINDS: Final = (UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT, STEP_LEFT, STEP_RIGHT)
+BUCKLE_LEFT, BUCKLE_RIGHT = "knee_buckle_left", "knee_buckle_right"
+
+FAILED_STAND: Final = "failed_stand"
+
+RECOVERY_LEFT, RECOVERY_RIGHT = "recovery_step_left", "recovery_step_right"
+
+EVENT_KINDS: Final = (BUCKLE_LEFT, BUCKLE_RIGHT, FAILED_STAND, RECOVERY_LEFT, RECOVERY_RIGHT)
+"""Episodes that have a depth: something went wrong."""
+
+EPISODE_KINDS: Final = (UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT, STEP_LEFT, STEP_RIGHT, *EVENT_KINDS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Episode:
     """A stretch of time without a break in which the patient was upright, stood up, sat down, or swung a foot.
 
-    kind: one of ``EPISODE_KINDS``. first_frame, last_frame and start_s, end_s: both included. state: the worst of the
-    joints that it was recognised by, in any of its frames.
+    Or an event: a knee that buckled, a stand that failed, a recovery step. kind: one of ``EPISODE_KINDS``. first_frame,
+    last_frame and start_s, end_s: both included. state: the worst of the joints that it was recognised by, in any of
+    its frames. side, depth, sigma, unit: of an event, None for all others; side: "left", "right", or None for a failed
+    stand; depth: how far it went, in ``unit``, with one standard deviation.
     """
 
     kind: str
@@ -149,6 +160,10 @@ class Episode:
     start_s: float
     end_s: float
     state: JointState
+    side: str | None = None
+    depth: float | None = None
+    sigma: float | None = None
+    unit: str | None = None
 
     @property
     def seconds(self) -> float:
@@ -160,8 +175,9 @@ EPISODES: Final = RecordTable(
     file="episodes.parquet",
     record=Episode,
     schema=schema_of(Episode),
-    known={"kind": EPISODE_KINDS, "state": tuple(str(state) for state in JointState)},
-    limits=_SPAN_LIMITS,
+    known={"kind": EPISODE_KINDS, "state": tuple(str(state) for state in JointState), "side": ("left", "right", None)},
+    limits={**_SPAN_LIMITS, "depth": (0, LARGEST_VALUE), "sigma": (0, LARGEST_VALUE)},
+    later=dict.fromkeys(("side", "depth", "sigma", "unit")),
     remedy=MEASURE_AGAIN,
 )
 EPISODES_FILE: Final = EPISODES.file

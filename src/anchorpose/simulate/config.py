@@ -28,8 +28,12 @@ TaskName = Literal[
 MOTIONS: Final = (
     *("standing", "squat", "weight-shift", "trunk", "steps", "sit-to-stand"),
     *("reach", "arm-raise", "head", "rails"),
+    "buckle",
 )
-"""What a patient can be asked to do; ``mixed`` draws from all of them, legs and arms at once."""
+"""What a patient can be asked to do; ``mixed`` draws from all but ``NAMED_ONLY``, legs and arms at once."""
+
+NAMED_ONLY: Final = ("buckle",)
+"""Motions that nobody does on purpose."""
 
 BEHIND_AND_BEFORE: Final[tuple[TaskName, ...]] = ("trunk from behind", "both knees from the front")
 FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})

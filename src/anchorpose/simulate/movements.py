@@ -133,6 +133,14 @@ def timed(rng: np.random.Generator, offsets: Offsets, start_s: float, pace: floa
     return Movement(offsets, start_s, rise_s, rng.uniform(0.1, 0.9) * pace, fall_s)
 
 
+def buckle(rng: np.random.Generator, start_s: float) -> Movement:
+    """One knee gives way within 0.2 to 0.45 s, and the pelvis sinks on that side; the leg straightens in a second."""
+    way, drop_m = float(rng.choice([-1.0, 1.0])), float(rng.uniform(0.07, 0.10))  # 1: the right knee
+    offsets = (("pelvis_up", -drop_m), ("pelvis_side", 0.2 * way), ("pelvis_right", -0.03 * way))
+    fall_s, caught_s = rng.uniform(0.2, 0.45), rng.uniform(0.2, 0.5)
+    return Movement(offsets, start_s, float(fall_s), float(caught_s), 1.0)
+
+
 def draw_pace(rng: np.random.Generator, speed: str) -> float:
     """Factor on durations."""
     return PACE[str(rng.choice(list(PACE)))] if speed == "mixed" else PACE[speed]

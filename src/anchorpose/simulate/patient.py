@@ -8,8 +8,8 @@ import numpy as np
 
 from anchorpose.rotations import FORWARD, UP, orthonormal_frame
 from anchorpose.simulate.aids import HeldEquipment
-from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.movements import ARM_MOTIONS, LEG_MOTIONS, REST_ELBOW, Situation, draw_pace, timed
+from anchorpose.simulate.config import NAMED_ONLY, SimulationConfig
+from anchorpose.simulate.movements import ARM_MOTIONS, LEG_MOTIONS, REST_ELBOW, Situation, buckle, draw_pace, timed
 from anchorpose.simulate.person import Person
 from anchorpose.simulate.posture import OUTWARD, finger_direction, palm_normal, pose_bones
 from anchorpose.simulate.timeline import (
@@ -135,6 +135,7 @@ def draw_patient(
     footwork = _come_and_go(rng, footwork, config)
     mixed = "mixed" in config.motions
     legs = [m for m in (*LEG_MOTIONS, "steps") if mixed or m in config.motions]
+    legs += [m for m in NAMED_ONLY if m in config.motions]
     if config.away_s:
         legs = [m for m in legs if m != "steps"]  # walking in and out is enough
     arms = [m for m in ARM_MOTIONS if mixed or m in config.motions]
@@ -146,6 +147,9 @@ def draw_patient(
             footwork, shifts = _draw_steps(rng, footwork, now, pace, here)
             movements += shifts
             now = footwork.steps[-1].start_s + footwork.steps[-1].duration_s + 0.3
+        elif name == "buckle":
+            movements.append(buckle(rng, now + rng.uniform(1.0, 2.0)))
+            now = movements[-1].end_s
         else:
             movements.append(timed(rng, LEG_MOTIONS[name](rng, here), now, pace))
             now = movements[-1].end_s + rng.uniform(-0.2, 0.3)

@@ -17,6 +17,7 @@ from anchorpose.joints import JOINT_INDEX, LOST, STATE_CODE, JointState
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import runs_of_known
 from anchorpose.results.records import Contact, Measure, with_people
+from anchorpose.results.stand_training.event import latency_sigma_s
 from anchorpose.results.stand_training.stance import Session, hold, known, unknown
 from anchorpose.results.stand_training.touch import (
     NEVER_FOUND,
@@ -104,12 +105,14 @@ def independence_measures(session: Session, config: IndependenceConfig) -> list[
 
 class _Extended(NamedTuple):
     """is_known (n,) bool: upright, and the angle is known; decided (n,) bool: that, or known not to be upright. frames
-    (n,) bool: extended. sigma_s: of the time of these by the angle's error. codes (n,): state of the worst joint
-    used."""
+    (n,) bool: extended; less, more (n,) bool: the same where the angle errs by one sigma to either side. sigma_s: of
+    the time of these by that error. codes (n,): state of the worst joint used."""
 
     is_known: np.ndarray
     decided: np.ndarray
     frames: np.ndarray
+    less: np.ndarray
+    more: np.ndarray
     sigma_s: float
     codes: np.ndarray
 
@@ -126,7 +129,7 @@ def _extended(session: Session, part: _Part, config: IndependenceConfig) -> _Ext
     less, frames, more = (_held_extended(degrees + shift * error, config) & is_known for shift in (1.0, 0.0, -1.0))
     sigma_s = 0.5 * float(session.seconds[more].sum() - session.seconds[less].sum())
     decided = is_known | (session.posture.upright == NOT_UPRIGHT)
-    return _Extended(is_known, decided, frames, sigma_s, codes)
+    return _Extended(is_known, decided, frames, less, more, sigma_s, codes)
 
 
 def _held_extended(degrees: np.ndarray, config: IndependenceConfig) -> np.ndarray:
@@ -139,9 +142,9 @@ def _extension(session: Session, part: _Part, config: IndependenceConfig) -> lis
     names = {f"{name}_{what}": unit for what, unit in _EXTENSION.items()}
     if not found.is_known.any():
         return [unknown(measure, unit, NOT_KNOWN, part.side) for measure, unit in names.items()]
-    rows = [_row(session, part, f"{name}_time", found, _Free(found.frames, 0.0))]
+    rows = [_row(session, part, f"{name}_time", found, _Free(found.frames, 0.0)), _latency(session, part, found)]
     if session.helping is None:
-        return rows + [unknown(measure, names[measure], NO_CONTACTS, part.side) for measure in list(names)[1:]]
+        return rows + [unknown(measure, names[measure], NO_CONTACTS, part.side) for measure in list(names)[2:]]
     rows.append(_row(session, part, f"{name}_hands_off_time", found, _free(session, part, found, session.helping)))
     alone = [f"{name}_alone_{what}" for what in ("time", "bouts", "longest")]
     if session.supports is None:
@@ -159,11 +162,33 @@ def _extension(session: Session, part: _Part, config: IndependenceConfig) -> lis
 
 _EXTENSION: Final = {
     "time": "s",
+    "latency": "s",
     "hands_off_time": "s",
     "alone_time": "s",
     "alone_bouts": "count",
     "alone_longest": "s",
 }
+
+
+EXTENDED_BEFORE: Final = "it was extended from the first frame on"
+NEVER_EXTENDED: Final = "it was never extended"
+
+
+def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
+    """Seconds from the first frame, of a trial its onset, until the part is extended for the first time.
+
+    Time in which nothing is known before that may hide an earlier extension.
+    """
+    name, time_s = f"{part.name}_extended_latency", session.joints.time_s
+    if not found.frames.any() or found.frames[0]:
+        why = EXTENDED_BEFORE if found.frames.any() else NEVER_EXTENDED
+        return unknown(name, "s", why, part.side, found.codes[found.is_known])
+    first = int(np.argmax(found.frames))
+    early, late = (int(np.argmax(some)) if some.any() else len(time_s) - 1 for some in (found.more, found.less))
+    unsure_s = float(session.seconds[:first][~found.decided[:first]].sum()) / np.sqrt(3.0)
+    sigma_s = np.hypot(0.5 * (time_s[late] - time_s[early]), unsure_s)
+    codes = found.codes[first : first + 1]
+    return known(name, "s", float(time_s[first] - time_s[0]), codes, latency_sigma_s(time_s, float(sigma_s)), part.side)
 
 
 class _Free(NamedTuple):

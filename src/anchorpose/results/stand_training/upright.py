@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -133,8 +133,15 @@ class Transition:
     sigma_s: float
 
 
-def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> list[Transition]:
-    """Every change between sitting and standing during which no joint was lost; state (n,) of ``upright``."""
+class Postures(NamedTuple):
+    """Runs of frames in which the patient sits and stands, each in the order of time, and long enough to be so."""
+
+    sitting: list[slice]
+    standing: list[slice]
+
+
+def settled_postures(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> Postures:
+    """Return when the patient sits and when the patient stands, at rest; state (n,) of ``upright``."""
     time_s, seconds, thigh = joints.time_s, frame_seconds(joints.time_s), stance.thigh_deg
     seated = hold(thigh >= config.seated_enter_deg, thigh < config.seated_leave_deg, np.isfinite(thigh)) == UPRIGHT
     sitting = [
@@ -147,8 +154,21 @@ def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: T
         for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, time_s)
         if _rests(seconds[run], -stance.height[run], config)
     ]
-    postures = sorted([(run.start, run, False) for run in sitting] + [(run.start, run, True) for run in standing])
-    stretches = unbroken_runs(np.isfinite(stance.height + thigh), time_s)
+    return Postures(sitting, standing)
+
+
+def posture_stretches(stance: Stance, time_s: np.ndarray) -> list[slice]:
+    """Return the stretches without a break in which height and inclination are known."""
+    return unbroken_runs(np.isfinite(stance.height + stance.thigh_deg), time_s)
+
+
+def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> list[Transition]:
+    """Every change between sitting and standing during which no joint was lost; state (n,) of ``upright``."""
+    time_s, settled = joints.time_s, settled_postures(joints, stance, state, config)
+    postures = sorted(
+        [(run.start, run, False) for run in settled.sitting] + [(run.start, run, True) for run in settled.standing]
+    )
+    stretches = posture_stretches(stance, time_s)
     found = list[Transition]()
     for (_, before, stood), (_, after, stands) in pairwise(postures):
         whole = any(stretch.start < before.stop and after.start < stretch.stop for stretch in stretches)

@@ -1,0 +1,151 @@
+"""Knees that buckle: one knee gives way, fast and further than the other, while the patient stands on that foot.
+
+The definition is our own. What distinguishes a buckle from other flexion:
+
+- a squat or sitting down bends both knees alike, so the knee must lead the other one;
+- a step lifts the foot, so the hip must come down more than the ankle goes up, and the foot must stay in its place;
+- who lowers a knee slowly controls it, so the flexion must be fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d, median_filter
+
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.records import BUCKLE_LEFT, BUCKLE_RIGHT, STAND_TO_SIT
+from anchorpose.results.stand_training.event import CHANGE_SHARE, Event, EventConfig, fast_enough, onset_row
+from anchorpose.results.stand_training.stance import Session
+from anchorpose.results.stand_training.steps import SHORTEST_M
+from anchorpose.results.uncertainty import sigma_of_difference
+
+KINDS: Final = {"left": BUCKLE_LEFT, "right": BUCKLE_RIGHT}
+_OTHER: Final = {"left": "right", "right": "left"}
+
+HELD_S: Final = 0.1
+"""Seconds of a running median: an error of a single frame is no flexion."""
+
+SMOOTHING_S: Final = 0.03
+"""Standard deviation of the kernel on the angles, a tenth of the time that a knee takes to give way."""
+
+BEFORE_S: Final = 0.3
+"""Seconds before the flexion that give the angle from which the knee gives way."""
+
+STILL_DEEPER_S: Final = 0.4
+"""The deepest angle is that after which none is deeper for so long."""
+
+
+class Knee(NamedTuple):
+    """degrees, sigma_deg, state_code (n,): of the knee's flexion."""
+
+    degrees: np.ndarray
+    sigma_deg: np.ndarray
+    state_code: np.ndarray
+
+
+def _knee(session: Session, side: str) -> Knee:
+    column, angles = session.angles.column(f"knee_flexion_{side}"), session.angles
+    return Knee(angles.degrees[:, column], angles.sigma_deg[:, column], angles.state_code[:, column])
+
+
+def find_buckles(session: Session, config: EventConfig) -> list[Event]:
+    """Return the buckles of both knees in the order of time; none where the frames are too far apart."""
+    if not fast_enough(session.joints.time_s):
+        return []
+    found = [event for side in KINDS for event in _of_side(session, side, config)]
+    return sorted(found, key=lambda event: event.frames.start)
+
+
+def buckle_watched(session: Session, side: str, config: EventConfig) -> np.ndarray:
+    """Return in which frames (n,) bool a buckle of this knee by ``buckle_deg`` would be told from errors."""
+    own, other = _knee(session, side), _knee(session, _OTHER[side])
+    error = config.times_sigma * CHANGE_SHARE * np.hypot(own.sigma_deg, other.sigma_deg)
+    return session.upright & np.isfinite(own.degrees + other.degrees) & (error <= config.buckle_deg)
+
+
+def _of_side(session: Session, side: str, config: EventConfig) -> Iterator[Event]:
+    own, other, time_s = _knee(session, side), _knee(session, _OTHER[side]), session.joints.time_s
+    step_s = usual_step_s(time_s)
+    for run in unbroken_runs(np.isfinite(own.degrees + other.degrees), time_s, 2.0 * step_s):
+        knees = tuple(_calm(knee.degrees[run], step_s) for knee in (own, other))
+        for flexion in _fast_flexions(time_s[run], knees[0], config):
+            sigma = _sigma(own, flexion, run.start)
+            lead = _rise(knees[0] - knees[1], flexion)
+            lead_sigma = float(np.hypot(sigma, _sigma(other, flexion, run.start)))
+            enough = flexion.depth_deg >= max(config.buckle_deg, config.times_sigma * sigma)
+            frames = slice(run.start + flexion.onset, run.start + flexion.deepest + 1)
+            leads = lead >= max(config.lead_deg, config.times_sigma * lead_sigma)
+            if enough and leads and _gives_way(session, side, frames):
+                state_code = int(own.state_code[frames].max())
+                yield Event(KINDS[side], frames, flexion.depth_deg, sigma, "deg", state_code)
+
+
+def _calm(degrees: np.ndarray, step_s: float) -> np.ndarray:
+    window = 2 * round(0.5 * HELD_S / step_s) + 1
+    return np.asarray(
+        gaussian_filter1d(median_filter(degrees, window, mode="nearest"), SMOOTHING_S / step_s, mode="nearest")
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Flexion:
+    """before: rows that give the angle before it; onset, deepest: rows; depth_deg: from before to the deepest."""
+
+    before: slice
+    onset: int
+    deepest: int
+    depth_deg: float
+
+
+def _fast_flexions(time_s: np.ndarray, degrees: np.ndarray, config: EventConfig) -> Iterator[Flexion]:
+    """Yield what bends by ``buckle_deg`` within ``fast_s``; time_s, degrees (k,) without a break."""
+    frames = round(config.fast_s / usual_step_s(time_s)) + 1 if len(time_s) > 1 else 1
+    padded = np.concatenate([np.full(frames - 1, degrees[0]), degrees])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, frames)
+    fast, done = degrees - windows.min(axis=1) >= config.buckle_deg, -1
+    for first in np.flatnonzero(fast).tolist():
+        lowest = max(first - frames + 1 + int(windows[first].argmin()), 0)
+        if lowest > done:
+            done = _deepest(time_s, degrees, first)
+            yield _measured(time_s, degrees, lowest, done)
+
+
+def _deepest(time_s: np.ndarray, degrees: np.ndarray, first: int) -> int:
+    best = first
+    for row in range(first, len(degrees)):
+        if degrees[row] > degrees[best]:
+            best = row
+        elif time_s[row] - time_s[best] > STILL_DEEPER_S:
+            break
+    return best
+
+
+def _measured(time_s: np.ndarray, degrees: np.ndarray, lowest: int, deepest: int) -> Flexion:
+    before = slice(int(np.searchsorted(time_s, time_s[lowest] - BEFORE_S)), lowest + 1)
+    base = float(np.median(degrees[before]))
+    onset = onset_row(time_s, degrees, base, slice(lowest, deepest + 1))
+    return Flexion(before, onset, deepest, float(degrees[deepest]) - base)
+
+
+def _rise(values: np.ndarray, flexion: Flexion) -> float:
+    return float(values[flexion.onset : flexion.deepest + 1].max() - np.median(values[flexion.before]))
+
+
+def _sigma(knee: Knee, flexion: Flexion, first: int) -> float:
+    return sigma_of_difference(*(float(knee.sigma_deg[first + row]) for row in (flexion.onset, flexion.deepest)))
+
+
+def _gives_way(session: Session, side: str, frames: slice) -> bool:
+    """Return whether the patient stood on this foot, which stays in place, and did not sit down."""
+    first, last = frames.start, frames.stop - 1
+    start_s, end_s = session.joints.time_s[[first, last]]
+    sits = any(e.kind == STAND_TO_SIT and e.start_s <= end_s and e.end_s >= start_s for e in session.episodes)
+    hip, ankle = (session.joints.position_m[:, JOINT_INDEX[f"{name}{side.capitalize()}"]] for name in ("Hip", "Ankle"))
+    sinks_m, lifts_m = hip[first, 1] - hip[last, 1], ankle[last, 1] - ankle[first, 1]
+    stays = np.linalg.norm((ankle[last] - ankle[first])[[0, 2]]) < SHORTEST_M
+    return bool(session.standing[first] and not sits and stays and sinks_m > lifts_m)

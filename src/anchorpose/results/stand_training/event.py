@@ -1,0 +1,135 @@
+"""Events of stand training: a knee that buckles, a stand that fails, a recovery step; and when each counts as found.
+
+An event is reported where it exceeds both a limit and what errors of measurement explain. The limits are our own
+definitions where no source is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Final
+
+import numpy as np
+from pydantic import Field
+
+from anchorpose.joints import JointState
+from anchorpose.results.frame_time import usual_step_s
+from anchorpose.results.records import Episode
+from anchorpose.results.tables import JointTable
+from anchorpose.results.uncertainty import SYSTEMATIC_SHARE
+from anchorpose.settings import Positive, settings
+
+LEAST_HZ: Final = 10.0
+"""Frames per second at least: with fewer, the fast part of an event has under four frames."""
+
+TOO_SLOW: Final = f"events need {LEAST_HZ:g} frames a second or more"
+
+ONSET_SIGMA_S: Final = 0.04
+"""One standard deviation of the time of an onset, as found on constructed events (docs/measures.md)."""
+
+CHANGE_SHARE: Final = float(np.sqrt(2.0 * (1.0 - SYSTEMATIC_SHARE)))
+"""Sigma of a change, in sigma of a value: the systematic part of the error is common to both ends."""
+
+
+@settings
+class EventConfig:
+    """From when on a buckle, a failed stand and a recovery step are events."""
+
+    # A knee that takes over the load in walking bends by about 15 degrees, from 5 to 20.
+    buckle_deg: Annotated[float, Field(gt=0, lt=90)] = 20.0
+    fast_s: Positive = 0.4  # the flexion by buckle_deg takes at most so long
+    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # over the other knee, so that a squat is not a buckle
+    failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3  # of the way from the seat to a straight leg: about 12 cm
+    beyond_m: Positive = 0.05  # of the feet, by the extrapolated centre of mass: errors of the feet's outline
+    times_sigma: Positive = 3.5  # of 3000 independent 0.4 s in ten minutes of two knees, errors alone exceed it in 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """frames: from its onset to its greatest depth, or to foot strike. kind: of ``EPISODE_KINDS``.
+
+    depth, sigma: in ``unit``; degrees of a buckle, share of the way of a failed stand, millimetres beyond the feet of a
+    recovery step. state_code: the worst of the joints that it was recognised by.
+    """
+
+    kind: str
+    frames: slice
+    depth: float
+    sigma: float
+    unit: str
+    state_code: int
+
+
+def event_episodes(joints: JointTable, events: Sequence[Event]) -> tuple[Episode, ...]:
+    """Return events as rows of episodes.parquet."""
+    return tuple(_episode(joints, event) for event in events)
+
+
+def _episode(joints: JointTable, event: Event) -> Episode:
+    first, last = event.frames.start, event.frames.stop - 1
+    side = next((side for side in ("left", "right") if event.kind.endswith(f"_{side}")), None)
+    return Episode(
+        kind=event.kind,
+        first_frame=int(joints.frame[first]),
+        last_frame=int(joints.frame[last]),
+        start_s=float(joints.time_s[first]),
+        end_s=float(joints.time_s[last]),
+        state=tuple(JointState)[event.state_code],
+        side=side,
+        depth=event.depth,
+        sigma=event.sigma,
+        unit=event.unit,
+    )
+
+
+def beginning_in(events: Sequence[Event], rows: slice) -> list[Event]:
+    """Return the events whose onset lies in the rows, with frames counted from the first of them.
+
+    An event belongs to the trial in which it begins, also if it ends after that trial.
+    """
+    first = rows.start
+    shifted = [(event, slice(event.frames.start - first, event.frames.stop - first)) for event in events]
+    return [replace(event, frames=frames) for event, frames in shifted if 0 <= frames.start < rows.stop - first]
+
+
+def fast_enough(time_s: np.ndarray) -> bool:
+    """Return whether the frames (n,) are dense enough for events; False for a single frame."""
+    return bool(usual_step_s(time_s) <= 1.0 / LEAST_HZ + ROUNDING_S)
+
+
+ROUNDING_S: Final = 0.001
+"""Time stamps are often written to the millisecond."""
+
+
+EARLY, LATE = 0.1, 0.4
+"""Shares of the depth at which the time is read: below the first is noise, beyond the second the movement is caught."""
+
+
+def onset_row(time_s: np.ndarray, values: np.ndarray, base: float, rows: slice) -> int:
+    """Return the row at which a movement begins that goes from ``base`` to its depth at the last of ``rows``.
+
+    It accelerates from rest, so that it grows with the square of the time: from the times t1 and t2 of a tenth and of
+    four tenths of the depth follows the onset 2 t1 - t2. time_s, values (n,).
+    """
+    depth = float(values[rows.stop - 1]) - base
+    late = rows.start + int(np.argmax(values[rows] >= base + LATE * depth))
+    below = np.flatnonzero(values[rows.start : late + 1] <= base + EARLY * depth)
+    early = rows.start + (int(below[-1]) if len(below) else 0)
+    t_early, t_late = (
+        _crossing(time_s, values, row, base + share * depth) for row, share in ((early, EARLY), (late - 1, LATE))
+    )
+    return int(np.abs(time_s - (2.0 * t_early - t_late)).argmin())
+
+
+def _crossing(time_s: np.ndarray, values: np.ndarray, row: int, level: float) -> float:
+    """Return when the values pass ``level`` between a row and the next."""
+    row = min(max(row, 0), len(values) - 2)
+    step = values[row + 1] - values[row]
+    share = float(np.clip((level - values[row]) / step, 0.0, 1.0)) if step > 0 else 0.0
+    return float(time_s[row] + share * (time_s[row + 1] - time_s[row]))
+
+
+def latency_sigma_s(time_s: np.ndarray, sigma_s: float) -> float:
+    """Return sigma of a latency: that of its end, and of a beginning that is up to a frame before the first frame."""
+    return float(np.hypot(sigma_s, usual_step_s(time_s) / np.sqrt(3.0)))

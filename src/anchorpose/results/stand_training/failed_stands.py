@@ -1,0 +1,79 @@
+"""Stands that fail: the patient leaves the seat and sinks back onto it before being upright."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from anchorpose.results.frame_time import unbroken_runs
+from anchorpose.results.records import FAILED_STAND
+from anchorpose.results.stand_training.event import Event, EventConfig, fast_enough, onset_row
+from anchorpose.results.stand_training.stance import Session
+from anchorpose.results.stand_training.upright import (
+    LOW_PERCENTILE,
+    TransitionConfig,
+    posture_stretches,
+    settled_postures,
+)
+from anchorpose.results.uncertainty import sigma_of_difference
+
+
+def find_failed_stands(session: Session, config: TransitionConfig, events: EventConfig) -> list[Event]:
+    """Return the rises that end on the seat again, in the order of time.
+
+    The way goes from the height of the pelvis on the seat to that over a straight leg, which is 1. A failed stand
+    ends where the pelvis is the highest. A patient who was upright for a moment has stood up.
+    """
+    time_s, height = session.joints.time_s, session.stance.height
+    if not fast_enough(time_s):
+        return []
+    settled = settled_postures(session.joints, session.stance, session.posture.upright, config)
+    found = list[Event]()
+    for run in posture_stretches(session.stance, time_s):
+        for block in _seated_blocks(run, settled.sitting, session.upright):
+            seated = np.zeros(len(height), dtype=bool)
+            for sitting in settled.sitting:
+                seated[max(sitting.start, block.start) : min(sitting.stop, block.stop)] = True
+            seat = float(np.percentile(height[seated & np.isfinite(height)], LOW_PERCENTILE))
+            found += _rises(session, block, seat, config, events)
+    return found
+
+
+def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Iterator[slice]:
+    """Yield from the beginning of a sitting to the end of the last one before the patient is upright, within a run."""
+    inside = [slice(max(s.start, run.start), min(s.stop, run.stop)) for s in sitting]
+    inside = [s for s in inside if s.start < s.stop]
+    while inside:
+        block = inside.pop(0)
+        while inside and not upright[block.stop : inside[0].start].any():
+            block = slice(block.start, inside.pop(0).stop)
+        yield block
+
+
+BACK: Final = 0.5
+"""Share of the least rise; below it the patient is back on the seat."""
+
+BEFORE_S: Final = 1.5
+"""Seconds before the pelvis is off the seat that give its height there: less than a third of them is the rise."""
+
+
+def _rises(
+    session: Session, block: slice, seat: float, config: TransitionConfig, events: EventConfig
+) -> Iterator[Event]:
+    """Yield the rises of a block that leave the seat and come back to it."""
+    time_s, stance = session.joints.time_s[block], session.stance
+    way = (stance.height[block] - seat) / (1.0 - seat)
+    for run in unbroken_runs(way > BACK * events.failed_rise, time_s):
+        if run.start == 0 or run.stop == len(way):
+            continue  # the beginning or the end is not in the block
+        highest = run.start + int(np.argmax(way[run]))
+        settled = int(np.searchsorted(time_s, time_s[run.start] - BEFORE_S))
+        base = float(np.median(way[settled : run.start]))
+        onset, depth = onset_row(time_s, way, base, slice(settled, highest + 1)), float(way[highest]) - base
+        frames = slice(block.start + onset, block.start + highest + 1)
+        sigma = sigma_of_difference(*stance.height_sigma[[frames.start, frames.stop - 1]].tolist()) / (1.0 - seat)
+        brief = time_s[run.stop - 1] - time_s[run.start] <= config.longest_s
+        if brief and depth >= max(events.failed_rise, events.times_sigma * sigma):
+            yield Event(FAILED_STAND, frames, depth, sigma, "1", int(stance.state_code[frames].max()))

@@ -1,0 +1,112 @@
+"""Recovery steps: standing still, the patient loses balance and a foot is placed where it catches the body.
+
+Balance is lost where the extrapolated centre of mass leaves the base of support (Hof et al. 2005,
+doi:10.1016/j.jbiomech.2004.03.025): a body that moves with speed v is carried as far as one that stands v / w farther,
+w being sqrt(g / l) of a pendulum as long as the centre of mass is high. The times and margins are our own definition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.records import RECOVERY_LEFT, RECOVERY_RIGHT
+from anchorpose.results.stand_training.event import Event, EventConfig, fast_enough
+from anchorpose.results.stand_training.stance import Session
+from anchorpose.results.stand_training.steps import Step
+
+KINDS: Final = {"left": RECOVERY_LEFT, "right": RECOVERY_RIGHT}
+
+GRAVITY_M_S2: Final = 9.81
+
+SMOOTHING_S: Final = 0.05
+"""Standard deviation of the kernel on the centre of mass, whose speed would else be noise."""
+
+FOOT_M: Final = 0.05
+"""How far the sole reaches beyond the joints of a foot: the heel behind the ankle, the toes before the toe base."""
+
+STILL_S: Final = 1.0
+"""Seconds without another step before a recovery step: who walks places a foot all the time."""
+
+WITHIN_S: Final = 1.2
+"""Seconds from the loss of balance to foot strike; who falls for longer is not caught by a step."""
+
+_ANKLES: Final = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
+_FEET: Final = [*_ANKLES, JOINT_INDEX["FootLeft"], JOINT_INDEX["FootRight"]]
+
+_TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
+DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
+"""(2, 72): the distance to a convex outline is the largest over all directions, within 0.1 % by these."""
+
+
+def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventConfig) -> list[Event]:
+    """Return the recovery steps in the order of time; they last from the loss of balance to foot strike."""
+    if not fast_enough(session.joints.time_s) or not steps:
+        return []
+    extrapolated_m = _extrapolated(session)
+    found = [_recovery(session, step, extrapolated_m, config) for step in _after_standing(session, steps)]
+    return [event for event in found if event is not None]
+
+
+def recovery_watched(session: Session, config: EventConfig) -> np.ndarray:
+    """Return in which frames (n,) bool a loss of balance by ``beyond_m`` would be told from errors."""
+    return np.asarray(session.upright & (config.times_sigma * _sigma_m(session) <= config.beyond_m))
+
+
+def _sigma_m(session: Session) -> np.ndarray:
+    """(n,) of the distance between the centre of mass and the feet's outline; NaN where a joint is lost."""
+    feet = session.joints.sigma_m[:, _FEET]
+    return np.asarray(np.hypot(session.posture.com_sigma_m, np.sqrt((feet**2).mean(axis=1))))
+
+
+def _extrapolated(session: Session) -> np.ndarray:
+    """(n, 2) on the floor, NaN where it is unknown."""
+    time_s, com_m = session.joints.time_s, session.posture.com_m
+    step_s, found = usual_step_s(time_s), np.full((len(time_s), 2), np.nan)
+    ankles_m = session.joints.position_m[:, _ANKLES, 1].min(axis=1)
+    known = np.isfinite(com_m).all(axis=1) & (com_m[:, 1] > ankles_m)
+    for run in unbroken_runs(known, time_s, 2.0 * step_s):
+        if run.stop - run.start > 2:
+            floor_m = gaussian_filter1d(com_m[run][:, [0, 2]], SMOOTHING_S / step_s, axis=0, mode="nearest")
+            frequency = np.sqrt(GRAVITY_M_S2 / np.median(com_m[run, 1] - ankles_m[run]))
+            found[run] = floor_m + np.gradient(floor_m, time_s[run], axis=0) / frequency
+    return found
+
+
+def _after_standing(session: Session, steps: Sequence[Step]) -> list[Step]:
+    """The steps before which no foot was in the air for ``STILL_S``."""
+    time_s = session.joints.time_s
+    ends = np.array([time_s[step.frames.stop - 1] for step in steps])
+    starts = np.array([time_s[step.frames.start] for step in steps])
+    return [
+        step
+        for step, start_s in zip(steps, starts.tolist(), strict=True)
+        if not ((ends > start_s - STILL_S) & (starts < start_s)).any()
+    ]
+
+
+def _recovery(session: Session, step: Step, extrapolated_m: np.ndarray, config: EventConfig) -> Event | None:
+    """The event, if balance was lost before foot off and not long before foot strike."""
+    time_s, off, strike = session.joints.time_s, step.frames.start, step.frames.stop - 1
+    first = int(np.searchsorted(time_s, time_s[strike] - WITHIN_S))
+    feet_m = session.joints.position_m[first : off + 1][:, _FEET][:, :, [0, 2]]
+    if off <= first or not session.upright[first : off + 1].all() or not np.isfinite(feet_m).all():
+        return None
+    outline = np.median(feet_m[: max((off - first) // 2, 1)], axis=0)
+    reach = (extrapolated_m[first : off + 1] @ DIRECTIONS - (outline @ DIRECTIONS).max(axis=0)).max(axis=1)
+    beyond_m = reach - FOOT_M
+    inside = np.flatnonzero(beyond_m <= 0.0)
+    if not len(inside) or not np.isfinite(beyond_m).all():
+        return None  # leant beyond the feet all the time, as on a rail
+    onset, depth_m = first + int(inside[-1]) + 1, float(beyond_m[inside[-1] :].max())
+    sigma_m = float(_sigma_m(session)[first : off + 1].mean())
+    if depth_m < max(config.beyond_m, config.times_sigma * sigma_m):
+        return None
+    frames = slice(onset, strike + 1)
+    codes = np.maximum(session.posture.state_code, session.joints.state_code[:, _FEET].max(axis=1))
+    return Event(KINDS[step.side], frames, 1000.0 * depth_m, 1000.0 * sigma_m, "mm", int(codes[frames].max()))

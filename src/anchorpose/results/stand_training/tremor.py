@@ -1,0 +1,136 @@
+"""Tremor and clonus: oscillation of knees and ankles between 3 and 8 Hz, where the frame rate can show it.
+
+Clonus after a spinal-cord injury is a rhythmic contraction at 3 to 8 Hz. Errors of joints spread over all frequencies,
+and a movement lies below 3 Hz, so an oscillation counts where a narrow peak holds most of what is faster than 1 Hz.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Final, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from anchorpose.joints import STATE_CODE, JointState
+from anchorpose.results.frame_time import recorded_seconds, unbroken_runs, usual_step_s
+from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Measure
+from anchorpose.results.stand_training.stance import Session, known, unknown
+from anchorpose.settings import Positive, settings
+
+LOWEST_HZ, HIGHEST_HZ = 3.0, 8.0
+
+LEAST_HZ: Final = 20.0
+"""Frames per second at least: 2.5 per period of the fastest oscillation."""
+
+WINDOW_S: Final = 2.0
+"""Seconds of a window, six periods of the slowest oscillation; frequencies are half a hertz apart."""
+
+MOVEMENT_HZ: Final = 1.0
+"""What is slower is posture and slow movement, beside which clonus is clonus all the same."""
+
+PEAK_HZ: Final = 0.75
+"""Half the width of a peak: that of a Hann window of two seconds, with a bin more for a frequency that wavers."""
+
+JOINTS: Final = {"knee": "knee_flexion", "ankle": "ankle_dorsiflexion"}
+UNITS: Final = {"time": "s", "frequency": "Hz", "amplitude": "deg"}
+
+TOO_SLOW: Final = f"oscillations up to {HIGHEST_HZ:g} Hz need {LEAST_HZ:g} frames a second or more"
+NOT_SEEN: Final = f"the joint was never seen for {WINDOW_S:g} s without a break and without a step"
+NONE: Final = "no such oscillation was seen"
+
+
+@settings
+class TremorConfig:
+    """When an oscillation counts."""
+
+    least_deg: Positive = 1.0  # amplitude: half of the way from one end to the other; the eye sees hardly less
+    peak_share: Annotated[float, Field(gt=0, lt=1)] = 0.6  # of the power above 1 Hz; white errors have 0.1 at 30 Hz
+
+
+class Window(NamedTuple):
+    """rows: of its frames. seconds: that it stands for. frequency_hz, amplitude_deg: of its peak; share: of the power
+    above ``MOVEMENT_HZ`` that the peak holds."""
+
+    rows: slice
+    seconds: float
+    frequency_hz: float
+    amplitude_deg: float
+    share: float
+
+
+def tremor_measures(session: Session, config: TremorConfig) -> list[Measure]:
+    """Time, frequency and amplitude of the oscillation of knees and ankles, on either side."""
+    return [row for joint in JOINTS for side in ("left", "right") for row in _of_joint(session, joint, side, config)]
+
+
+def _of_joint(session: Session, joint: str, side: str, config: TremorConfig) -> list[Measure]:
+    names = {f"tremor_{joint}_{what}": unit for what, unit in UNITS.items()}
+    column, time_s = session.angles.column(f"{JOINTS[joint]}_{side}"), session.joints.time_s
+    degrees, codes = session.angles.degrees[:, column], session.angles.state_code[:, column]
+    if not usual_step_s(time_s) <= 1.0 / LEAST_HZ + ROUNDING_S:
+        return [unknown(name, unit, TOO_SLOW, side) for name, unit in names.items()]
+    windows = list(_windows(time_s, degrees, np.isfinite(degrees) & (codes == SEEN) & ~_stepping(session)))
+    if not windows:
+        return [unknown(name, unit, NOT_SEEN, side) for name, unit in names.items()]
+    used = np.concatenate([codes[window.rows] for window in windows])
+    shaking = [w for w in windows if w.share >= config.peak_share and w.amplitude_deg >= config.least_deg]
+    total_s = float(sum(window.seconds for window in shaking))
+    sigma_s = WINDOW_S / np.sqrt(6.0) * np.sqrt(len(shaking)) if shaking else None
+    time_name, *others = names
+    rows = [known(time_name, "s", total_s, used, None if sigma_s is None else float(sigma_s), side)]
+    if not shaking:
+        return rows + [unknown(name, names[name], NONE, side) for name in others]
+    greatest = max(shaking, key=lambda window: window.amplitude_deg)
+    sigma_deg = greatest.amplitude_deg * np.sqrt(1.0 - greatest.share)
+    return [
+        *rows,
+        known(others[0], "Hz", greatest.frequency_hz, codes[greatest.rows], 0.25 / WINDOW_S, side),
+        known(others[1], "deg", greatest.amplitude_deg, codes[greatest.rows], float(sigma_deg), side),
+    ]
+
+
+def _stepping(session: Session) -> np.ndarray:
+    """Return in which frames (n,) bool a foot is in the air: quick steps shake a leg as fast as clonus does."""
+    time_s, stepping = session.joints.time_s, np.zeros(len(session.seconds), dtype=bool)
+    for episode in session.episodes:
+        if episode.kind in (STEP_LEFT, STEP_RIGHT):
+            stepping |= (time_s >= episode.start_s) & (time_s <= episode.end_s)
+    return stepping
+
+
+SEEN: Final = STATE_CODE[JointState.OBSERVED]
+
+ROUNDING_S: Final = 0.001
+"""Time stamps are often written to the millisecond."""
+
+
+def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Iterator[Window]:
+    """Yield the windows, one after another, of the frames (n,) that are ``seen``."""
+    step_s = usual_step_s(time_s)
+    for run in unbroken_runs(seen, time_s, 2.0 * step_s):
+        starts = np.arange(time_s[run.start], time_s[run.stop - 1] - WINDOW_S + 1.5 * step_s, WINDOW_S)
+        for start_s in starts.tolist():
+            first, stop = np.searchsorted(time_s, [start_s - ROUNDING_S, start_s + WINDOW_S - ROUNDING_S])
+            rows = slice(int(first), min(int(stop), run.stop))
+            yield _window(time_s[rows], degrees[rows], rows)
+
+
+def _window(time_s: np.ndarray, degrees: np.ndarray, rows: slice) -> Window:
+    """The peak between 3 and 8 Hz, of the angle without its mean and slope, by a Hann window."""
+    count = len(time_s)
+    even_s = np.linspace(time_s[0], time_s[-1], count)
+    even = np.interp(even_s, time_s, degrees)
+    even = even - np.polyval(np.polyfit(even_s - even_s[0], even, 1), even_s - even_s[0])
+    taper = np.hanning(count)
+    power = np.abs(np.fft.rfft(even * taper)) ** 2
+    frequency_hz = np.fft.rfftfreq(count, (even_s[-1] - even_s[0]) / (count - 1))
+    band = (frequency_hz >= LOWEST_HZ) & (frequency_hz <= HIGHEST_HZ)
+    top = int(np.argmax(np.where(band, power, -1.0)))
+    peak = np.abs(frequency_hz - frequency_hz[top]) <= PEAK_HZ
+    held, total = float(power[peak].sum()), float(power[frequency_hz > MOVEMENT_HZ].sum())
+    # a sine of amplitude A has the mean square A^2 / 2, of which the taper keeps its own sum of squares
+    amplitude = float(np.sqrt(4.0 * held / (count * (taper**2).sum())))
+    share = min(held / total, 1.0) if total > 0 else 0.0
+    centre = float((power[peak] * frequency_hz[peak]).sum() / held) if held > 0 else float(frequency_hz[top])
+    return Window(rows, recorded_seconds(time_s), centre, amplitude, share)
