@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -70,3 +71,20 @@ def test_geodesics_of_one_picture_are_printed(tmp_path):
     simulate_recording(tmp_path / "s", single(5, seconds=0.4, fps=10.0))
     told = run(EXAMPLES / "geodesics_of_one_picture.py", tmp_path / "s/recording", "--frame", "1")
     assert "head to FootLeft" in told
+
+
+def test_the_answers_to_a_newcomers_questions_are_in_the_files_that_the_page_names():
+    page, source = (ROOT / "docs/architecture.md").read_text(encoding="utf-8"), ROOT / "src/anchorpose"
+    rows = re.findall(r"^\| [^|]+\? \| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)
+    assert len(rows) == 12
+    for places, names in rows:
+        for place, name in zip(re.findall(r"`([^`]+)`", places), re.findall(r"`([^`]+)`", names), strict=True):
+            text = (source / place).read_text(encoding="utf-8")
+            assert re.search(rf"^(def|class) {name}\b", text, re.MULTILINE), f"{place} has no {name}"
+
+
+def test_the_code_on_the_page_is_the_way_of_a_frame():
+    (shown,) = re.findall(
+        r"^```python\n(.+?)^```$", (ROOT / "docs/architecture.md").read_text(), re.MULTILINE | re.DOTALL
+    )
+    assert textwrap.indent(shown, 8 * " ") in (ROOT / "src/anchorpose/tracker/patient.py").read_text()
