@@ -7,7 +7,7 @@ imported when they are first used; their types stand in ``__init__.pyi``.
 from importlib import import_module
 from typing import Any, Final
 
-__version__ = "0.2.0"
+__version__ = "1.0.0rc1"
 
 _PLACES: Final = {
     "AnchorposeError": "errors",
