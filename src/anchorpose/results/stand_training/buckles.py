@@ -2,7 +2,7 @@
 
 The definition is our own. What distinguishes a buckle from other flexion:
 
-- a squat or sitting down bends both knees alike, so the knee must lead the other one;
+- a squat or sitting down bends both knees alike, so the knee must lead the other one, the more the deeper it bends;
 - a step lifts the foot, so the hip must come down more than the ankle goes up, and the foot must stay in its place;
 - who lowers a knee slowly controls it, so the flexion must be fast.
 """
@@ -38,6 +38,10 @@ BEFORE_S: Final = 0.3
 
 STILL_DEEPER_S: Final = 0.4
 """The deepest angle is that after which none is deeper for so long."""
+
+
+LEAD_SHARE: Final = 0.33
+"""Of the depth, by which the knee leads the other one: knees that both bend by two thirds are a squat."""
 
 
 class Knee(NamedTuple):
@@ -79,7 +83,7 @@ def _of_side(session: Session, side: str, config: EventConfig) -> Iterator[Event
             lead_sigma = float(np.hypot(sigma, _sigma(other, flexion, run.start)))
             enough = flexion.depth_deg >= max(config.buckle_deg, config.times_sigma * sigma)
             frames = slice(run.start + flexion.onset, run.start + flexion.deepest + 1)
-            leads = lead >= max(config.lead_deg, config.times_sigma * lead_sigma)
+            leads = lead >= max(config.lead_deg, config.times_sigma * lead_sigma, LEAD_SHARE * flexion.depth_deg)
             if enough and leads and _gives_way(session, side, frames):
                 state_code = int(own.state_code[frames].max())
                 yield Event(KINDS[side], frames, flexion.depth_deg, sigma, "deg", state_code)
