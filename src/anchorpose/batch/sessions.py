@@ -305,7 +305,7 @@ def _short(name: str) -> str:
 
 
 def _key(name: str) -> str:
-    """What two names have in common that some file systems take for one."""
+    """A key that is equal for names that some file systems do not tell apart."""
     return unicodedata.normalize("NFC", name.casefold())
 
 

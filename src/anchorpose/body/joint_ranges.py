@@ -144,7 +144,8 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
 
 
 class _Textbook(NamedTuple):
-    """covariance (3 m, 3 m) of the bones' turns, every bone for itself, 0 for the root; the rest as in JointRange."""
+    """The textbooks' ranges. covariance (3 m, 3 m) of the bones' turns, each independent, 0 for the
+    root; the rest as in JointRange."""
 
     covariance: np.ndarray
     hinge: np.ndarray

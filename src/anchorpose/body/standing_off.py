@@ -20,8 +20,8 @@ from anchorpose.recording.recording import CoveredPart
 LEAST_M: Final = 0.015  # at 95 of 100 skin points: 0.010 at most on ten people without braces, 0.021 to 0.040 with one
 TOO_THICK: Final = 2.0  # deviations of girth above the other side: 0.9 at most without braces, 2.9 to 6.7 with
 ORDINARY: Final = 0.5  # deviations up to which the other side is a measure of how thick this one should be
-JOINT_SHARE: Final = 0.5  # of it, by which the joints of the segment may be off along an axis
-BONE_SHARE: Final = 0.5  # of it, by which the length between them may be
+JOINT_SHARE: Final = 0.5  # of how far a segment's skin stands off: error of its joints along an axis
+BONE_SHARE: Final = 0.5  # of how far a segment's skin stands off: error of the length between its joints
 
 _LIMBS: Final = {
     "upper_arm": ("Arm", ("Shoulder", "Elbow")),

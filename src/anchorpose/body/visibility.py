@@ -247,7 +247,7 @@ class PoorDepth:
 
 
 def too_coarse(camera: str, detail: DepthDetail, distance_m: float) -> PoorDepth | None:
-    """Whether a limb at a distance from a camera is thinner than an edge is wide, or than a step; None where not."""
+    """What makes depth too coarse for a limb so far away: edges or steps wider than it; None if neither is."""
     edge_m, step_m = detail.edge_m(distance_m), detail.step_m(distance_m)
     if max(edge_m, step_m) <= LIMB_M:
         return None

@@ -264,7 +264,7 @@ def _refined(
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
-    """The best places of the search, refined, and those that a near symmetry would have mistaken for them."""
+    """The refined best poses of the search, and poses that nearly symmetric equipment may be confused with."""
     prior = standing_prior(floor_m)
 
     def refined(starts: list[np.ndarray]) -> list[EquipmentPose]:

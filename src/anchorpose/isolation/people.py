@@ -55,7 +55,7 @@ class People:
         return np.concatenate([pixels.points_m[own == number] for pixels, own in shown])
 
     def joined(self, owner: np.ndarray) -> People:
-        """The people with each (k,) a part of its owner, which is the person itself of all others."""
+        """Merge people: owner (k,) is the number of the person to whom each belongs, or the person's own."""
         kept = np.flatnonzero(owner == np.arange(len(owner)))
         members = [[self.people[k] for k in np.flatnonzero(owner == number)] for number in kept]
         number = np.append(np.searchsorted(kept, owner), -1)  # the last one: nobody

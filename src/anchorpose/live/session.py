@@ -1,4 +1,4 @@
-"""From cameras that run to joints at once: look around, learn the body, catch up, follow; a results folder at the end.
+"""Track live cameras: look around, learn the body, catch up, follow every newest frame, and write a results folder.
 
 The first seconds are recorded, and everything that tracking needs to know beforehand is found in them as in any
 recording. What the cameras see meanwhile is tracked at a few frames a second, so that the patient is never out of

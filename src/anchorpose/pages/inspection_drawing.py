@@ -111,7 +111,7 @@ def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray 
 
 @_of_surface
 def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """The surface in relief, its bridges and joins, and where something else cuts it off."""
+    """The shaded surface, its links across gaps and cameras, and its rim where another object hides it."""
     picture, to_pixel = _canvas(one)
     surface, pairs = seen.surface, links(seen.surface)[0]
     draw_dots(picture, to_pixel(seen.whole.points_m[len(surface) :]), Ink.GREEN, 1, rim=False)

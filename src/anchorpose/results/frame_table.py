@@ -46,7 +46,7 @@ class Numbers:
         return [pa.array(column, self.type, from_pandas=True) for column in flat.T]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
-        """(rows, names), or (rows,) where there is one name; raises InputError for a number that cannot be."""
+        """(rows, names), or (rows,) where there is one name; raises InputError for a number outside of its limits."""
         columns = [table[name].to_numpy(zero_copy_only=False) for name in self.names]
         for name, values in zip(self.names, columns, strict=True):
             require_within(path, name, values[~np.isnan(values)], (self.least, self.most), remedy)

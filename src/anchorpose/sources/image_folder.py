@@ -71,7 +71,7 @@ class ImageArray:
 
 
 def _reader(path: Path, start: int, shape: tuple[int, ...], kind: np.dtype[Any]) -> Callable[[int], np.ndarray]:
-    """Return what reads the image (height, width) at a position of a file; it raises InputError where that ends."""
+    """Return a function that reads the image (height, width) at a position; InputError if the file ends there."""
     size = math.prod(shape) * kind.itemsize
 
     def read(position: int) -> np.ndarray:

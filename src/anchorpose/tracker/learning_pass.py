@@ -115,7 +115,7 @@ class _Window:
 
 
 def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, run: Run) -> LearntPatient | None:
-    """What is known after one more stretch; before: after those before it."""
+    """The patient as learnt after one more stretch; before: as learnt until then, None for the first stretch."""
     windows = _windows(run, stretch, before, longest_s)
     first = next(windows, None)
     if first is None:
@@ -192,7 +192,7 @@ def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
 
 
 def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s: float) -> Iterator[_Window]:
-    """The frames of a stretch that are learnt from, window by window; before the next one tracking goes on."""
+    """The frames of a stretch to learn from, a window at a time; tracking goes on when the next window is asked for."""
     learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
     known = None if before is None else before.shape

@@ -114,7 +114,7 @@ class TransitionConfig:
     rest_height: Positive = 0.05  # in leg lengths
     settle_s: Positive = 3.0  # s of sitting and of standing next to the transition, which give their heights
     edge: Positive = 0.05  # share of the rise by which the pelvis must have left an end: there the transition begins
-    longest_s: Positive = 20.0  # between sitting and standing; slower ones are a pause between the two
+    longest_s: Positive = 20.0  # seconds of a transition; what takes longer is a pause between sitting and standing
 
     def __post_init__(self) -> None:
         if not self.seated_leave_deg <= self.seated_enter_deg < 90:
