@@ -50,7 +50,7 @@ def track(
 def track_watched(
     recording: Path | str | DepthImages, results: Path | str | None, options: Options, watcher: Watcher
 ) -> Results:
-    """``track`` with somebody who hears of the progress."""
+    """Track as ``track`` does, and report progress and notes to a watcher."""
     from anchorpose.pipeline import track_recording
     from anchorpose.results.folder import RESUME, check_results_path, unfinished_results
 

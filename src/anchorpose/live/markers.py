@@ -17,13 +17,13 @@ from typing import Final
 from anchorpose.errors import AnchorposeError, MissingPackage
 from anchorpose.options import plain_number
 from anchorpose.recording.document import read_text
+from anchorpose.recording.events import EVENTS_FILE, MISSING
 from anchorpose.recording.regular_file import is_there
 from anchorpose.results.folder import write_text_whole
 
 MARKERS_FILE: Final = "markers.tsv"
-EVENTS_FILE, SIDECAR_FILE = "events.tsv", "events.json"
+SIDECAR_FILE: Final = "events.json"
 HEAD: Final = "onset\tduration\ttrial_type"
-MISSING: Final = "n/a"
 
 BEGIN, END, RATING = "begin", "end", "rating"
 LONGEST_TEXT: Final = 200

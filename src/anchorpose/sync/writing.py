@@ -14,11 +14,13 @@ import pyarrow as pa
 from anchorpose import __version__
 from anchorpose.agreement.clock import OtherClock, resampled
 from anchorpose.errors import InputError
+from anchorpose.recording.events import EVENTS_FILE
 from anchorpose.results.folder import FolderKind, check_results_path, whole_or_nothing
 from anchorpose.results.frame_time import usual_step_s
 from anchorpose.results.parquet import open_parquet, read_any_parquet
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, read_contacts, read_episodes
 from anchorpose.results.tables import JOINTS
+from anchorpose.results.trial_table import TRIALS_FILE
 from anchorpose.results.verify import require_own
 from anchorpose.sync.streams import Stream
 from anchorpose.sync.synchronising import Synchronised
@@ -27,8 +29,6 @@ CLOCK_FILE: Final = "clock.json"
 CLOCK_FORMAT: Final = "anchorpose-clock"
 JOINTS_FILE: Final = "joints_other_clock.parquet"
 SIGNALS_FILE: Final = "signals.parquet"
-EVENTS_FILE: Final = "events.tsv"
-TRIALS_FILE: Final = "trials.parquet"
 
 SYNC: Final = FolderKind("a synchronisation", (CLOCK_FILE,), (CLOCK_FILE, JOINTS_FILE, SIGNALS_FILE, EVENTS_FILE))
 
