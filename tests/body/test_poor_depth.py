@@ -10,6 +10,7 @@ from pieces_builder import pieces_of
 from anchorpose.body.belief import vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig, VisibilityConfig
 from anchorpose.body.evidence import Evidence
+from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import joint_sigma, smeared_sigma
@@ -19,20 +20,21 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX, JointState
 from anchorpose.simulate.render import TrueImage
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.estimate import Estimate, estimate_of
+from anchorpose.tracker.estimate import Earlier, Estimate, estimate_of
 
 BODY = adult_body()
 POSE = standing(LeftArm=(-20.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 REACH_M = VisibilityConfig().reach_m
 SHARP, FILTERED = DepthDetail(2.0, 365.0), DepthDetail(16.0, 365.0)  # 16 pixels are 105 mm at 2.4 m
 HEAD, HAND = JOINT_INDEX["Head"], JOINT_INDEX["HandLeft"]
+FOOT = JOINT_INDEX["FootLeft"]
 
 
 def found(evidence: Evidence, *details: DepthDetail) -> tuple[PoorDepth | None, ...]:
     return poor_depth(pose_points(BODY, POSE), evidence.views, evidence.cameras, details, REACH_M)
 
 
-def estimated(evidence: Evidence, *details: DepthDetail) -> Estimate:
+def estimated(evidence: Evidence, *details: DepthDetail, unseen_s: np.ndarray | None = None) -> Estimate:
     """What is reported of a frame that cameras of such detail show."""
     seen = posterior(BODY, POSE, vague_belief(POSE), evidence, RegistrationConfig())
     pieces = []
@@ -41,7 +43,20 @@ def estimated(evidence: Evidence, *details: DepthDetail) -> Estimate:
         sensor = replace(own.sensor, edge_px=detail.edge_px, focal_px=detail.focal_px, step_per_m=detail.step_per_m)
         pieces.append(replace(own, sensor=sensor))
     frame = type("Seen", (), {"evidence": evidence, "pieces": pieces, "frame_set": None})()
-    return estimate_of(BODY, seen, frame, None, TrackConfig())
+    return estimate_of(BODY, seen, frame, None, TrackConfig(), earlier=Earlier(unseen_s=unseen_s))
+
+
+def test_a_hidden_joint_that_is_too_uncertain_is_lost_and_still_shown_as_hidden():
+    """A foot that a therapist hides keeps its stand (``StandingFeet``): no camera looks past it."""
+    leg = hide_bones("LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase")
+    unseen_s = np.zeros((PARTS, 2))
+    unseen_s[LIMB_OF_JOINTS[FOOT]] = np.inf
+    evidence, sharp = seen_body(POSE, BODY, (FRONT,), leg), (SHARP,)
+    estimate = estimated(evidence, *sharp, unseen_s=unseen_s)
+    assert estimate.states[FOOT] is JointState.LOST
+    assert np.isnan(estimate.joints_m[FOOT]).all()
+    assert estimate.shown[FOOT] is JointState.HIDDEN
+    assert estimated(evidence, *sharp).states[FOOT] is JointState.HIDDEN
 
 
 @pytest.mark.parametrize("edge_px", [11.0, 13.0])

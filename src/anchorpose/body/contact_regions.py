@@ -184,7 +184,7 @@ class StandingFeet:
         time_s: float,
         floor_m: float | None = None,
     ) -> None:
-        """One more frame: posed skin points (p, 3), joints (21, 3) and their states; floor_m: its height, if known.
+        """One more frame: posed skin points (p, 3), joints (21, 3), what cameras show of them; floor_m: if known.
 
         A foot that is seen stands or does not; one that is hidden stays where it stood; one that the cameras look past
         has gone. One that was never seen to stand, but is believed to be on the floor, hardly moves from there to the

@@ -216,7 +216,8 @@ def smeared_sigma(
     wide = replace(rows, sigma_m=np.hypot(rows.sigma_m, edge_m))
     alike = max(registration.rows_per_observation, len(rows) * edge_m**2 / area_m2)
     joints = body.mesh.joints(posed.transforms)
-    variance = np.trace(_spread_by_frame(body, pose, wide, alike), axis1=1, axis2=2) / 3.0
+    spread = _spread_by_frame(body, pose, wide, vague_belief(pose).information, alike)
+    variance = np.trace(spread, axis1=1, axis2=2) / 3.0
     off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
     turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # along one of three axes
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance + turned))
@@ -229,26 +230,28 @@ def frame_alone_sigma(
     sigma_m: np.ndarray,
     config: RegistrationConfig,
     floor_m: float,
-    unseen: np.ndarray | None = None,
+    unseen_s: np.ndarray | None = None,
 ) -> np.ndarray:
     """(21,) sigma_m, larger for limbs of which earlier frames know no more than this one.
 
     Of a limb that points at every camera a hand's front is seen, and little tells where its elbow is. The frames before
-    are off by the same, and count as if each were off by itself. Of parts that nobody has seen for long (unseen
-    (PARTS, 2) bool, as in ``Likelihood``) they know nothing: that a foot stands, say, counts once and not in every
-    frame. So such a limb is as certain as this frame and the range of its joints make it.
+    are off by the same, and count as if each were off by itself. Of parts that are hidden (unseen_s as in
+    ``vague_belief``) they know less and less: that a foot stands, say, counts once and not in every frame. Such a limb
+    is as certain as this frame, the range of its joints and the time since it was seen make it.
     """
     posed = pose_points(body, pose)
     joints = body.mesh.joints(posed.transforms)
     limbs = [chain for chain in CHAINS if _is_foreshortened(body, posed, joints, chain, evidence)]
-    mine = np.zeros(len(joints), bool) if unseen is None else unseen[LIMB_OF_JOINTS, END_JOINTS.astype(int)]
+    hidden = None if unseen_s is None else unseen_s > 0.0
+    mine = np.zeros(len(joints), bool) if hidden is None else hidden[LIMB_OF_JOINTS, END_JOINTS.astype(int)]
     mine[[JOINT_INDEX[name] for chain in limbs for name in (*chain.joints, chain.root)]] = True
     if not mine.any():
         return sigma_m
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
-    if unseen is not None:  # what readings do not show where the pose has it, nodes nearby do not show either
-        rows = rows.where(~unseen.ravel()[segment_of_points(body.points)[rows.point]])
-    spread = _spread_by_frame(body, pose, rows, MORE_ALIKE * config.rows_per_observation)
+    if hidden is not None:  # what readings do not show where the pose has it, nodes nearby do not show either
+        rows = rows.where(~hidden.ravel()[segment_of_points(body.points)[rows.point]])
+    known = vague_belief(pose, unseen_s).information
+    spread = _spread_by_frame(body, pose, rows, known, MORE_ALIKE * config.rows_per_observation)
     variance = np.linalg.eigvalsh(spread)[
         :, -1
     ]  # along one axis: a hidden knee is off forward, a pointing arm in depth
@@ -280,13 +283,16 @@ def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain:
     return found
 
 
-def _spread_by_frame(body: Body, pose: Pose, rows: Constraints, rows_per_observation: float) -> np.ndarray:
-    """(21, 3, 3) mean squared error of the joints, by one frame's rows and the range of the joints alone.
+def _spread_by_frame(
+    body: Body, pose: Pose, rows: Constraints, known: np.ndarray, rows_per_observation: float
+) -> np.ndarray:
+    """(21, 3, 3) mean squared error of the joints, by one frame's rows, the range of the joints and what is known.
 
-    Those may have a joint elsewhere than the pose has it: that distance is part of the error.
+    Those may have a joint elsewhere than the pose has it: that distance is part of the error. known (POSE_SIZE,
+    POSE_SIZE): information about the pose from before.
     """
-    posed, unknown = pose_points(body, pose), (pose, vague_belief(pose).information)
-    prior = prior_equations(body.points, pose, unknown, hidden_bones(body.points, rows, rows_per_observation))
+    posed = pose_points(body, pose)
+    prior = prior_equations(body.points, pose, (pose, known), hidden_bones(body.points, rows, rows_per_observation))
     equations = pose_equations(body, pose, posed, rows, prior, rows_per_observation)
     covariance, joints = np.linalg.inv(equations.hessian), body.mesh.joints(posed.transforms)
     jacobian = joint_jacobian(body, posed.transforms, joint_bones(body.points.asset), joints)

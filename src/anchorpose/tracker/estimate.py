@@ -47,7 +47,8 @@ class Estimate:
     explains the depth images, None where lost. why_lost: why every joint is lost, empty where one is not. poor: why
     cameras' depth images are too poor for joints, none where they are not. moved: limbs are elsewhere than the frames
     before said. ends: hands and feet that are lost, as in ``lost_ends``. rivals: poses that explain the images almost
-    as well.
+    as well. shown: the states by what the cameras show alone: a joint that is lost because sigma is too large keeps the
+    state of a hidden one here.
     """
 
     frame_set: FrameSet
@@ -65,15 +66,16 @@ class Estimate:
     moved: bool = False
     ends: frozenset[int] = frozenset()
     rivals: tuple[Rival, ...] = ()
+    shown: tuple[JointState, ...] = ()
 
 
 class Earlier(NamedTuple):
     """What earlier frames leave open: rivals, poses that explain the images almost as well; ends, hands and feet that
-    were lost; unseen (PARTS, 2), parts of limbs that were not seen for long, None: none."""
+    were lost; unseen_s (PARTS, 2), since when parts of limbs are hidden, as in ``vague_belief``."""
 
     rivals: Sequence[Rival] = ()
     ends: frozenset[int] = frozenset()
-    unseen: np.ndarray | None = None
+    unseen_s: np.ndarray | None = None
 
 
 _NOTHING_OPEN: Final = Earlier()
@@ -120,7 +122,7 @@ def estimate_of(
     patch_m = finest_patch_m(evidence, noises)
     sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty, noise, patch_m)
     floor_m = config.uncertainty.floor_m
-    sigma = frame_alone_sigma(body, belief.pose, evidence, sigma, config.registration, floor_m, earlier.unseen)
+    sigma = frame_alone_sigma(body, belief.pose, evidence, sigma, config.registration, floor_m, earlier.unseen_s)
     sigma = with_rivals(body, joints, sigma, earlier.rivals) if earlier.rivals else sigma
     sigma = unexplained_sigma(body, belief.pose, evidence, explanation, sigma)
     sigma = _smeared_sigma(body, belief.pose, observation, sigma, config)
@@ -152,6 +154,7 @@ def estimate_of(
         tuple(one for one in poor if one is not None),
         ends=ends,
         rivals=tuple(earlier.rivals),
+        shown=states,
     )
 
 

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, Pace, PoseBelief
+from anchorpose.body.belief import PATIENT_PACE, Pace, PoseBelief
 from anchorpose.body.constraints import Constraints, anchor_points, no_constraints
 from anchorpose.body.contact_regions import StandingFeet
 from anchorpose.body.inverse_kinematics import (
@@ -20,7 +20,7 @@ from anchorpose.body.inverse_kinematics import (
     relax_limbs,
 )
 from anchorpose.body.likelihood import likelihood
-from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, TRUNK, Pose
+from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, Pose
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.rivals import Rival, follow_rivals, rivals_of
 from anchorpose.body.skin_map import map_body
@@ -38,11 +38,6 @@ from anchorpose.tracker.observation import Expectation, Observation, Start
 from anchorpose.tracker.observing import Window, gather, isolate, see_anchors, see_surface
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
-
-FORGOTTEN_S: Final = 0.5
-"""After which earlier frames say less of a hidden limb than how people bend it: thighs have then turned by 26 degrees,
-root mean square, and by 40 after a second, which is as far as they get (UI-PRMD, ten exercises by seven people). Trunks
-have turned by 11 and 16 degrees."""
 
 IN_VIEW: Final = 0.25  # of the joints within an image: of who walks out past the camera, a hip is there the longest
 SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was for an earlier tree: half a forearm's width
@@ -176,27 +171,26 @@ class PatientTracker:
             honoured = corrected
             if corrected is not None and contradicted(self.body, registration.belief, corrected):
                 honoured = None
-            earlier = Earlier(self.rivals, self.ends, self._unseen(registration, seen))
+            earlier = Earlier(self.rivals, self.ends, self._unseen_s(registration, seen))
             estimate = estimate_of(self.body, registration, seen, share, self.config, honoured, earlier)
             self.ends = estimate.ends
             estimate = displaced(estimate, self.run.room.calibration.displaced_m)
             posed = pose_points(self.body, self.belief.pose)
             self.skin_sigma_m = skin_sigma(self.body, posed, self.belief.covariance, self.config.uncertainty)
             time_s, floor_m = estimate.frame_set.time_s, seen.evidence.floor_m
-            self.feet.note(posed.points_m, self.body.joints(self.belief.pose), estimate.states, time_s, floor_m)
+            self.feet.note(posed.points_m, self.body.joints(self.belief.pose), estimate.shown, time_s, floor_m)
             if corrected is not None:
                 self.feet.forget(corrected.joint.tolist())
         return estimate
 
-    def _unseen(self, registration: Registration, seen: Observation) -> np.ndarray:
-        """(PARTS, 2) bool: what was not seen for too long, or never; notes which this frame shows."""
+    def _unseen_s(self, registration: Registration, seen: Observation) -> np.ndarray:
+        """(PARTS, 2) seconds since each part was seen, infinite: never; notes which parts this frame shows."""
         time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
         shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
         if corrected is not None:
             shown[LIMB_OF_JOINTS[corrected.joint]] = True  # by the reviewer
         self.limb_seen_s = np.where(shown, time_s, self.limb_seen_s)
-        known_s = np.where(np.arange(PARTS) == TRUNK, UNSEEN_S, FORGOTTEN_S)[:, None]
-        return np.asarray(~(np.abs(time_s - self.limb_seen_s) < known_s))
+        return np.asarray(np.where(np.isnan(self.limb_seen_s), np.inf, np.abs(time_s - self.limb_seen_s)))
 
     def _corrections(self, seen: Observation) -> CorrectedJoints | None:
         """Joints of this frame that a reviewer corrected."""
