@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_builder import adult_body, hide_bones, seen_body, standing, stepped
+from body_builder import FRONT, adult_body, asset, hide_bones, seen_body, standing, stepped
 
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.likelihood import likelihood, render_skin, skin_faces
-from anchorpose.body.pose import LIMB_OF_BONES, MOVING_BONES, Pose
+from anchorpose.body.likelihood import LEAST_SEEN, likelihood, render_skin, skin_faces
+from anchorpose.body.pose import LIMB_OF_BONES, MOVING_BONES, TRUNK, Pose
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.skin_points import body_points, pose_points
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.simulate.render import TrueImage
 
 BODY = adult_body()
 TRUTH = standing(LeftArm=(60.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0))
@@ -107,3 +109,30 @@ def test_feet_in_the_air_are_less_likely_the_higher_and_cost_at_most_six_nats_ea
     logs = [log_probability(BODY, stepped(stands, 0.0, up_m - lowest_m, 0.0), floor) for up_m in (0.0, 0.1, 0.3, 30.0)]
     assert (np.diff(logs) < 0.0).all()
     assert 11.0 < logs[0] - logs[-1] < 13.0
+
+
+@pytest.mark.parametrize(("shown_m", "seen"), [(0.05, False), (0.25, True)])
+def test_a_strip_of_a_thigh_does_not_show_the_thigh(shown_m, seen):
+    """Nothing is read of the left leg farther from the hip than ``shown_m``."""
+    hip = BODY.joints(TRUTH)[JOINT_INDEX["HipLeft"]]
+
+    def hidden(view: View, picture: TrueImage) -> View:
+        below = np.isin(picture.part, [asset().bone(f"Left{bone}") + 1 for bone in ("UpLeg", "Leg", "Foot", "ToeBase")])
+        row = int((picture.part > 0).any(axis=1).argmax())  # of the top of the head
+        height_px = int(np.ptp(np.flatnonzero((picture.part > 0).any(axis=1))))
+        top_m = BODY.joints(TRUTH)[:, 1].max() + 0.1
+        below[: row + int((top_m - hip[1] + shown_m) / 1.8 * height_px)] = False
+        labels = np.where(below, np.uint8(PixelLabel.NO_READING), view.labels)
+        return View(np.where(below, np.float32(0.0), view.depth_m), labels)
+
+    found = likelihood(BODY, TRUTH, seen_body(TRUTH, BODY, (FRONT,), hidden))
+    leg = int(LIMB_OF_BONES[MOVING_BONES.index("LeftUpLeg")])
+    assert found.explained[leg, 0] > LEAST_SEEN
+    assert found.seen[leg, 0] == seen
+
+
+def test_a_chest_may_be_seen_where_the_pelvis_is_hidden():
+    found = likelihood(
+        BODY, TRUTH, seen_body(TRUTH, BODY, (FRONT,), hide_bones("Hips", "LHipJoint", "RHipJoint", "LowerBack"))
+    )
+    assert found.seen[TRUNK].tolist() == [False, True]

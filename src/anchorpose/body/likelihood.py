@@ -30,6 +30,9 @@ RANGE_M: Final = 4.0  # of a depth camera: something of which nothing is known i
 CLUTTER: Final = 0.1  # share of the pixels that show something of which nothing is known
 PAST: Final = 0.05  # share of the rendered skin that cameras see past where the pose is right: outlines are rough
 LEAST_SEEN: Final = 1.0  # explained observations of a part that is seen: 25 cm2, three fingers
+LEAST_SHARE: Final = (
+    0.15  # of the skin that a part turns to cameras, to count as seen: a strip of a thigh shows no knee
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +51,8 @@ class Likelihood:
     @property
     def seen(self) -> np.ndarray:
         """(PARTS, 2) bool: what of the limbs readings show where the pose has it."""
-        return np.asarray(self.explained >= LEAST_SEEN)
+        turned = self.explained + self.past + self.hidden
+        return np.asarray((self.explained >= LEAST_SEEN) & (self.explained >= LEAST_SHARE * turned))
 
     @property
     def total(self) -> float:

@@ -110,10 +110,13 @@ def _limb_of_joints() -> np.ndarray:
 
 LIMB_OF_BONES: Final = _limb_of_bones()
 LIMB_OF_JOINTS: Final = _limb_of_joints()
-SEGMENT_OF_BONES: Final = 2 * LIMB_OF_BONES + np.array(
-    [bone.endswith(("ForeArm", "Hand", "tLeg", "Foot")) for bone in MOVING_BONES]
+_BEYOND: Final = ("ForeArm", "Hand", "tLeg", "Foot", "Spine", "Spine1", "Neck", "Neck1", "Head")
+SEGMENT_OF_BONES: Final = 2 * LIMB_OF_BONES + np.array([bone.endswith(_BEYOND) for bone in MOVING_BONES])
+"""(m,) twice the limb of each moving bone, one more beyond elbow or knee; of the trunk, chest and head are one more."""
+SEGMENT_OF_JOINTS: Final = 2 * LIMB_OF_JOINTS + np.array(
+    [name.startswith(("Wrist", "Hand", "Ankle", "Foot", "SpineM", "SpineS", "Neck", "Head")) for name in JOINT_NAMES]
 )
-"""(m,) twice the limb of each moving bone, one more beyond elbow or knee."""
+"""(21,) the same of each joint."""
 PARTS: Final = len(_LIMBS) + 1
 
 TRUNK: Final = 0

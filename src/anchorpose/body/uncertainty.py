@@ -27,7 +27,7 @@ from anchorpose.body.explanation import (
 from anchorpose.body.fit import hidden_bones, limited, pose_equations, prior_equations
 from anchorpose.body.likelihood import likelihood, most_nats
 from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
-from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose
+from anchorpose.body.pose import LIMB_OF_JOINTS, SEGMENT_OF_JOINTS, TRUNK, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
 from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, place_variance, pose_jacobian, pose_points
 from anchorpose.body.standing_off import standing_off_sigma_m
@@ -36,7 +36,6 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
-END_JOINTS: Final = np.array([name.startswith(("Wrist", "Hand", "Ankle", "Foot")) for name in JOINT_NAMES])
 NODES: Final = 1200  # each stands for two of the fit: sigma is the same to a tenth, in half of the time
 
 
@@ -243,7 +242,7 @@ def frame_alone_sigma(
     joints = body.mesh.joints(posed.transforms)
     limbs = [chain for chain in CHAINS if _is_foreshortened(body, posed, joints, chain, evidence)]
     hidden = None if unseen_s is None else unseen_s > 0.0
-    mine = np.zeros(len(joints), bool) if hidden is None else hidden[LIMB_OF_JOINTS, END_JOINTS.astype(int)]
+    mine = np.zeros(len(joints), bool) if hidden is None else hidden.ravel()[SEGMENT_OF_JOINTS]
     mine[[JOINT_INDEX[name] for chain in limbs for name in (*chain.joints, chain.root)]] = True
     if not mine.any():
         return sigma_m
@@ -314,7 +313,7 @@ def unexplained_sigma(
     if explanation.uncovered_m2 < WORTH_M2:
         return sigma_m.copy()
     log = likelihood(body, pose, evidence).log
-    lost = np.where(END_JOINTS, log[LIMB_OF_JOINTS, 1], log.sum(axis=1)[LIMB_OF_JOINTS])
+    lost = np.where(SEGMENT_OF_JOINTS % 2, log.ravel()[SEGMENT_OF_JOINTS], log.sum(axis=1)[LIMB_OF_JOINTS])
     for path in uncovered_paths(evidence, explanation):
         nearest = int(np.argmin(((posed.points_m - path.places_m[-1]) ** 2).sum(axis=1)))
         limb = limb_of_points(body.points)[nearest]

@@ -9,6 +9,7 @@ from typing import Final
 from anchorpose.body.belief import PoseBelief
 from anchorpose.body.config import Source
 from anchorpose.body.explanation import Explanation, explain
+from anchorpose.body.likelihood import LEAST_SHARE
 from anchorpose.body.limb_proposals import CHAINS, Chain, contradicted_by, end_points
 from anchorpose.body.limb_search import Search, needs_search, search_limbs
 from anchorpose.body.pose_probability import named_nats
@@ -91,12 +92,9 @@ class LimbWatch:
         return search
 
 
-HIDDEN_SHARE: Final = 0.15  # a limb with less of its end's skin on seen nodes is nowhere seen
-
-
 def hidden_limbs(body: Body, explanation: Explanation) -> list[Chain]:
     """The limbs of whose end nothing is seen."""
-    return [chain for chain in CHAINS if explanation.covering[end_points(body.points, chain)].mean() < HIDDEN_SHARE]
+    return [chain for chain in CHAINS if explanation.covering[end_points(body.points, chain)].mean() < LEAST_SHARE]
 
 
 def explained_by(body: Body, found: Registration, seen: Observation) -> Explanation:
