@@ -31,7 +31,7 @@ EASY: Final[dict[str, Callable[[int, float], Config]]] = {
     "clinic: three cameras, frame, two therapists": presets.clinic,
     "the same clinic, front camera alone": lambda seed, seconds: replace(presets.clinic(seed, seconds), cameras=1),
 }
-EASY_SEEDS: Final = {"tuning": 101, "held-out": 141}
+EASY_SEEDS: Final = {"tuning": 101, "held-out": 241}  # held out: used once, for the release; 141 to 144 were looked at
 
 
 def easy(use: Use, quick: bool) -> Iterator[Case]:
@@ -124,7 +124,8 @@ RECIPES: Final[dict[Use, tuple[Recipe, ...]]] = {
 }
 """Held out: other subjects, two movements and one kind of equipment that no recording for tuning has."""
 
-HARD_SEED: Final[dict[Use, int]] = {"tuning": 41_000, "held-out": 42_000}
+HARD_SEED: Final[dict[Use, int]] = {"tuning": 41_000, "held-out": 45_000}
+"""Held out: used once, for the release; 42000 to 42023 were looked at."""
 SUBJECTS: Final[dict[Use, tuple[int, ...]]] = {"tuning": (1, 2, 3, 4, 5), "held-out": (6, 7)}
 ROUNDS: Final = 2  # of each recipe, with another seed
 
