@@ -9,7 +9,8 @@ from typing import Any, Final, get_args
 
 import scores
 from captured import CapturedBody
-from recordings import DATA, MOVEMENTS, FrontAlone, Real, Simulated
+from real_suites import real, sync
+from recordings import MOVEMENTS, FrontAlone, Real, Simulated
 from room_suites import START_SEED, rooms, start_of, starts
 from stage_suites import calibration, clocks, descriptor, equipment, given_poses, isolation, laboratory, live
 from suite import Case, Probe, Suite, Use
@@ -189,30 +190,6 @@ def bodies(use: Use, quick: bool) -> Iterator[Case]:
         yield Case(f"captured body, {title}", CapturedBody(cameras), probe=Probe("captured_body"))
 
 
-# real: labels by eye, and an inertial sensor
-
-PEOPLE: Final = ("people_in_line", "iit_rehab_room", "five_people", "realsense_board")
-
-
-def real(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield labelled sequences, recordings with a sensor on the thigh, and labelled people; the same for both uses."""
-    sequences = scores.labelled_sequences()
-    for sequence in sequences[:: len(sequences) // 6] if quick else sequences:
-        yield Case("MSR Action3D: labels", Real(f"msr_action3d/{sequence}"), scores.against_msr_labels)
-    clips = sorted(path.parent.name for path in DATA.glob("utd_mhad/*/recording.json"))
-    for clip in clips[::8] if quick else clips:
-        title = clip.split("_", 3)[-1].replace("_", " ")
-        yield Case(f"thigh sensor: {title}", Real(f"utd_mhad/{clip}"), scores.against_inertial_sensor)
-    for folder in PEOPLE[2:] if quick else PEOPLE:
-        for person in scores.people_in(folder):
-            yield Case(
-                f"people: {folder}",
-                Real(folder),
-                partial(scores.against_people_labels, person=person),
-                partial(scores.name_labelled, person=person),
-            )
-
-
 # contacts: by body part
 
 
@@ -298,6 +275,7 @@ SUITES: Final[dict[str, Suite]] = {
     "rooms": Suite("cluttered rooms, one camera at an unknown place", rooms),
     "starts": Suite("the first pose from a single frame", starts),
     "real": Suite("labels by eye and an inertial sensor on real depth", real),
+    "sync": Suite("clocks of inertial sensors on the thigh, right and wrong files", sync),
     "contacts": Suite("contacts with people and equipment, by body part", contacts),
     "sensors": Suite("every camera, lens and size of hole that can be simulated", sensors),
     "kidnapped": Suite("wrong poses in mid-recording that the tracker must leave", kidnapped),

@@ -36,7 +36,7 @@ def test_every_probe_of_a_suite_exists_and_quick_takes_fewer_cases(suite):
     assert all(script.is_file() for script in scripts)
 
 
-@pytest.mark.parametrize("suite", sorted(SUITES.keys() - {"real", "speed"}))
+@pytest.mark.parametrize("suite", sorted(SUITES.keys() - {"real", "speed", "sync"}))
 def test_no_simulated_recording_serves_both_uses(suite):
     cases = [cases_of([suite], use, False)[suite] for use in ("tuning", "held-out")]
     made = [{c.recording.name for c in of if not c.row.startswith(("captured", "real"))} for of in cases]
