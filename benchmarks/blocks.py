@@ -63,11 +63,11 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """What a block asks for. columns: of a suite's table, empty for all; rows: how their names begin."""
+    """What a block asks for. columns: of a suite's table; rows: how their names begin. Empty means all."""
 
     wanted: Wanted
     columns: tuple[str, ...] = ()
-    rows: str = ""
+    rows: tuple[str, ...] = ()
 
 
 class _Words(argparse.ArgumentParser):
@@ -81,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--use", choices=get_args(Use), default="tuning")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--columns", nargs="+", default=[])
-    parser.add_argument("--rows", default="")
+    parser.add_argument("--rows", nargs="+", default=[])
     return parser
 
 
@@ -98,7 +98,7 @@ def table_of(block: Block) -> Table | None:
     if name.endswith(".py"):
         return Table(Wanted(name, options=tuple(options)))
     chosen = _parser().parse_args([name, *options])
-    return Table(Wanted(chosen.suite, chosen.use, chosen.quick), tuple(chosen.columns), chosen.rows)
+    return Table(Wanted(chosen.suite, chosen.use, chosen.quick), tuple(chosen.columns), tuple(chosen.rows))
 
 
 def with_contents(text: str, content_of: Callable[[Block], str | None]) -> str:

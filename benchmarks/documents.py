@@ -107,7 +107,7 @@ def _shown(asked: Table | None, measured: Mapping[Wanted, Measurement]) -> str:
     found = measured[asked.wanted]
     if found.rows is None:
         return found.text
-    return table({row: of for row, of in found.rows.items() if row.startswith(asked.rows)}, asked.columns)
+    return table({row: of for row, of in found.rows.items() if row.startswith(asked.rows or "")}, asked.columns)
 
 
 def _origins(measured: Mapping[Wanted, Measurement]) -> str:

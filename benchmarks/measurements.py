@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
@@ -51,7 +52,7 @@ def keep(wanted: Wanted, measurement: Measurement, cache: Path) -> None:
     """Store a measurement in the place of the last one."""
     file = _file_of(wanted, cache)
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_bytes(STORED.dump_json(measurement, indent=1))
+    file.write_text(json.dumps(asdict(measurement), indent=1), encoding="utf-8")
 
 
 def kept_of(wanted: Wanted, cache: Path) -> Measurement | None:

@@ -104,10 +104,10 @@ def _sum(name: str) -> Callable[[Measured], str]:
 
 
 def _refused(measured: Measured) -> str:
-    refused = sum(one.get("refused", 0.0) for one in measured)
-    return f"{refused:.0f}" if refused else ""
+    return f"{sum(one.get('refused', 0.0) for one in measured):.0f} of {len(measured)}"
 
 
+REFUSED: Final = Remark("refused_of", "refused", _refused)
 REMARKS: Final = (
     Remark("right_of", "right", _right),
     Remark("wrong_accepted_of", "wrong accepted", _sum("accepted_wrong")),
@@ -121,13 +121,14 @@ REMARKS: Final = (
     Remark("contacts_of", "contacts: precision / recall", _contacts),
     Remark("bones", "bones mm", _with_share("{:.0f}, {:.0f} % in band", "bone_mm", "bone_cover")),
     Remark("skin", "skin mm", _with_share("{:.1f}, {:.0f} % within 12 mm", "skin_mm", "skin_near")),
-    Remark("refused_of", "refused", _refused),
+    REFUSED,
 )
 
 
 def also(measured: Measured) -> str:
     """Return what else a row has, in words."""
-    return "; ".join(f"{one.title} {words}" for one in REMARKS if (words := one.words(measured)))
+    shown = (one for one in REMARKS if one != REFUSED or any(scores.get("refused") for scores in measured))
+    return "; ".join(f"{one.title} {words}" for one in shown if (words := one.words(measured)))
 
 
 ALL_REMARKS: Final = Remark("also", "also", also)
