@@ -59,10 +59,11 @@ def _text_of(page: str) -> str:
 
 def wanted_of(text: str) -> list[Wanted]:
     """Return what the blocks of a page ask for. Raises ValueError for words without a meaning."""
-    return [wanted for block in blocks_in(text) if not block.once for wanted in _wanted(table_of(block))]
+    return [wanted for block in blocks_in(text) if not block.once for wanted in wanted_by(table_of(block))]
 
 
-def _wanted(asked: Table | None) -> tuple[Wanted, ...]:
+def wanted_by(asked: Table | None) -> tuple[Wanted, ...]:
+    """Return what a block asks for; None is the headlines."""
     return tuple(dict.fromkeys(one.wanted for one in HEADLINES)) if asked is None else (asked.wanted,)
 
 
@@ -93,7 +94,7 @@ def write_pages(pages: Sequence[str], cache: Path) -> list[str]:
 def content(asked: Table | None, cache: Path) -> str:
     """Return what a block holds. Raises KeyError where something was not measured."""
     measured = dict[Wanted, Measurement]()
-    for wanted in _wanted(asked):
+    for wanted in wanted_by(asked):
         kept = kept_of(wanted, cache)
         if kept is None:
             raise KeyError(f"not measured yet: {wanted.command}")

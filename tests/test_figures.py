@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
 import run
 from blocks import BLOCK, NOT_YET, Block, Table, blocks_in, table_of
-from documents import PAGES
+from documents import PAGES, wanted_by
 from probing import PROBES
 from remarks import REMARKS
 from suites import cases_of
@@ -29,6 +29,7 @@ NOT_MEASURED: Final = {
     ("docs/export.md", "| seed |"): "tests/exports/test_opensim.py checks these figures",
     ("docs/guide/cameras.md", "| camera, mode |"): "makers' specifications",
     ("docs/guide/record.md", "| question |"): "limits of the program",
+    ("docs/measures.md", "| measure"): "definitions",
     ("docs/simulate.md", "| sensor | image |"): "what the simulator is set to",
     ("docs/sizing.md", "| three cameras |"): "extrapolated, as it says",
 }
@@ -138,3 +139,18 @@ def test_what_was_measured_by_hand_can_be_repeated(page, block):
     scripts = re.findall(r"\b(?:benchmarks|tools|tests|examples)/[\w/]+\.py", block.words)
     assert scripts or block.words.startswith("anchorpose ")
     assert [name for name in scripts if not (ROOT / name).is_file()] == []
+
+
+def test_every_block_stands_in_the_list_of_claims():
+    rows = [row for row in (ROOT / "docs/claims.md").read_text(encoding="utf-8").splitlines() if row.startswith("|")]
+    for page, block in blocks():
+        link = "| README, " if page == "README.md" else f"({page.removeprefix('docs/')}"
+        needed = [block.words] if block.once else [wanted.command for wanted in wanted_by(table_of(block))]
+        listed = any(link in row and all(f"`{command}`" in row for command in needed) for row in rows)
+        assert listed, f"docs/claims.md has no row for {page}: {block.words}"
+
+
+def test_every_command_of_the_list_of_claims_exists():
+    text = (ROOT / "docs/claims.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"\b(?:benchmarks|tools|tests)/[\w/]+(?:\.py)?", text))
+    assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
