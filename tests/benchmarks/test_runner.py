@@ -99,9 +99,8 @@ def test_both_labelled_the_same_60_frames_twelve_of_each_subject():
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_page_names_benchmarks_and_suites_that_exist_or_the_commit_that_had_them(page):
+def test_a_page_names_benchmarks_and_suites_that_exist(page):
     text = (REPOSITORY / page).read_text(encoding="utf-8")
-    gone = {name for name in re.findall(r"benchmarks/[a-z_/]+\.py", text) if not (REPOSITORY / name).is_file()}
-    assert not gone or re.search(r"of commit [0-9a-f]{7}|with commit 753f79a", text), gone
+    assert {name for name in re.findall(r"benchmarks/[a-z_/]+\.py", text) if not (REPOSITORY / name).is_file()} == set()
     named = re.findall(r"benchmarks/run\.py((?: [a-z][a-z-]+)+)", text.replace("\n", " "))
     assert {suite for suites in named for suite in suites.split()} <= set(SUITES)
