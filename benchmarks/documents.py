@@ -11,6 +11,7 @@ from typing import Final
 from blocks import Block, Table, Wanted, blocks_in, table_of, with_contents
 from headlines import HEADLINES, headline_table
 from measurements import Measurement, Origin, Rows, is_kept, keep, kept_of, origin_of_now
+from suites import SUITES
 from table import table
 from versions import REPOSITORY, commit_of_code
 
@@ -21,14 +22,15 @@ PAGES: Final = (
 
 
 def fill(pages: Sequence[str], cache: Path, measure: Callable[[Wanted], Rows] | None) -> None:
-    """Measure what the pages ask for and write it into them, after each measurement; None: only what is kept.
+    """Measure what the pages ask for, the cheapest first, and write it into them after each measurement; None: only
+    write what is kept.
 
     What was measured with this commit is not measured again. Raises SystemExit, once all that can be written is, with
     the blocks that cannot.
     """
     if unknown := set(pages) - set(PAGES):
         raise SystemExit(f"--docs: no page {', '.join(sorted(unknown))}; name README.md or one below docs.")
-    wanted = list(dict.fromkeys(one for page in pages for one in wanted_of(_text_of(page))))
+    wanted = sorted({one for page in pages for one in wanted_of(_text_of(page))}, key=_minutes)
     faults = [] if measure is None else _measure_all(wanted, pages, cache, measure)
     if faults := [*faults, *write_pages(pages, cache)]:
         raise SystemExit("\n".join(faults))
@@ -39,10 +41,12 @@ def _measure_all(
 ) -> list[str]:
     """Measure one after another; return a sentence for each that failed, after which the others go on."""
     commit, faults = commit_of_code(), list[str]()
-    for number, one in enumerate(wanted, 1):
-        if is_kept(one, commit, cache):
-            continue
-        print(f"{number} of {len(wanted)}: {one.command}", file=sys.stderr, flush=True)
+    left = [one for one in wanted if not is_kept(one, commit, cache)]
+    for number, one in enumerate(left):
+        minutes = sum(_minutes(later)[0] for later in left[number:])
+        print(
+            f"{len(left) - number} left, some {minutes} processor minutes: {one.command}", file=sys.stderr, flush=True
+        )
         try:
             found = {"text": _printed(one)} if one.is_script else {"rows": measure(one)}
         except (RuntimeError, subprocess.CalledProcessError) as error:
@@ -51,6 +55,12 @@ def _measure_all(
         keep(one, Measurement(origin_of_now(commit), **found), cache)
         write_pages(pages, cache)
     return faults
+
+
+def _minutes(wanted: Wanted) -> tuple[int, str]:
+    """Return about how many processor minutes it takes, and its command, for an order."""
+    suite = SUITES.get(wanted.name)
+    return (0 if suite is None or wanted.quick else suite.minutes), wanted.command
 
 
 def _text_of(page: str) -> str:

@@ -224,13 +224,8 @@ def kidnapped(use: Use, quick: bool) -> Iterator[Case]:
 
 # facings: how far the likelihood is to be believed
 
-FACINGS: Final = (
-    0,
-    7,
-    14,
-    2,
-    12,
-)  # of the hard scenes: three that show little more than head and arms, two that show more
+# of the hard scenes: three that show little more than head and arms, two that show more
+FACINGS: Final = (0, 7, 14, 2, 12)
 
 
 def facings(use: Use, quick: bool) -> Iterator[Case]:
@@ -269,27 +264,27 @@ def speed(use: Use, quick: bool) -> Iterator[Case]:
 
 
 SUITES: Final[dict[str, Suite]] = {
-    "easy": Suite("the README's rows", easy),
-    "hard": Suite("rehabilitation movements in equipment, therapists, passers-by", hard),
-    "bodies": Suite("builds, heights, clothes, braces, missing limbs", bodies),
-    "rooms": Suite("cluttered rooms, one camera at an unknown place", rooms),
-    "starts": Suite("the first pose from a single frame", starts),
-    "real": Suite("labels by eye and an inertial sensor on real depth", real),
-    "sync": Suite("clocks of inertial sensors on the thigh, right and wrong files", sync),
-    "contacts": Suite("contacts with people and equipment, by body part", contacts),
-    "sensors": Suite("every camera, lens and size of hole that can be simulated", sensors),
-    "kidnapped": Suite("wrong poses in mid-recording that the tracker must leave", kidnapped),
-    "facings": Suite("the right body and the same turned round, followed side by side", facings),
-    "tasks": Suite("clinical measures, angles and centre of mass against those of the true joints", tasks),
-    "descriptor": Suite("people and places on the body by the learnt descriptor", descriptor),
-    "isolation": Suite("person labels, pixel by pixel", isolation),
-    "calibration": Suite("poses of cameras, found from the equipment or from people", calibration),
-    "clocks": Suite("clocks of cameras over ten minutes", clocks),
-    "given-poses": Suite("recordings with wrong poses: refused, noted or not noticed", given_poses),
-    "equipment": Suite("proposals of the equipment's model", equipment),
-    "laboratory": Suite("clock and frame of another motion capture system", laboratory),
-    "live": Suite("live tracking against track; needs an idle machine", live, alone=True),
-    "speed": Suite("processor time of every scene class", speed, alone=True),
+    "easy": Suite("the README's rows", easy, minutes=10),
+    "hard": Suite("rehabilitation movements in equipment, therapists, passers-by", hard, minutes=60),
+    "bodies": Suite("builds, heights, clothes, braces, missing limbs", bodies, minutes=45),
+    "rooms": Suite("cluttered rooms, one camera at an unknown place", rooms, minutes=25),
+    "starts": Suite("the first pose from a single frame", starts, minutes=10),
+    "real": Suite("labels by eye and an inertial sensor on real depth", real, minutes=20),
+    "sync": Suite("clocks of inertial sensors on the thigh, right and wrong files", sync, minutes=6),
+    "contacts": Suite("contacts with people and equipment, by body part", contacts, minutes=75),
+    "sensors": Suite("every camera, lens and size of hole that can be simulated", sensors, minutes=25),
+    "kidnapped": Suite("wrong poses in mid-recording that the tracker must leave", kidnapped, minutes=110),
+    "facings": Suite("the right body and the same turned round, followed side by side", facings, minutes=12),
+    "tasks": Suite("clinical measures, angles and centre of mass against those of the true joints", tasks, minutes=25),
+    "descriptor": Suite("people and places on the body by the learnt descriptor", descriptor, minutes=15),
+    "isolation": Suite("person labels, pixel by pixel", isolation, minutes=10),
+    "calibration": Suite("poses of cameras, found from the equipment or from people", calibration, minutes=25),
+    "clocks": Suite("clocks of cameras over ten minutes", clocks, minutes=20),
+    "given-poses": Suite("recordings with wrong poses: refused, noted or not noticed", given_poses, minutes=15),
+    "equipment": Suite("proposals of the equipment's model", equipment, minutes=3),
+    "laboratory": Suite("clock and frame of another motion capture system", laboratory, minutes=5),
+    "live": Suite("live tracking against track; needs an idle machine", live, alone=True, minutes=6),
+    "speed": Suite("processor time of every scene class", speed, alone=True, minutes=6),
 }
 
 
