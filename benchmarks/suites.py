@@ -283,7 +283,7 @@ SUITES: Final[dict[str, Suite]] = {
     "given-poses": Suite("recordings with wrong poses: refused, noted or not noticed", given_poses, minutes=15),
     "equipment": Suite("proposals of the equipment's model", equipment, minutes=3),
     "laboratory": Suite("clock and frame of another motion capture system", laboratory, minutes=5),
-    "live": Suite("live tracking against track; needs an idle machine", live, alone=True, minutes=6),
+    "live": Suite("live tracking against track; needs an idle machine", live, alone=True, minutes=15),
     "speed": Suite("processor time of every scene class", speed, alone=True, minutes=6),
 }
 

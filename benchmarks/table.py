@@ -86,7 +86,7 @@ def table(rows: Mapping[str, Measured], names: Sequence[str] = ()) -> str:
 def _named(name: str, rows: Mapping[str, Measured]) -> Column | Remark:
     """Return a remark, a known column, or a score's own column."""
     remark = next((one for one in REMARKS if one.name == name), None)
-    if not any(remark.words(measured) if remark else known_values(name, measured).size for measured in rows.values()):
+    if not any(remark.words(of) if remark else any(name in one for one in of) for of in rows.values()):
         raise KeyError(f"no {name} was measured")
     return remark or next((one for one in PAIRED if one.name == name), None) or _column(name)
 
