@@ -1,5 +1,6 @@
 """Figures in pages: blocks are found, measured once per commit, and written with their origin."""
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 import documents
+import versions
 from blocks import HEADLINES, Wanted, blocks_in, table_of, with_contents
 from headlines import EASY, HARD, REAL, headline_table
 from headlines import HEADLINES as ROWS
@@ -100,6 +102,39 @@ def test_a_suite_that_fails_keeps_none_of_the_others_from_being_written(pages, t
     with pytest.raises(SystemExit, match="a recording that is broken"):
         documents.fill(["README.md"], tmp_path / "cache", measure)
     assert "7.0 (8.0)" in page.read_text()
+
+
+def test_what_a_script_prints_is_the_content(pages, tmp_path):
+    (pages / "benchmarks").mkdir()
+    (pages / "benchmarks/hello.py").write_text("import sys; print('| ' + sys.argv[1] + ' |')")
+    (pages / "README.md").write_text("<!-- measured: benchmarks/hello.py world -->\n<!-- end -->\n")
+    documents.fill(["README.md"], tmp_path / "cache", lambda wanted: {})
+    content = "| world |\n\n*Commit 0123456789, 2026-01-02, a machine, 2 cores:* `python benchmarks/hello.py world`"
+    assert (pages / "README.md").read_text() == (
+        f"<!-- measured: benchmarks/hello.py world -->\n\n{content}\n\n<!-- end -->\n"
+    )
+
+
+def test_figures_are_of_the_last_commit_of_the_code_which_must_hold_every_change(tmp_path, monkeypatch):
+    def git(*arguments: str) -> str:
+        identity = ("-c", "user.name=nobody", "-c", "user.email=nobody")
+        done = subprocess.run(["git", *identity, *arguments], cwd=tmp_path, check=True, capture_output=True, text=True)
+        return done.stdout.strip()
+
+    monkeypatch.setattr(versions, "REPOSITORY", tmp_path)
+    git("init", "-q")
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src/code.py").write_text("1")
+    git("add", "-A")
+    git("commit", "-qm", "code")
+    code = git("rev-parse", "--short=10", "HEAD")
+    (tmp_path / "README.md").write_text("a page")
+    git("add", "-A")
+    git("commit", "-qm", "a page")
+    assert versions.commit_of_code() == code
+    (tmp_path / "src/code.py").write_text("2")
+    with pytest.raises(SystemExit, match=r"src/code\.py"):
+        versions.commit_of_code()
 
 
 def test_from_what_is_kept_a_block_that_was_never_measured_is_named_and_stays(pages, tmp_path):
