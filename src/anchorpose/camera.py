@@ -23,7 +23,7 @@ class Camera:
 
     @property
     def position_m(self) -> np.ndarray:
-        """(3,) centre of projection in the world frame; raises ValueError where the pose is unknown."""
+        """Return (3,) centre of projection in the world frame; raises ValueError where the pose is unknown."""
         return self.require_pose()[:3, 3]
 
     def require_pose(self) -> np.ndarray:
@@ -33,31 +33,37 @@ class Camera:
         return self.T_world_camera
 
     def share_in_image(self, places_m: np.ndarray) -> float:
-        """How many of some places (n, 3) in the world lie within this camera's image, 0 to 1; raises as
-        ``require_pose``."""
+        """Return how many of some places (n, 3) in the world lie within this camera's image, 0 to 1; raises as
+        ``require_pose``.
+        """
         return float(self.pixel_of(transform_points(invert_rigid(self.require_pose()), places_m))[2].mean())
 
     def pixel_rays(self) -> np.ndarray:
-        """(height, width, 2) float32, read only: x/z and y/z of each pixel's ray; NaN where it has none."""
+        """Return (height, width, 2) float32, read only: x/z and y/z of each pixel's ray; NaN where it has none."""
         return _pixel_rays(self.intrinsics, self.width, self.height)
 
     def valid_pixels(self) -> np.ndarray:
-        """(height, width) bool, read only: pixels that have a ray."""
+        """Return (height, width) bool, read only: pixels that have a ray."""
         return _valid_pixels(self.intrinsics, self.width, self.height)
 
     def back_project(self, depth_m: np.ndarray) -> np.ndarray:
-        """Depth image (height, width) in metres to (height, width, 3) float32 camera points; NaN where depth is 0."""
+        """Return the depth image (height, width) in metres to (height, width, 3) float32 camera points; NaN where depth
+        is 0.
+        """
         depth = np.where(depth_m > 0, depth_m, np.nan).astype(np.float32)
         return np.concatenate([self.pixel_rays() * depth[..., None], depth[..., None]], axis=-1)
 
     def project(self, points_camera_m: np.ndarray) -> np.ndarray:
-        """(n, 3) camera points to (n, 2) pixels (column, row), distorted; NaN behind the camera and outside of what the
-        lens is valid for."""
+        """Return (n, 3) camera points to (n, 2) pixels (column, row), distorted; NaN behind the camera and outside of
+        what the lens is valid for.
+        """
         points = np.asarray(points_camera_m, dtype=np.float64).reshape(-1, 3)
         return project(points, lens_array(self.intrinsics))
 
     def pixel_of(self, points_camera_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Column and row (n,) int64 of the pixel each point falls on, and whether it falls on one; 0, 0 where not."""
+        """Return the column and row (n,) int64 of the pixel each point falls on, and whether it falls on one; 0, 0
+        where not.
+        """
         place = self.project(points_camera_m)
         place = np.where(np.isfinite(place), np.clip(place, -1e6, 1e6), -1.0)
         column, row = np.rint(place).astype(np.int64).T

@@ -61,13 +61,13 @@ class Intrinsics:
 
     @property
     def matrix(self) -> np.ndarray:
-        """(3, 3) float64 camera matrix."""
+        """Return (3, 3) float64 camera matrix."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
 
 @lru_cache(maxsize=32)
 def lens_array(lens: Intrinsics) -> np.ndarray:
-    """(27,) float64, read only, for kernels: fx, fy, cx, cy first; the rest is for ``pixel_of_ray``."""
+    """Return (27,) float64, read only, for kernels: fx, fy, cx, cy first; the rest is for ``pixel_of_ray``."""
     array = np.zeros(_SIZE)
     array[:4] = lens.fx, lens.fy, lens.cx, lens.cy
     coefficients = np.zeros(14)
@@ -90,7 +90,7 @@ def _kind(model: LensModel, coefficients: np.ndarray) -> float:
 
 
 def _tilt(about_x: float, about_y: float) -> np.ndarray:
-    """(3, 3) projection of the image onto a sensor tilted by two angles, radians (OpenCV's tau)."""
+    """Return (3, 3) projection of the image onto a sensor tilted by two angles, radians (OpenCV's tau)."""
     cos_x, sin_x, cos_y, sin_y = np.cos(about_x), np.sin(about_x), np.cos(about_y), np.sin(about_y)
     turn_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, sin_x], [0.0, -sin_x, cos_x]])
     turn_y = np.array([[cos_y, 0.0, -sin_y], [0.0, 1.0, 0.0], [sin_y, 0.0, cos_y]])
@@ -100,7 +100,7 @@ def _tilt(about_x: float, about_y: float) -> np.ndarray:
 
 
 def _turning_point(array: np.ndarray) -> float:
-    """The radius from which on rays farther out fall on pixels farther in; ``WIDEST`` where there is none."""
+    """Return the radius from which on rays farther out fall on pixels farther in; ``WIDEST`` where there is none."""
     if array[_KIND] == _PLAIN:
         return WIDEST
     radius = np.linspace(0.0, WIDEST, 8001)
@@ -111,7 +111,7 @@ def _turning_point(array: np.ndarray) -> float:
 
 @njit(cache=True, nogil=True)
 def _radial(radius: float, lens: np.ndarray) -> float:
-    """How far from the axis a ray falls, in focal lengths, by the radial coefficients alone."""
+    """Return how far from the axis a ray falls, in focal lengths, by the radial coefficients alone."""
     k = lens[_K:]
     if lens[_KIND] == _FISHEYE:
         angle = np.arctan(radius)
@@ -125,7 +125,9 @@ def _radial(radius: float, lens: np.ndarray) -> float:
 
 @njit(cache=True, nogil=True)
 def pixel_of_ray(x: float, y: float, lens: np.ndarray) -> tuple[float, float]:
-    """Column and row of a ray, far outside of every image beyond the lens's valid radius. lens: ``lens_array``."""
+    """Return the column and row of a ray, far outside of every image beyond the lens's valid radius. lens:
+    ``lens_array``.
+    """
     if lens[_KIND] == _PLAIN:
         return lens[0] * x + lens[2], lens[1] * y + lens[3]
     squared = x * x + y * y
@@ -147,7 +149,9 @@ def pixel_of_ray(x: float, y: float, lens: np.ndarray) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def project(points: np.ndarray, lens: np.ndarray) -> np.ndarray:
-    """(n, 3) camera points to (n, 2) column and row; NaN behind the camera and beyond the lens's valid radius."""
+    """Return (n, 3) camera points to (n, 2) column and row; NaN behind the camera and beyond the lens's valid
+    radius.
+    """
     pixels = np.full((len(points), 2), np.nan)
     for p in range(len(points)):
         if points[p, 2] > 1e-6:
@@ -158,7 +162,7 @@ def project(points: np.ndarray, lens: np.ndarray) -> np.ndarray:
 
 
 def rays_of_pixels(lens: Intrinsics, width: int, height: int) -> np.ndarray:
-    """(height, width, 2) float64 ray of each pixel, exact to a millionth of a pixel; NaN where a pixel has none.
+    """Return (height, width, 2) float64 ray of each pixel, exact to a millionth of a pixel; NaN where a pixel has none.
 
     OpenCV's own fixed-point iteration is 4 mm off at 2.5 m for a real rational lens, and 68 mm in the image's corners.
     """
@@ -188,7 +192,7 @@ def _rays(lens: np.ndarray, radius: np.ndarray, seen: np.ndarray, width: int, he
 
 @njit(cache=True, nogil=True)
 def _solve(x: float, y: float, column: float, row: float, lens: np.ndarray) -> tuple[float, float, bool]:
-    """The ray of a pixel from a guess, and whether it is one."""
+    """Return the ray of a pixel from a guess, and whether it is one."""
     for _ in range(_STEPS):
         c, r = pixel_of_ray(x, y, lens)
         miss_c, miss_r = column - c, row - r

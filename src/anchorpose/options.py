@@ -47,7 +47,7 @@ def between(least: float, most: float) -> Parameter:
 
 
 def whole(least: int, most: int) -> Parameter:
-    """A whole number from ``least`` to ``most``; the parser alone would round 1.7 to 2."""
+    """Return a whole number from ``least`` to ``most``; the parser alone would round 1.7 to 2."""
     return Parameter(validator=Number(gte=least, lte=most), converter=_as_whole)
 
 
@@ -59,7 +59,7 @@ def _as_number(kind: Any, tokens: Sequence[Token]) -> float:
 
 
 def plain_number(text: str) -> float:
-    """A number in digits of ASCII, without underscores between them; raises ValueError also for NaN."""
+    """Return a number in digits of ASCII, without underscores between them; raises ValueError also for NaN."""
     number = float(text)
     if "_" in text or not text.isascii() or math.isnan(number):
         raise ValueError
@@ -75,7 +75,7 @@ def _as_whole(kind: Any, tokens: Sequence[Token]) -> int:
 
 
 def _shown(token: Token) -> str:
-    """The value, and the settings file where it comes from one."""
+    """Return the value, and the settings file where it comes from one."""
     return f'"{token.value[:40]}"' + (f" from {token.source}" if token.source != COMMAND_LINE else "")
 
 
@@ -216,7 +216,7 @@ class CoordinateModel(StrEnum):
 
 
 def _label(prefix: str) -> Parameter:
-    """A label of BIDS, which may be given with its prefix."""
+    """Return a label of BIDS, which may be given with its prefix."""
     return Parameter(converter=lambda kind, tokens: tokens[0].value.removeprefix(prefix))
 
 

@@ -109,7 +109,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
 
 
 def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:
-    """Frames to track, and about how many are read beforehand to learn the body."""
+    """Return the frames to track, and about how many are read beforehand to learn the body."""
     time_s = recording.streams[0].time_s[config.start : config.stop]
     return len(time_s), int((time_s <= time_s[0] + config.learning.window_s).sum())
 

@@ -46,7 +46,7 @@ def parts_of(address: str) -> tuple[str, ...]:
 
 @contextmanager
 def local_copy(given: str | Path) -> Iterator[Path]:
-    """The path itself, or a copy of what lies at an address, of the same name, which ends with the block.
+    """Yield the path itself, or a copy of what lies at an address, of the same name, which ends with the block.
 
     Raises InputError where there is nothing or it cannot be read, MissingPackage without the package for it.
     """
@@ -77,7 +77,7 @@ def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
 
 @contextmanager
 def local_results(given: str | Path) -> Iterator[Path]:
-    """The path itself, or a folder to make what then goes to an address, when the block ends without an error.
+    """Yield the path itself, or a folder to make what then goes to an address, when the block ends without an error.
 
     It is copied under a temporary name and then renamed. What is at the address already is refused before any work, and
     never replaced. Raises InputError and MissingPackage, as ``local_copy``.
@@ -122,7 +122,7 @@ def _rename(system: Any, source: str, target: str) -> None:
 
 @contextmanager
 def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
-    """The file system of an address and the place in it; whatever it raises becomes one sentence."""
+    """Yield the file system of an address and the place in it; whatever it raises becomes one sentence."""
     kind = address.partition("://")[0]
     try:
         from fsspec.core import url_to_fs

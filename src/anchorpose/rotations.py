@@ -56,21 +56,21 @@ def turns_about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def rotation_matrices(vectors: np.ndarray) -> np.ndarray:
-    """(m, 3, 3) rotation matrices of rotation vectors (m, 3)."""
+    """Return (m, 3, 3) rotation matrices of rotation vectors (m, 3)."""
     matrices = np.empty((len(vectors), 3, 3))
     _matrices(np.ascontiguousarray(vectors, np.float64), matrices)
     return matrices
 
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
-    """(m, 3) rotation vectors, no longer than pi, of rotation matrices (m, 3, 3)."""
+    """Return (m, 3) rotation vectors, no longer than pi, of rotation matrices (m, 3, 3)."""
     vectors = np.empty((len(matrices), 3))
     _vectors(np.ascontiguousarray(matrices, np.float64), vectors)
     return vectors
 
 
 def quaternions(matrices: np.ndarray) -> np.ndarray:
-    """(m, 4) unit quaternions w, x, y, z, w not negative, of rotation matrices (m, 3, 3)."""
+    """Return (m, 4) unit quaternions w, x, y, z, w not negative, of rotation matrices (m, 3, 3)."""
     vectors = rotation_vectors(matrices)
     half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors])

@@ -71,12 +71,12 @@ class TrackInputs:
 
     @property
     def review(self) -> Review:
-        """What tracking needs of the corrections."""
+        """Return what tracking needs of the corrections."""
         return NO_REVIEW if self.review_file is None else review_of(self.review_file.corrections)
 
 
 def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInputs:
-    """Raises InputError where the recording cannot be used, or a file of the user does not belong to it."""
+    """Raise InputError where the recording cannot be used, or a file of the user does not belong to it."""
     recording, source, calibration = with_height(open_recording(folder), config.height_m), None, None
     if user.calibration is not None:
         recording, source = with_poses(recording, user.calibration), PoseSource.FILE
@@ -95,14 +95,14 @@ def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInp
 
 
 def _read_events(recording: Recording, given: Path | None) -> Trials | None:
-    """The trials of the given file, or of the recording's own; None where there is neither."""
+    """Return the trials of the given file, or of the recording's own; None where there is neither."""
     own = events_files(recording.folder)
     path = given or (own[0] if own else None)
     return None if path is None else read_trials(path, recorded_span(recording.streams[0].time_s))
 
 
 def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
-    """Name and hash of a given events file and of the file of its units."""
+    """Return the name and hash of a given events file and of the file of its units."""
     if events is None:
         return ()
     files = [file for file in (events, sidecar_of(events)) if is_there(file)]
@@ -110,7 +110,7 @@ def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
 
 
 def _read_review(path: Path) -> ReviewFile:
-    """Raises InputError where it is not a file of corrections."""
+    """Raise InputError where it is not a file of corrections."""
     corrections = read_corrections(path)
     ((_, digest),) = hash_files([path], path.parent)  # now: the viewer may add to it during tracking
     return ReviewFile(path, digest, corrections)
@@ -125,22 +125,25 @@ def _hash_inputs(recording: Recording, config: TrackConfig) -> tuple[tuple[str, 
 
 
 def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
-    """The recording in the world of the corrected results: its poses need not be found again, and places in the
-    corrections stay valid whoever is the patient."""
+    """Return the recording in the world of the corrected results: its poses need not be found again, and places in the
+    corrections stay valid whoever is the patient.
+    """
     poses = corrections.recording.poses
     cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)
     return replace(recording, cameras=cameras)
 
 
 def _require_about(given: ReviewFile, recording: Recording, hashes: tuple[tuple[str, str], ...]) -> None:
-    """Raises InputError where the corrections are about another recording, another world or frames there are not."""
+    """Raise InputError where the corrections are about another recording, another world or frames there are not."""
     about = reviewed_recording(recording.folder.resolve().name, hashes, poses_of(recording.cameras))
     require_recording(given.path, given.corrections, about)
     require_frames(given.path, given.corrections, recording)
 
 
 def _with_named_patient(config: TrackConfig, given: ReviewFile) -> TrackConfig:
-    """The settings with the patient whom the reviewer named; raises InputError where the user names another one."""
+    """Return the settings with the patient whom the reviewer named; raises InputError where the user names another
+    one.
+    """
     named = given.corrections.patient
     if named is None:
         return config

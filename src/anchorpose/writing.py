@@ -132,7 +132,7 @@ class Written:
 
 
 def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
-    """Which corrections were honoured, judged by the joints that were written."""
+    """Return which corrections were honoured, judged by the joints that were written."""
     corrections = given.corrections
     sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
     held = (corrections.unusable, corrections.joints, corrections.patient)
@@ -140,7 +140,7 @@ def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
 
 
 def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
-    """Why a joint is not where the reviewer placed it, None where it is."""
+    """Return why a joint is not where the reviewer placed it, None where it is."""
     said, joint = f"{correction.joint} in frame {correction.frame}", JOINT_INDEX[correction.joint]
     rows = np.flatnonzero(joints.frame == correction.frame)
     if not len(rows):
@@ -164,7 +164,7 @@ def account_of(
     inputs: TrackInputs,
     corrections: CorrectionsRecord | None,
 ) -> RunRecord:
-    """The record of a run that has been through all frames."""
+    """Return the record of a run that has been through all frames."""
     room, config, gaps = run.room, run.config, find_gaps(run.room.recording)
     return RunRecord(
         recording=room.recording.folder.resolve().name,
@@ -202,7 +202,9 @@ def account_of(
 
 
 def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
-    """The poses and clocks that were used, and where each pose came from; source: of all, where they were given."""
+    """Return the poses and clocks that were used, and where each pose came from; source: of all, where they were
+    given.
+    """
     return tuple(
         CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock, _depth(scene))
         for camera, pose, clock, scene in zip(
@@ -224,7 +226,7 @@ def _pose_residuals(calibration: Calibration) -> list[Residual]:
 
 
 def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residual]:
-    """What was measured of each camera's clock, the first camera's being the reference."""
+    """Return what was measured of each camera's clock, the first camera's being the reference."""
     found = []
     for camera, missing in zip(clocks.cameras[1:], gaps[1:], strict=True):
         name, clock = camera.camera, camera.clock
@@ -244,7 +246,7 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
 
 
 def _about_depth(room: Room) -> list[str]:
-    """A sentence on each camera whose filters draw edges out, then on each that shows no still background."""
+    """Return a sentence on each camera whose filters draw edges out, then on each that shows no still background."""
     sensors = [(f"camera {scene.camera.name}", scene.background.sensor) for scene in room.scenes]
     coarse = [
         f"{camera}: its filters draw depth edges out over {sensor.edge_px:.0f} pixels: farther than "

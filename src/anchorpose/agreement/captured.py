@@ -48,7 +48,7 @@ class Captured:
     degrees: np.ndarray
 
     def point(self, label: str) -> np.ndarray:
-        """(t, 3) metres of one label."""
+        """Return (t, 3) metres of one label."""
         return self.point_m[:, self.points.index(label)]
 
 
@@ -67,8 +67,9 @@ def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
 
 
 def checked(captured: Captured) -> Captured:
-    """Raises InputError for a file without points and angles, of a single frame, whose times do not increase, or with
-    values that nothing can have."""
+    """Raise InputError for a file without points and angles, of a single frame, whose times do not increase, or with
+    values that nothing can have.
+    """
     path, known = captured.path, np.isfinite(captured.point_m).all(axis=2).any(axis=0)
     if not known.any() and not np.isfinite(captured.degrees).any():
         what = "holds no markers, joint centres or angles" if not captured.points else "has only markers without values"
@@ -89,14 +90,15 @@ def checked(captured: Captured) -> Captured:
 
 
 def repeated_label(path: Path, labels: tuple[str, ...]) -> None:
-    """Raises InputError where a label stands for two columns."""
+    """Raise InputError where a label stands for two columns."""
     for label in labels:
         if labels.count(label) > 1:
             raise InputError(path, f"has the label '{label}' twice", "rename one of them in the other system")
 
 
 def read_c3d(path: Path, unit: str | None = None) -> Captured:
-    """Points and angles of a C3D; unit: of its lengths, where the file does not state it or states it wrongly.
+    """Return the points and angles of a C3D; unit: of its lengths, where the file does not state it or states it
+    wrongly.
 
     A point is missing where its residual is negative. Unlabelled points (``*12``) are left out; a subject's name before
     a colon is too. Raises InputError, MissingPackage without ezc3d.
@@ -161,12 +163,12 @@ CSV_REMEDY: Final = (
 
 
 def read_lines(path: Path) -> list[str]:
-    """The lines of a text file; raises InputError where it cannot be read as text."""
+    """Return the lines of a text file; raises InputError where it cannot be read as text."""
     return read_text(path, LARGEST_TABLE).splitlines()
 
 
 def read_trc(path: Path, unit: str | None = None) -> Captured:
-    """Markers of a TRC; empty cells, NaN, and three zeros stand for a missing marker."""
+    """Return the markers of a TRC; empty cells, NaN, and three zeros stand for a missing marker."""
     remedy = "export it again as TRC"
     lines = read_lines(path)
     if len(lines) < 6 or not lines[0].lower().startswith("pathfiletype"):
@@ -183,7 +185,7 @@ def read_trc(path: Path, unit: str | None = None) -> Captured:
 
 
 def read_mot(path: Path) -> Captured:
-    """Coordinates of a MOT or STO as angles, in degrees; translations (``_tx`` and so on) are left out."""
+    """Return the coordinates of a MOT or STO as angles, in degrees; translations (``_tx`` and so on) are left out."""
     lines = read_lines(path)
     end = next((row for row, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None or len(lines) < end + 3:
@@ -201,7 +203,9 @@ def read_mot(path: Path) -> Captured:
 
 
 def read_csv(path: Path, unit: str | None = None) -> Captured:
-    """Columns as ``CSV_REMEDY`` says; lengths whose columns have no unit need ``unit``; empty cells are missing."""
+    """Return the columns as ``CSV_REMEDY`` says; lengths whose columns have no unit need ``unit``; empty cells are
+    missing.
+    """
     rows = [row for _, row in read_rows(path)]
     if len(rows) < 2:
         raise InputError(path, "has no rows", CSV_REMEDY)
@@ -238,12 +242,12 @@ def read_csv(path: Path, unit: str | None = None) -> Captured:
 
 
 def _padded(cells: list[str], length: int) -> list[str]:
-    """Some programs leave out empty cells at the end of a line."""
+    """Return the rows with all columns: some programs leave out empty cells at the end of a line."""
     return [*cells, *[""] * (length - len(cells))][:length]
 
 
 def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
-    """(rows, columns) float64, NaN for an empty cell."""
+    """Return (rows, columns) float64, NaN for an empty cell."""
     try:
         return np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows], dtype=np.float64)
     except ValueError as error:
@@ -251,7 +255,8 @@ def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
 
 
 def read_captured(path: Path, unit: str | None = None) -> Captured:
-    """Points and angles of a .c3d, .trc, .csv, .mot or .sto; unit: of lengths, where the file does not state it.
+    """Return the points and angles of a .c3d, .trc, .csv, .mot or .sto; unit: of lengths, where the file does not state
+    it.
 
     Raises InputError for another ending, and where the file cannot be used.
     """

@@ -48,7 +48,7 @@ class Signals:
 def common_signals(
     ours: tuple[np.ndarray, np.ndarray, np.ndarray], theirs: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> tuple[Signals, Signals] | None:
-    """Signals that both have and that move; None where there is none.
+    """Return the signals that both have and that move; None where there is none.
 
     Of each: time_s (n,), position_m (n, 21, 3), degrees (n, a), the same angles in both. NaN where missing.
     """
@@ -70,7 +70,7 @@ def common_signals(
 
 
 def position_signals(time_s: np.ndarray, position_m: np.ndarray) -> Signals:
-    """Coordinates (n, 21, 3) of joints in one frame, once that is known: they say more than distances."""
+    """Return the coordinates (n, 21, 3) of joints in one frame, once that is known: they say more than distances."""
     return on_grid(time_s, position_m.reshape(len(time_s), -1) / LEAST_MOVEMENT_M)
 
 
@@ -81,7 +81,7 @@ def _raw(position_m: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 
 
 def _spread(values: np.ndarray) -> np.ndarray:
-    """(k,) standard deviation of the known values; NaN where fewer than two are known."""
+    """Return (k,) standard deviation of the known values; NaN where fewer than two are known."""
     count = np.isfinite(values).sum(axis=0)
     filled = np.nan_to_num(values)
     mean = filled.sum(axis=0) / np.maximum(count, 1)
@@ -90,8 +90,9 @@ def _spread(values: np.ndarray) -> np.ndarray:
 
 
 def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHING_S) -> Signals:
-    """Values (n, k) at times (n,), NaN where missing, on an even grid, smoothed by a Gaussian kernel of
-    ``smoothing_s``; not scaled."""
+    """Return the values (n, k) at times (n,), NaN where missing, on an even grid, smoothed by a Gaussian kernel of
+    ``smoothing_s``; not scaled.
+    """
     grid_s = np.arange(time_s[0], time_s[-1], 1.0 / GRID_HZ)
     found = np.stack([at_times(time_s, values[:, column], grid_s) for column in range(values.shape[1])], axis=1)
     known = np.isfinite(found)
@@ -117,7 +118,7 @@ def at_times(time_s: np.ndarray, values: np.ndarray, wanted_s: np.ndarray) -> np
 
 
 def resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """Values (t, ...) at other times, (n, ...); NaN in gaps and where they are missing."""
+    """Return the values (t, ...) at other times, (n, ...); NaN in gaps and where they are missing."""
     flat = values.reshape(len(time_s), -1)
     found = np.full((len(at_s), flat.shape[1]), np.nan)
     for column in np.flatnonzero(np.isfinite(flat).any(axis=0)):
@@ -164,11 +165,11 @@ class OtherClock:
     overlap_s: tuple[float, float]
 
     def reference_time_s(self, time_s: np.ndarray) -> np.ndarray:
-        """(n,) times of the other clock."""
+        """Return (n,) times of the other clock."""
         return time_s + self.offset_s + self.drift * (time_s - self.middle_s)
 
     def our_time_s(self, reference_s: np.ndarray) -> np.ndarray:
-        """(n,) our times at times (n,) of the other clock."""
+        """Return (n,) our times at times (n,) of the other clock."""
         return self.middle_s + (reference_s - self.offset_s - self.middle_s) / (1.0 + self.drift)
 
 
@@ -180,7 +181,7 @@ class Clock(OtherClock):
 
 
 def find_clock(ours: Signals, theirs: Signals) -> Clock:
-    """Offset and drift with their uncertainty, from the same signals of both systems.
+    """Return the offset and drift with their uncertainty, from the same signals of both systems.
 
     Raises NoCommonMovement where the best offset explains too little, or another explains as much.
     """
@@ -189,7 +190,7 @@ def find_clock(ours: Signals, theirs: Signals) -> Clock:
 
 
 def starting_clock(offset_s: float, correlation: float) -> Clock:
-    """A clock of which only the offset is known, roughly."""
+    """Return a clock of which only the offset is known, roughly."""
     return Clock(
         offset_s=offset_s,
         offset_sigma_s=np.inf,
@@ -202,7 +203,7 @@ def starting_clock(offset_s: float, correlation: float) -> Clock:
 
 
 def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool = True) -> Clock:
-    """The clock by least squares, from a start that is right within a fraction of a movement.
+    """Return the clock by least squares, from a start that is right within a fraction of a movement.
 
     with_drift: False leaves the drift at 0 with the sigma of any clock, for recordings too short to show it. Raises
     NoCommonMovement as ``find_clock``.
@@ -243,7 +244,7 @@ def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool 
 
 
 def _coarse_offset(ours: Signals, theirs: Signals) -> tuple[float, float]:
-    """Offset in seconds of the best correlation, and that correlation."""
+    """Return the offset in seconds of the best correlation, and that correlation."""
     r, overlap = _correlations(ours.values[::COARSE], theirs.values[::COARSE])
     return offset_of_peak(ours, theirs, r, overlap)
 
@@ -256,7 +257,7 @@ def offset_of_peak(
     least_s: float = LEAST_OVERLAP_S,
     near_s: float | None = None,
 ) -> tuple[float, float]:
-    """Offset in seconds of the best correlation, and that correlation.
+    """Return the offset in seconds of the best correlation, and that correlation.
 
     r, overlap: correlation and number of common samples at each lag of every ``COARSE``-th sample, as ``_correlations``
     has them. least_s: common time below which a lag is not considered. near_s: an offset from which the right one
@@ -352,13 +353,13 @@ def _normal_equations(
 
 
 def _without_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Each signal (column) may differ by a constant: the two systems define joints differently."""
+    """Return each signal (column) may differ by a constant: the two systems define joints differently."""
     return np.where(weight > 0, values - (weight * values).sum(axis=0) / weight.sum(axis=0), 0.0)
 
 
 def _jackknife(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(2,) standard deviations of offset and drift, or (1,) of the offset alone, from how they change when one stretch
-    of the movement is left out.
+    """Return (2,) standard deviations of offset and drift, or (1,) of the offset alone, from how they change when one
+    stretch of the movement is left out.
 
     Errors of neighbouring frames are alike, so that residuals of frames would give far too little.
     """

@@ -94,12 +94,14 @@ class Compared:
     time_s: np.ndarray
 
     def chosen(self, state: str) -> np.ndarray:
-        """(n,) bool: the frames in which all is known and the joint, or the angle's worst joint, is in a state."""
+        """Return (n,) bool: the frames in which all is known and the joint, or the angle's worst joint, is in a
+        state.
+        """
         known = np.isfinite(self.ours + self.theirs + self.offset) & (self.state_code != LOST)
         return np.asarray(known & in_state(self.state_code, state))
 
     def their_values(self, offset: str) -> np.ndarray:
-        """(n,) theirs, with or without the difference of the definitions."""
+        """Return (n,) theirs, with or without the difference of the definitions."""
         return self.theirs + self.offset if offset == OFFSET_REMOVED else self.theirs
 
 
@@ -115,7 +117,7 @@ class Quantity:
 
 
 def quantities(matches: Sequence[Match]) -> list[Quantity]:
-    """Joint centres by axis, angles from joints, angles as the other system gives them."""
+    """Return the joint centres by axis, angles from joints, angles as the other system gives them."""
     given = dict.fromkeys(name for match in matches for name in match.given_names)
     return [
         *(
@@ -129,7 +131,7 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """All rows of all recordings together; subjects: of each match, the same text for the same person."""
+    """Return all rows of all recordings together; subjects: of each match, the same text for the same person."""
     rows = list[Agreement]()
     for quantity in quantities(matches):
         taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]
@@ -203,7 +205,9 @@ def _shape(parts: Parts, offset: str) -> dict[str, Any]:
 
 
 def _units(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
-    """Stretches of time after which errors are independent: twice their correlation time, at least one second."""
+    """Return the stretches of time after which errors are independent: twice their correlation time, at least one
+    second.
+    """
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     centred = difference - difference.mean()
     most = min(len(centred) - 1, round(10.0 / step_s))
@@ -296,7 +300,7 @@ class Comparison:
 def compare_with_reference(
     results: Sequence[Path], references: Sequence[Path], subjects: Sequence[str], settings: ReferenceSettings
 ) -> Comparison:
-    """One reference per results folder, in the same order; subjects: one per folder, or none: each is a person.
+    """Return one reference per results folder, in the same order; subjects: one per folder, or none: each is a person.
 
     Raises InputError or AnchorposeError where they do not belong together or cannot be used.
     """

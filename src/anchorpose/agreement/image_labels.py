@@ -50,7 +50,7 @@ class _Label:
 
 
 def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[ImageErrors, ...]:
-    """All joints, observed and inferred ones, and each joint that was labelled.
+    """Return all joints, observed and inferred ones, and each joint that was labelled.
 
     Raises InputError where a file cannot be used, or no labelled frame is among the results.
     """

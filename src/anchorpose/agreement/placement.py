@@ -69,7 +69,7 @@ class Placement:
 
 
 def segment_axes(position_m: np.ndarray) -> np.ndarray:
-    """(n, 21, 3, 3) columns x, y, z of the segment of each joint; position_m (n, 21, 3), NaN where not known.
+    """Return (n, 21, 3, 3) columns x, y, z of the segment of each joint; position_m (n, 21, 3), NaN where not known.
 
     A limb's axes are those of pelvis or trunk, turned the shortest way until they are in line with the limb.
     """
@@ -91,7 +91,7 @@ def segment_axes(position_m: np.ndarray) -> np.ndarray:
 def place(
     ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, given: np.ndarray | None = None
 ) -> Placement:
-    """The reference's frame and the offsets of its definitions, from joints (n, 21, 3) of the same times.
+    """Return the reference's frame and the offsets of its definitions, from joints (n, 21, 3) of the same times.
 
     sigma_m (n, 21): of ours; axes (n, 21, 3, 3): ``segment_axes`` of ours. given: T_world_reference where it is known;
     only the offsets are found then. Raises DegenerateGeometry where the common joints do not determine a frame.
@@ -109,7 +109,7 @@ def place(
 
 
 def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> np.ndarray:
-    """(n, 21) of mean 1, 0 where a joint is not common: an inferred joint says less about the frame."""
+    """Return (n, 21) of mean 1, 0 where a joint is not common: an inferred joint says less about the frame."""
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2) & np.isfinite(sigma_m)
     both[:, both.sum(axis=0) < LEAST_FRAMES] = False
     weight = np.where(both, 1.0 / (np.where(both, sigma_m, 0.0) ** 2 + ERROR_M**2), 0.0)
@@ -128,7 +128,7 @@ def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: n
 
 
 def residual(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
-    """(n, 21, 3) ours minus theirs minus the offset of the definition; all in the world."""
+    """Return (n, 21, 3) ours minus theirs minus the offset of the definition; all in the world."""
     return ours_m - theirs_m - np.einsum("njik,jk->nji", axes, offset_m)
 
 
@@ -140,7 +140,7 @@ def _fit(
     prior_frames: float,
     given: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Frame and offsets together, by Gauss-Newton: where a person turns, the two are distinct."""
+    """Return the frame and offsets together, by Gauss-Newton: where a person turns, the two are distinct."""
     known = (joint_weight > 0) & np.isfinite(axes).all(axis=(2, 3))
     every = max(1, len(known) // MOST_FRAMES)
     known[np.arange(len(known)) % every != 0] = False
@@ -174,7 +174,7 @@ def _step(
     offset: np.ndarray,
     frame_too: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rotation vector and shift of the frame, and change of the offsets (j, 3).
+    """Return the rotation vector and shift of the frame, and change of the offsets (j, 3).
 
     left (k, 3): what is unexplained; lever (k, 3): the reference's points about their centre; own (k, 3, 3): segment
     axes; use: which offset each point belongs to, its weight, and the weight of each offset's prior.
@@ -220,12 +220,12 @@ def _spread(T: np.ndarray, others: list[np.ndarray], centre_m: np.ndarray) -> tu
 
 
 def _columns(axes: Axes) -> np.ndarray:
-    """(n, 3, 3)."""
+    """Return (n, 3, 3)."""
     return np.stack([axes.x, axes.y, axes.z], axis=-1).transpose(1, 0, 2)
 
 
 def _shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) rotations of unit vectors (n, 3) onto others; NaN where they are opposite."""
+    """Return (n, 3, 3) rotations of unit vectors (n, 3) onto others; NaN where they are opposite."""
     axis, cosine = np.cross(start, end), (start * end).sum(axis=1)
     zero = np.zeros(len(axis))
     x, y, z = axis.T

@@ -77,7 +77,7 @@ class Marking:
 
 
 def known_marking(labels: tuple[str, ...]) -> Marking:
-    """What labels in common use stand for; upper or lower case, dots, dashes and underscores do not matter."""
+    """Return what labels in common use stand for; upper or lower case, dots, dashes and underscores do not matter."""
     own = {re.sub(r"[^A-Z0-9]", "", label.upper()): label for label in reversed(labels)}
     centres = {name: own[name.upper()] for name in JOINT_NAMES if name.upper() in own}
     midpoints = dict[str, tuple[str, ...]]()
@@ -105,7 +105,7 @@ def known_marking(labels: tuple[str, ...]) -> Marking:
 
 
 def given_marking(path: Path, labels: tuple[str, ...]) -> Marking:
-    """The user's table: rows ``joint,label``; several rows of a joint mean the middle of these labels.
+    """Return the user's table: rows ``joint,label``; several rows of a joint mean the middle of these labels.
 
     ASISLeft, ASISRight, PSISLeft and PSISRight may stand in place of a joint, and ThighLeft, ThighRight. Raises
     InputError for an unknown joint or label.
@@ -137,7 +137,7 @@ def _first(own: dict[str, str], patterns: tuple[str, ...], side: str) -> str | N
 
 
 def _thigh(own: dict[str, str], midpoints: dict[str, tuple[str, ...]], side: str, name: str) -> tuple[str, ...]:
-    """Markers that move with the thigh: those on it, and both of the knee."""
+    """Return the markers that move with the thigh: those on it, and both of the knee."""
     cluster = [label for plain, label in own.items() if (match := _THIGH.match(plain)) and match[1] == side]
     return (*sorted(cluster), *midpoints.get(f"Knee{name}", ()))
 
@@ -161,12 +161,12 @@ class CentreTrack:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The joints that there are."""
+        """Return the joints that there are."""
         return tuple(name for name, how in zip(JOINT_NAMES, self.origin, strict=True) if how is not None)
 
 
 def joint_centres(captured: Captured, marking: Marking, hip: HipCentre) -> CentreTrack:
-    """All joints that the labels determine; raises InputError where ``hip`` cannot be used."""
+    """Return all joints that the labels determine; raises InputError where ``hip`` cannot be used."""
     position = np.full((len(captured.time_s), JOINT_COUNT, 3), np.nan)
     origin: list[str | None] = [None] * JOINT_COUNT
 
@@ -203,7 +203,8 @@ _HOW: Final = {
 def pelvis_frame(
     left_asis: np.ndarray, right_asis: np.ndarray, left_psis: np.ndarray, right_psis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Axes (t, 3, 3), columns x forward, y up, z right; origin (t, 3) midway between the ASIS; width and depth in m.
+    """Return the axes (t, 3, 3), columns x forward, y up, z right; origin (t, 3) midway between the ASIS; width and
+    depth in m.
 
     All inputs (t, 3). Width and depth are medians over the recording, since a bone does not change.
     """
@@ -217,12 +218,12 @@ def pelvis_frame(
 
 
 def harrington_hip(width_m: float, depth_m: float) -> np.ndarray:
-    """(3,) metres of the right hip centre in ``pelvis_frame``: x forward, y up, z right; the left one has -z."""
+    """Return (3,) metres of the right hip centre in ``pelvis_frame``: x forward, y up, z right; the left one has -z."""
     return np.array([-0.24 * depth_m - 0.0099, -0.30 * width_m - 0.0109, 0.33 * width_m + 0.0073])
 
 
 def functional_centre(markers_m: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
-    """(3,) the common centre of spheres on which each marker (t, 3) moves, and how well it is determined.
+    """Return (3,) the common centre of spheres on which each marker (t, 3) moves, and how well it is determined.
 
     The second is the ratio of the smallest to the largest singular value of the equations. Raises ValueError for no
     marker with four known positions.
@@ -268,7 +269,7 @@ def with_sides_exchanged(track: CentreTrack) -> CentreTrack:
 
 
 def other_side(name: str) -> str:
-    """The same joint or angle of the other side; itself where it has none."""
+    """Return the same joint or angle of the other side; itself where it has none."""
     for left, right in ((*SIDES.values(),), ("_left", "_right")):
         if name.endswith(left):
             return name.removesuffix(left) + right
@@ -311,7 +312,7 @@ class Reference:
 def read_reference(
     path: Path, unit: str | None = None, names: Path | None = None, hip: HipCentre = HipCentre.HARRINGTON
 ) -> Reference:
-    """Joints and angles of a file; names: a table ``joint,label`` in place of the names in common use.
+    """Return the joints and angles of a file; names: a table ``joint,label`` in place of the names in common use.
 
     Raises InputError where no joint and no angle of ours follows from it.
     """
@@ -328,7 +329,7 @@ def read_reference(
 
 
 def exchanged(reference: Reference) -> Reference:
-    """The same recording with left and right exchanged."""
+    """Return the same recording with left and right exchanged."""
     angles = tuple(other_side(name) for name in reference.angles)
     return replace(reference, centres=with_sides_exchanged(reference.centres), angles=angles)
 

@@ -49,7 +49,7 @@ class Reliability:
     why: str | None = None
 
     def without(self, why: str) -> Reliability:
-        """The same measure without values, and why."""
+        """Return the same measure without values, and why."""
         about = (self.measure, self.side, self.unit, self.subjects, self.repeats)
         return Reliability(**dict(zip(COLUMNS, about, strict=False)), why=why)  # type: ignore[arg-type]
 
@@ -159,7 +159,7 @@ Values = dict[tuple[str, str], dict[Key, float]]  # by subject and repeat
 
 
 def session_reliability(path: Path) -> tuple[Reliability, ...]:
-    """Every measure in a table of sessions, in the order in which measures first occur.
+    """Return every measure in a table of sessions, in the order in which measures first occur.
 
     Raises InputError where the table or a results folder cannot be used, or measures are defined differently.
     """
@@ -178,7 +178,7 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
 
 
 def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
-    """The session, or the subject's session, whose values (subjects, repeats) are of another order of magnitude.
+    """Return the session, or the subject's session, whose values (subjects, repeats) are of another order of magnitude.
 
     Single values may be near zero for good reasons, so that only a whole session counts as too small.
     """
@@ -198,7 +198,7 @@ def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str
 
 
 def _times(some: np.ndarray, others: np.ndarray) -> float:
-    """Ratio of two medians; 1 where either is 0, which has no order of magnitude."""
+    """Return the ratio of two medians; 1 where either is 0, which has no order of magnitude."""
     own, rest = float(np.median(some)), float(np.median(others))
     return own / rest if own > 0.0 and rest > 0.0 else 1.0
 
@@ -209,7 +209,7 @@ def reliability_text(rows: Sequence[Reliability]) -> str:
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
-    """A table as CSV."""
+    """Return a table as CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([head, *([cell_text(cell) for cell in row] for row in rows)])
     return text.getvalue()

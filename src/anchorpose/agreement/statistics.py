@@ -143,7 +143,8 @@ LEVELS: Final = np.linspace(0.05, 0.95, 19)
 
 
 def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | None:
-    """Coefficient of multiple correlation (CMC) between two systems that measured the same movement; (n,) each.
+    """Return the coefficient of multiple correlation (CMC) between two systems that measured the same movement; (n,)
+    each.
 
     1 where both curves coincide; offsets and gains lower it. None where the curves differ by more than they move,
     which leaves the root of a negative number, and for fewer than ``LEAST_SAMPLES`` samples.
@@ -158,7 +159,7 @@ def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | N
 
 
 def coverage_95(error: np.ndarray, sigma: np.ndarray) -> float:
-    """Share of errors (n,) within 1.96 of their own sigma (n,)."""
+    """Return the share of errors (n,) within 1.96 of their own sigma (n,)."""
     return float((np.abs(error) <= stats.norm.ppf(0.975) * sigma).mean())
 
 

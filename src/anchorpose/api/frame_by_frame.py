@@ -55,19 +55,19 @@ class Pose:
     states: tuple[JointState, ...]
 
     def __getitem__(self, joint: str) -> np.ndarray:
-        """(3,) a joint by its name; raises KeyError where there is none of that name."""
+        """Return (3,) a joint by its name; raises KeyError where there is none of that name."""
         if joint not in JOINT_NAMES:
             raise KeyError(joint)
         return np.asarray(self.joints_m[JOINT_NAMES.index(joint)])
 
     @property
     def angles_deg(self) -> dict[str, float]:
-        """Each angle of docs/angles.md by its name, degrees; NaN where the pose leaves it undetermined."""
+        """Return each angle of docs/angles.md by its name, degrees; NaN where the pose leaves it undetermined."""
         return dict(zip(self._angles.names, self._angles.degrees[0].tolist(), strict=True))
 
     @property
     def angles_sigma_deg(self) -> dict[str, float]:
-        """One standard deviation of each angle."""
+        """Return one standard deviation of each angle."""
         return dict(zip(self._angles.names, self._angles.sigma_deg[0].tolist(), strict=True))
 
     @cached_property
@@ -132,7 +132,7 @@ class Tracker:
 
     @property
     def height_m(self) -> float | None:
-        """The patient's standing height as learnt, None before."""
+        """Return the patient's standing height as learnt, None before."""
         if self._prepared is None:
             return None
         from anchorpose.body.shape_prior import standing_height
@@ -141,7 +141,7 @@ class Tracker:
         return standing_height(body_points().asset, self._prepared.learnt.shape)[0]
 
     def step(self, depth_m: Mapping[str, np.ndarray], time_s: float) -> Pose | None:
-        """The pose in the next frame; None while the patient is not found, or is lost (``why``).
+        """Return the pose in the next frame; None while the patient is not found, or is lost (``why``).
 
         depth_m: by a camera's name (height, width) metres along the optical axis; 0, NaN and infinite are no reading; a
         camera that is missing has no image in this frame. time_s: later than that of the frame before. The step that
@@ -171,7 +171,7 @@ class Tracker:
         self._writers: list[CameraWriter] = self._stack.enter_context(self._setup.writers(self._folder))
 
     def _look(self, greys: Sequence[np.ndarray | None], time_s: float) -> Estimate | None:
-        """One more frame of the first seconds; at their end the newest estimate, where the patient is found."""
+        """Add a frame of the first seconds; at their end return the newest estimate, if the patient is found."""
         self._began_s = time_s if np.isnan(self._began_s) else self._began_s
         for writer, grey in zip(self._writers, greys, strict=True):
             if grey is not None:
@@ -232,7 +232,7 @@ class Tracker:
 
 
 def _setup_of(folder: Path) -> Setup:
-    """What a recording states about its cameras, patient and room."""
+    """Return what a recording states about its cameras, patient and room."""
     recording = open_recording(folder)
     rooms = {
         camera.name: room

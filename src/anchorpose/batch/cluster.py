@@ -58,13 +58,13 @@ class Place:
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def connected(place: Place, jobs: int) -> Iterator[Client]:
-    """A client of the scheduler; what was started for it ends with the block.
+    """Yield a client of the scheduler; what was started for it ends with the block.
 
     jobs: no more workers than that are started. Raises AnchorposeError where the scheduler cannot be reached.
     """
@@ -86,7 +86,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
 
 @contextmanager
 def _client_of(cluster: Any) -> Iterator[Client]:
-    """A client of a cluster that was started here, and closed at the end.
+    """Yield a client of a cluster that was started here, and closed at the end.
 
     A worker that is being started again may keep the cluster from closing in time. That is no error of the work: all
     outcomes are known by then, and the workers end with this process.
@@ -163,7 +163,7 @@ class Job:
 
 
 def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambda: None) -> Iterator[Outcome]:
-    """Runs all jobs, those listed first begin first, and gives the outcome of each as it ends.
+    """Run all jobs, those listed first begin first, and gives the outcome of each as it ends.
 
     tick: called about twice a second while jobs run, for progress that can be seen from outside of them.
     An exception in the caller's loop, such as that of a signal, stops the jobs that run; their processes have ended
@@ -212,7 +212,7 @@ def _submit(client: Client, job: Job, number: int, group: str) -> Future:
 
 
 def _why(future: Future) -> str | None:
-    """Why the scheduler gave a job up; None where it has its outcome."""
+    """Return why the scheduler gave a job up; None where it has its outcome."""
     from distributed.scheduler import KilledWorker
 
     if future.status == "finished":

@@ -52,24 +52,24 @@ class Session:
 
     @property
     def place(self) -> Path | None:
-        """The whole path of the recording; None where it is at an address."""
+        """Return the whole path of the recording; None where it is at an address."""
         return None if isinstance(self.recording, str) else self.recording.resolve()
 
     @property
     def shown(self) -> str:
-        """The whole path of the recording, or its address without its password."""
+        """Return the whole path of the recording, or its address without its password."""
         return without_password(self.recording) if isinstance(self.recording, str) else str(self.place)
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """The names of the recording and of the folders above it, the recording's last."""
+        """Return the names of the recording and of the folders above it, the recording's last."""
         if isinstance(self.recording, str):
             return parts_of(self.recording)
         path = self.recording.resolve()
         return tuple(part for part in path.parts if part != path.anchor)
 
     def absolute(self) -> Session:
-        """The same with paths that hold in any folder, for a worker that runs elsewhere."""
+        """Return the same with paths that hold in any folder, for a worker that runs elsewhere."""
         paths = {name: getattr(self.options, name) for name in FILES}
         known: dict[str, Any] = {name: path.resolve() for name, path in paths.items() if path is not None}
         options = replace(self.options, **known)
@@ -108,7 +108,9 @@ def _sessions_of(text: str, options: TrackOptions) -> Iterator[Session]:
 
 
 def _recordings_in(path: Path) -> list[Path]:
-    """The recording itself, or all recordings below a folder; a file is left to the readers of recorders' files."""
+    """Return the recording itself, or all recordings below a folder; a file is left to the readers of recorders'
+    files.
+    """
     if not path.is_dir() or (path / RECORDING_FILE).is_file():
         return [path]
     below = sorted(file.parent for file in path.rglob(RECORDING_FILE))
@@ -182,7 +184,9 @@ class NamedRecording:
     mark: str | None = None
 
     def is_of(self, other: NamedRecording) -> bool:
-        """Whether both are one recording: the same images at the same place, or moved from a place that is gone."""
+        """Return whether both are one recording: the same images at the same place, or moved from a place that is
+        gone.
+        """
         same_images = self.mark == other.mark or None in (self.mark, other.mark)
         if self.recording == other.recording:
             return same_images
@@ -252,8 +256,9 @@ def _named(sessions: Sequence[Session], before: Sequence[NamedRecording], out: P
 def _require_own(
     one: NamedRecording, unnamed: bool, others: Sequence[NamedRecording], holder: NamedRecording | None, out: Path
 ) -> None:
-    """Raises InputError where another session of this call has the name, or is of the same recording without a name of
-    its own, or the name belongs to another recording."""
+    """Raise InputError where another session of this call has the name, or is of the same recording without a name of
+    its own, or the name belongs to another recording.
+    """
     remedy = "name them in a table with a column 'session'"
     if not unnamed:
         remedy = "give them other names in the column 'session'; capitals and the form of accents make no difference"
@@ -266,7 +271,7 @@ def _require_own(
 
 
 def _given(session: Session) -> str | None:
-    """The name from the user's table; raises InputError where no folder can have it."""
+    """Return the name from the user's table; raises InputError where no folder can have it."""
     name = _clean(session.name)
     if len(name.encode()) > LONGEST_NAME:
         problem = f"has a name of {len(name.encode())} bytes ({name[:20]}...)"
@@ -280,7 +285,7 @@ def _earlier(one: NamedRecording, before: Sequence[NamedRecording]) -> str | Non
 
 
 def _free(session: Session, sessions: Sequence[Session], taken: dict[str, NamedRecording]) -> str:
-    """The name of the recording's folder, with as many of the folders above it as it takes, or with a number."""
+    """Return the name of the recording's folder, with as many of the folders above it as it takes, or with a number."""
     parts = session.parts
     ends = ["-".join(parts[-count:]) for count in range(1, len(parts) + 1)]
     counts = [sum(other.parts[-k:] == parts[-k:] for other in sessions) for k in range(1, len(parts) + 1)]
@@ -291,13 +296,13 @@ def _free(session: Session, sessions: Sequence[Session], taken: dict[str, NamedR
 
 
 def _clean(name: str) -> str:
-    """Letters, digits and . + - _ only."""
+    """Return the letters, digits and . + - _ only."""
     cleaned = re.sub(r"[^\w.+-]+", "_", unicodedata.normalize("NFC", name)).strip(".")
     return f"_{cleaned}" if DEVICES.fullmatch(cleaned) else cleaned
 
 
 def _short(name: str) -> str:
-    """A name that is too long, cut off; a hash of all of it keeps it apart from others."""
+    """Return a name that is too long, cut off; a hash of all of it keeps it apart from others."""
     if len(name.encode()) <= LONGEST_NAME:
         return name
     start = name.encode()[: LONGEST_NAME - 12].decode(errors="ignore")
@@ -305,13 +310,14 @@ def _short(name: str) -> str:
 
 
 def _key(name: str) -> str:
-    """A key that is equal for names that some file systems do not tell apart."""
+    """Return a key that is equal for names that some file systems do not tell apart."""
     return unicodedata.normalize("NFC", name.casefold())
 
 
 def _mark_of(place: Path | None) -> str | None:
-    """A hash of the first, the middle and the last depth image of a recording's first camera, or of the beginning of a
-    recorder's file and its size."""
+    """Return a hash of the first, the middle and the last depth image of a recording's first camera, or of the
+    beginning of a recorder's file and its size.
+    """
     try:
         if place is None or not place.exists():
             return None

@@ -94,14 +94,14 @@ MOVE_AWAY: Final = "move it away, or choose another folder for the batch"
 
 
 def note_outcome(out: Path, outcome: Outcome) -> None:
-    """Keeps why a session failed beside its log, for a summary that is written later."""
+    """Keep why a session failed beside its log, for a summary that is written later."""
     path = _outcome_file(out, outcome.name)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text_whole(path, json.dumps({"why": outcome.why, "seconds": round(outcome.seconds, 1)}) + "\n")
 
 
 def require_places(out: Path, sessions: Sequence[Session]) -> None:
-    """Raises InputError where a link or anything of another kind stands at a place in the folder that is written to."""
+    """Raise InputError where a link or anything of another kind stands at a place in the folder that is written to."""
     for name in (RESULTS_FOLDER, LOGS_FOLDER):
         if (out / name).is_symlink() or (is_there(out / name) and not (out / name).is_dir()):
             raise InputError(out / name, "is a link, or no folder", MOVE_AWAY)
@@ -138,7 +138,7 @@ def row_of(
 
 
 def _noted(out: Path, name: str) -> str | None:
-    """Why a session failed in its last run; None where it did not, or has not run."""
+    """Return why a session failed in its last run; None where it did not, or has not run."""
     path = _outcome_file(out, name)
     if not is_there(path):
         return None
@@ -175,13 +175,13 @@ def _figures(results: Path) -> dict[str, Any]:
 
 
 def _measures(results: Path) -> tuple[Measure, ...]:
-    """The measures of a session that are not about a single person; none where it is not measured."""
+    """Return the measures of a session that are not about a single person; none where it is not measured."""
     path = results / MEASURES_FILE
     return tuple(measure for measure in read_measures(path) if measure.person is None) if is_there(path) else ()
 
 
 def write_tables(out: Path, rows: Sequence[SessionRow], measures: Iterable[tuple[SessionRow, Measure]]) -> None:
-    """Writes both tables, each whole or not at all."""
+    """Write both tables, each whole or not at all."""
     _write(out, SESSIONS, rows)
     names = ("measure", "side", "part", "value", "unit", "sigma", "why")
     _write(
@@ -202,7 +202,7 @@ def _write(out: Path, table: RecordTable[Any], rows: Sequence[Any]) -> None:
 
 
 def _for_spreadsheets(table: pa.Table) -> pa.Table:
-    """The table with texts that no spreadsheet runs as a formula."""
+    """Return the table with texts that no spreadsheet runs as a formula."""
     for index, column in enumerate(table.schema):
         if column.type == _TEXT:
             cells = [cell and cell_text(cell) for cell in table[column.name].to_pylist()]
@@ -216,7 +216,7 @@ UNKNOWN: Final = Markup('<span title="{}">–</span>')
 
 
 def write_page(out: Path, rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]) -> Path:
-    """Writes index.html. measures: of each session that is done, by its name."""
+    """Write index.html. measures: of each session that is done, by its name."""
     counts = Counter(row.state for row in rows)
     compared = [row for row in rows if row.state == DONE][:MOST_COMPARED]
     page = render_page(
@@ -273,7 +273,7 @@ def _titles(rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]
 def _measure_rows(
     rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]
 ) -> list[tuple[Markup, list[Markup]]]:
-    """(session, a cell per measure)."""
+    """Return (session, a cell per measure)."""
     keys = list(_titles(rows, measures))
     found = [{_key(one): one for one in measures[row.session]} for row in rows]
     return [(_name(row), [_value(own.get(key)) for key in keys]) for row, own in zip(rows, found, strict=True)]

@@ -30,7 +30,7 @@ Progress = Callable[[int, int], None]
 
 
 def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Progress) -> tuple[SessionRow, ...]:
-    """Tracks all sessions that are not done and writes the tables and index.html; returns a row per session.
+    """Track all sessions that are not done and writes the tables and index.html; returns a row per session.
 
     One that fails keeps no other from its end. progress is called with sessions finished and in total. Raises
     InputError where ``out`` is not the folder of a batch, AnchorposeError where the scheduler cannot be used.
@@ -46,7 +46,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
 
 
 def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
-    """Tracks the session with this number, counted from 0, on a worker of its own; for arrays of jobs."""
+    """Track the session with this number, counted from 0, on a worker of its own; for arrays of jobs."""
     if not 0 <= index < len(sessions):
         raise AnchorposeError(f"--index is {index}; there are {len(sessions)} sessions, numbered from 0.")
     session = _opened(out, sessions)[index]
@@ -56,7 +56,7 @@ def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
 
 
 def summarise(sessions: Sequence[Session], out: Path) -> tuple[SessionRow, ...]:
-    """Writes the tables and index.html from what the folder holds; returns a row per session."""
+    """Write the tables and index.html from what the folder holds; returns a row per session."""
     return _summarise(_opened(out, sessions), out, {})
 
 
@@ -84,7 +84,7 @@ ENDING_S: Final = 30.0  # for the child of a killed worker to end
 
 
 def track_session(session: Session, results: Path) -> bool:
-    """Tracks a session into a folder that appears when it is whole; returns whether there was anything to do.
+    """Track a session into a folder that appears when it is whole; returns whether there was anything to do.
 
     It is done where ``run.json`` has the identity of its inputs, settings, code and libraries. Results of another
     identity are replaced; an unfinished run of the same one goes on, of another it begins again. Raises what
@@ -109,7 +109,7 @@ def track_session(session: Session, results: Path) -> bool:
 
 
 def done_identity(results: Path) -> str | None:
-    """The identity in the run.json of a results folder; None where there is none."""
+    """Return the identity in the run.json of a results folder; None where there is none."""
     path = results / RUN_FILE
     return read_run(path).get("identity") if path.is_file() else None
 

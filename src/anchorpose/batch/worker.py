@@ -70,7 +70,7 @@ def run_apart(name: str, work: bytes, log: str | None, group: str) -> Outcome:
 
 @contextmanager
 def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
-    """The started process, in a session of its own: Ctrl+C in a terminal reaches the first process only."""
+    """Yield the started process, in a session of its own: Ctrl+C in a terminal reaches the first process only."""
     if group in _stopped:
         yield None
         return
@@ -93,7 +93,7 @@ def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
 
 
 def stop_children(group: str) -> None:
-    """Stops the children of a group on this worker and waits for them; none of it starts here any more."""
+    """Stop the children of a group on this worker and waits for them; none of it starts here any more."""
     _stopped.add(group)
     children = tuple(_running.get(group, ()))
     for process in children:
@@ -112,7 +112,7 @@ def _why(code: int, output: Path) -> str:
 
 
 def _last_line(output: Path) -> str:
-    """The last line with text, which is the sentence that a refused piece of work ends with."""
+    """Return the last line with text, which is the sentence that a refused piece of work ends with."""
     with output.open("rb") as stream:
         stream.seek(max(output.stat().st_size - TAIL_BYTES, 0))
         lines = stream.read().decode("utf-8", errors="replace").splitlines()

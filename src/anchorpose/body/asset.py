@@ -69,30 +69,34 @@ class BodyAsset:
 
     @property
     def shape_count(self) -> int:
-        """Number of shape coefficients."""
+        """Return the number of shape coefficients."""
         return len(self.vertex_basis)
 
     @property
     def common_count(self) -> int:
-        """Number of statistical components: they come first, and move the whole body, left equal to right."""
+        """Return the number of statistical components: they come first, and move the whole body, left equal to
+        right.
+        """
         return len(self.vertex_basis) - len(self.own_names)
 
     def bone(self, name: str) -> int:
-        """Index of a bone."""
+        """Return the index of a bone."""
         return self.bone_names.index(name)
 
     def own_row(self, name: str) -> int:
-        """Index among all shape coefficients of a direction of a person's own, by its name in ``own_names``."""
+        """Return the index among all shape coefficients of a direction of a person's own, by its name in
+        ``own_names``.
+        """
         return self.common_count + self.own_names.index(name)
 
     def main_bone(self) -> np.ndarray:
-        """(v,) int: the bone that moves each vertex most; the vertex's body part."""
+        """Return (v,) int: the bone that moves each vertex most; the vertex's body part."""
         return self.skin_bones[np.arange(len(self.skin_bones)), self.skin_weights.argmax(axis=1)]
 
 
 @cache
 def stored_asset() -> BodyAsset:
-    """The asset that ships with the package: its statistical components alone."""
+    """Return the asset that ships with the package: its statistical components alone."""
     with resources.files("anchorpose.body").joinpath("data/body.npz").open("rb") as stream, np.load(stream) as stored:
         weights = stored["skin_weights"].astype(np.float64)
         return BodyAsset(
@@ -115,7 +119,7 @@ def stored_asset() -> BodyAsset:
 
 @cache
 def joint_bones(asset: BodyAsset) -> np.ndarray:
-    """(21,) int, read only: the bone that carries each joint, in the order of ``JOINT_NAMES``."""
+    """Return (21,) int, read only: the bone that carries each joint, in the order of ``JOINT_NAMES``."""
     bones = np.array([asset.bone(JOINT_BONES[name]) for name in JOINT_NAMES])
     bones.setflags(write=False)
     return bones

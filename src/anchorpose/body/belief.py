@@ -25,7 +25,7 @@ class Pace:
     root_sigma_m: float
 
     def variance(self, elapsed_s: float) -> np.ndarray:
-        """(POSE_SIZE,) that a prediction gains over a time."""
+        """Return (POSE_SIZE,) that a prediction gains over a time."""
         variance = np.full(POSE_SIZE, self.turn_sigma**2 * elapsed_s)
         variance[-3:] = self.root_sigma_m**2 * elapsed_s
         return variance
@@ -48,11 +48,11 @@ class PoseBelief:
     information: np.ndarray
 
     def later(self, pose: Pose, elapsed_s: float, pace: Pace = PATIENT_PACE) -> PoseBelief:
-        """The belief in a predicted pose: what is not seen becomes more uncertain with time."""
+        """Return the belief in a predicted pose: what is not seen becomes more uncertain with time."""
         return self.grown(pose, pace.variance(elapsed_s))
 
     def grown(self, pose: Pose, variance: np.ndarray) -> PoseBelief:
-        """The belief in another pose, with an additional variance (POSE_SIZE,) of each parameter.
+        """Return the belief in another pose, with an additional variance (POSE_SIZE,) of each parameter.
 
         Joints move together as they bend together: a hidden knee follows the hip that is seen to bend.
         """
@@ -62,7 +62,7 @@ class PoseBelief:
 
 
 def vague_belief(pose: Pose) -> PoseBelief:
-    """A pose of which nothing was seen yet: half a radian and a quarter of a metre."""
+    """Return a pose of which nothing was seen yet: half a radian and a quarter of a metre."""
     variance = np.full(POSE_SIZE, 0.5**2)
     variance[-3:] = 0.25**2
     return PoseBelief(pose, np.diag(variance), np.diag(1.0 / variance))

@@ -35,14 +35,14 @@ class Constraints:
     scale_m: np.ndarray
 
     def where(self, chosen: np.ndarray) -> Constraints:
-        """Some of the rows; chosen (n,) bool."""
+        """Return some of the rows; chosen (n,) bool."""
         return Constraints(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     @staticmethod
     def alike(
         point: np.ndarray, target_m: np.ndarray, direction: np.ndarray, sigma_m: float, scale_m: float
     ) -> Constraints:
-        """Rows of the same sigma and scale."""
+        """Return the rows of the same sigma and scale."""
         count = len(point)
         return Constraints(point, target_m, direction, np.full(count, sigma_m), np.full(count, scale_m))
 
@@ -50,11 +50,11 @@ class Constraints:
         return len(self.point)
 
     def residuals(self, posed: PosedPoints) -> np.ndarray:
-        """(n,) metres."""
+        """Return (n,) metres."""
         return np.einsum("ij,ij->i", posed.points_m[self.point] - self.target_m, self.direction)
 
     def weights(self, residual_m: np.ndarray) -> np.ndarray:
-        """(n,) information of each row under Geman and McClure's kernel (doi:10.1007/978-1-4612-3732-0)."""
+        """Return (n,) information of each row under Geman and McClure's kernel (doi:10.1007/978-1-4612-3732-0)."""
         return 1.0 / (self.sigma_m * (1.0 + (residual_m / self.scale_m) ** 2)) ** 2
 
 
@@ -64,14 +64,14 @@ def no_constraints() -> Constraints:
 
 
 def join(parts: Sequence[Constraints]) -> Constraints:
-    """All rows of several sets."""
+    """Return all rows of several sets."""
     return Constraints(*(np.concatenate([getattr(p, name) for p in parts]) for name in Constraints.__slots__))
 
 
 def surface_constraints(
     posed: PosedPoints, surface: Nodes, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Each node of the surface pulls the nearest skin point that faces its camera: data to model.
+    """Return each node of the surface pulls the nearest skin point that faces its camera: data to model.
 
     The plane's normal is the mean of both normals, which cancels the curvature (Rusinkiewicz 2019,
     doi:10.1145/3306346.3323037). A node that no skin covers pulls straight: planes alone let limbs slide along
@@ -83,7 +83,7 @@ def surface_constraints(
 def rows_of_nodes(
     posed: PosedPoints, surface: Nodes, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
 ) -> tuple[Constraints, np.ndarray]:
-    """The rows of ``surface_constraints`` and the node (n,) of the surface that each belongs to."""
+    """Return the rows of ``surface_constraints`` and the node (n,) of the surface that each belongs to."""
     chosen, nodes, seen_from = _nodes_for_kernels(surface, config.node_count)
     point, node, direction = facing_rows(
         Oriented(posed.points_m, posed.normals),
@@ -100,14 +100,14 @@ def rows_of_nodes(
 
 @lru_cache(maxsize=8)  # every step of a registration asks for the same ones
 def _nodes_for_kernels(surface: Nodes, count: int) -> tuple[np.ndarray, Oriented, np.ndarray]:
-    """Indices of as many nodes as asked for, where they are and face, and which camera sees each."""
+    """Return the indices of as many nodes as asked for, where they are and face, and which camera sees each."""
     chosen = thin(len(surface), count)
     nodes = Oriented(surface.points_m[chosen].astype(np.float64), surface.normals[chosen].astype(np.float64))
     return chosen, nodes, surface.camera[chosen].astype(np.int64)
 
 
 def place_constraints(point: np.ndarray, target_m: np.ndarray, sigma_m: float, scale_m: float) -> Constraints:
-    """Skin points (n,) that belong at known places (n, 3): three rows each."""
+    """Return the skin points (n,) that belong at known places (n, 3): three rows each."""
     count = len(point)
     return Constraints.alike(
         np.repeat(point, 3), np.repeat(target_m, 3, axis=0), np.tile(np.eye(3), (count, 1)), sigma_m, scale_m
@@ -126,7 +126,7 @@ _ANCHOR_SIGMA_M: Final = 0.05  # the paper's bound on the localisation of anchor
 
 @cache
 def anchor_points(points: SkinPoints) -> np.ndarray:
-    """(5,) skin points at the tips that the anchors lie on, in the order of ``ANCHOR_NAMES``."""
+    """Return (5,) skin points at the tips that the anchors lie on, in the order of ``ANCHOR_NAMES``."""
     place = points.asset.vertices[points.vertex]
     names = np.array(points.asset.bone_names)[points.part]
     tips = []
@@ -145,6 +145,6 @@ def anchor_points(points: SkinPoints) -> np.ndarray:
 
 
 def anchor_constraints(points: SkinPoints, anchors: Anchors, sigma_m: float = _ANCHOR_SIGMA_M) -> Constraints:
-    """The anchors that were found hold the tips."""
+    """Return the anchors that were found hold the tips."""
     found = anchors.found
     return place_constraints(anchor_points(points)[found], anchors.position_m[found], sigma_m, 5.0 * sigma_m)

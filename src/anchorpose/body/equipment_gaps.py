@@ -105,7 +105,8 @@ def find_equipment_gaps(
 
 
 def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Part, region and gap (k,) of each region near it, and how many of its points are in each row of ``counted``.
+    """Return the part, region and gap (k,) of each region near it, and how many of its points are in each row of
+    ``counted``.
 
     distance_m, region (n,): of the skin points around the part; counted (3, n) bool. The last is (3, k).
     """
@@ -117,7 +118,7 @@ def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.
 
 
 def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-    """(p,) bool: points in a box; an axis at a time, which takes half of the time of all at once."""
+    """Return (p,) bool: points in a box; an axis at a time, which takes half of the time of all at once."""
     inside = (skin_m[:, 0] > low_m[0]) & (skin_m[:, 0] < high_m[0])
     for axis in (1, 2):
         inside &= (skin_m[:, axis] > low_m[axis]) & (skin_m[:, axis] < high_m[axis])
@@ -125,7 +126,7 @@ def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.nda
 
 
 def region_sigma(joint_sigma_m: np.ndarray) -> np.ndarray:
-    """(regions,) one standard deviation of where each region's skin is against the equipment; NaN where unknown.
+    """Return (regions,) one standard deviation of where each region's skin is against the equipment; NaN where unknown.
 
     joint_sigma_m (21,), NaN where lost. The feet have none: see ``FEET``.
     """

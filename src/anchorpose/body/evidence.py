@@ -57,7 +57,7 @@ class Evidence:
 def gather_evidence(
     surface: Nodes, views: Sequence[View | None], cameras: Sequence[Camera], floor_m: float | None = None
 ) -> Evidence:
-    """Evidence of one frame; outlines are found once."""
+    """Return the evidence of one frame; outlines are found once."""
     outlines = tuple(each(lambda view: None if view is None else find_outline(view), views))
     return Evidence(surface, tuple(views), outlines, tuple(cameras), floor_m)
 
@@ -65,7 +65,9 @@ def gather_evidence(
 def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Every node to the skin, skin that should be seen to the outline, limbs out of the trunk, feet on the floor."""
+    """Return every node to the skin, skin that should be seen to the outline, limbs out of the trunk, feet on the
+    floor.
+    """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
     rows.append(separation_rows(body, posed))
@@ -79,7 +81,8 @@ def evidence_rows(
 
 
 def find_outline(view: View) -> np.ndarray | None:
-    """(height, width) bool: where the patient is in a view, or may be unseen; None where the patient is not in it.
+    """Return (height, width) bool: where the patient is in a view, or may be unseen; None where the patient is not in
+    it.
 
     The patient may be where they are seen, behind equipment, where nothing was read, and behind another person in front
     of them. Only background, and another person behind them, show that they are not there; and the thin rim of lost and
@@ -101,7 +104,7 @@ def find_outline(view: View) -> np.ndarray | None:
 def outline_constraints(
     posed: PosedPoints, view: View, outline: np.ndarray, camera: Camera, reach_m: float
 ) -> Constraints:
-    """Skin that should be seen but is not is pulled to the patient's outline: model to data.
+    """Return the skin that should be seen but is not is pulled to the patient's outline: model to data.
 
     A skin point in front of background (without a reading where the room was removed) or in front of another person
     cannot be there; it is moved across the ray to the nearest pixel where the patient is or may be. Pixels without
@@ -123,7 +126,9 @@ def _stray_rows(
     rays: np.ndarray,
     reach: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Point, target and unit direction of the row of each stray point within three reaches of where it may be."""
+    """Return the point, target and unit direction of the row of each stray point within three reaches of where it may
+    be.
+    """
     column, row, distance = pixels_of(points, projection, labels.shape[0], labels.shape[1])
     T_world_camera, focal_px = projection.T_world_camera, max(projection.lens[0], projection.lens[1])
     kept, count = np.empty(len(points), np.int64), 0
@@ -154,7 +159,7 @@ def _stray_rows(
 
 @njit(cache=True, nogil=True)
 def _stray(label: int, depth: float, farthest: float) -> bool:
-    """Whether a pixel shows the room, or another person, beyond the farthest depth that the skin may have."""
+    """Return whether a pixel shows the room, or another person, beyond the farthest depth that the skin may have."""
     if label != PixelLabel.BACKGROUND and label < PixelLabel.OTHER_PERSON:
         return False
     return depth <= 0.0 or depth > farthest
@@ -162,7 +167,9 @@ def _stray(label: int, depth: float, farthest: float) -> bool:
 
 @njit(cache=True, nogil=True)
 def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int) -> tuple[int, int]:
-    """Row and column of the nearest True pixel no more than reach_px rows and columns off; -1, -1 without one."""
+    """Return the row and column of the nearest True pixel no more than reach_px rows and columns off; -1, -1 without
+    one.
+    """
     height, width = possible.shape
     best, best_row, best_column = np.inf, -1, -1
     for ring in range(reach_px + 1):
@@ -181,7 +188,7 @@ def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int)
 
 @cache
 def trunk_and_arms(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the skin points on the trunk, and of those on forearms and hands."""
+    """Return the indices of the skin points on the trunk, and of those on forearms and hands."""
     names = np.array(points.asset.bone_names)[points.part]
     trunk = np.flatnonzero(np.isin(names, _TRUNK))
     arms = np.flatnonzero([str(name).endswith(_LIMBS) for name in names])
@@ -190,14 +197,14 @@ def trunk_and_arms(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def shanks(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the skin points on the left shank and foot, and on the right ones."""
+    """Return the indices of the skin points on the left shank and foot, and on the right ones."""
     names = np.array(points.asset.bone_names)[points.part]
     left, right = (np.flatnonzero(np.isin(names, [f"{side}{part}" for part in _SHANK])) for side in ("Left", "Right"))
     return left, right
 
 
 def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
-    """Rows for what of a person lies in another part, towards the nearest skin of that part.
+    """Return the rows for what of a person lies in another part, towards the nearest skin of that part.
 
     One for each point of a forearm or hand inside the trunk, and for each of the left shank and foot of which the flesh
     below lies inside the right one: two that explain the same surface have the same skin.
@@ -207,7 +214,9 @@ def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
 
 
 def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarray, below_m: float) -> Constraints:
-    """Rows of a limb's points that lie inside a part; below_m: how far below the limb's skin that is asked."""
+    """Return the rows of a limb's points that lie inside a part; below_m: how far below the limb's skin that is
+    asked.
+    """
     if body.shape.missing:
         limb = limb[~missing_points(body.points.asset, body.points.part[limb], body.shape.missing)]
     shift_m = below_m * posed.normals
@@ -220,7 +229,9 @@ def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarr
 
 
 def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
-    """One row for each skin point below the floor (a height), upwards. Nobody stands deeper than carpets give."""
+    """Return one row for each skin point below the floor (a height), upwards. Nobody stands deeper than carpets
+    give.
+    """
     below = np.flatnonzero(posed.points_m[:, 1] < floor_m - _ALLOWED_FLOOR_M)
     target = posed.points_m[below].copy()
     target[:, 1] = floor_m - _ALLOWED_FLOOR_M
@@ -229,8 +240,9 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
 
 
 def standing_rows(body: Body, posed: PosedPoints, floor_m: float, rows_per_observation: float) -> Constraints:
-    """One row for each foot, from its lowest skin to the floor: it counts as one observation, and little where a foot
-    is in the air. Where nothing shows a leg, it stands or sits as others do."""
+    """Return one row for each foot, from its lowest skin to the floor: it counts as one observation, and little where a
+    foot is in the air. Where nothing shows a leg, it stands or sits as others do.
+    """
     feet = [_lowest(posed, foot) for foot in _feet(body.points, body.shape.missing) if len(foot)]
     target = posed.points_m[feet].copy()
     target[:, 1] = floor_m
@@ -246,7 +258,7 @@ def _lowest(posed: PosedPoints, of: np.ndarray) -> int:
 
 @cache
 def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the skin points on the left foot and on the right one; none of one that is missing."""
+    """Return the indices of the skin points on the left foot and on the right one; none of one that is missing."""
     names = np.array(points.asset.bone_names)[points.part]
     there = ~missing_points(points.asset, points.part, missing)
     left, right = (
@@ -259,8 +271,9 @@ def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.
 def _nearest(
     asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which arm points (places ``asked``) have trunk skin nearer than the deepest a limb may be, and the nearest of it;
-    rows of both."""
+    """Return which arm points (places ``asked``) have trunk skin nearer than the deepest a limb may be, and the nearest
+    of it; rows of both.
+    """
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for t in range(len(trunk)):

@@ -62,7 +62,9 @@ def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Expla
 
 
 def node_area_m2(evidence: Evidence) -> np.ndarray:
-    """(c,) square metres that one node of each camera stands for, as if the skin faced the camera; 0 without nodes."""
+    """Return (c,) square metres that one node of each camera stands for, as if the skin faced the camera; 0 without
+    nodes.
+    """
     area = np.zeros(len(evidence.cameras))
     count = np.bincount(evidence.surface.camera, minlength=len(area))
     for number, (view, camera) in enumerate(zip(evidence.views, evidence.cameras, strict=True)):
@@ -76,7 +78,7 @@ def node_area_m2(evidence: Evidence) -> np.ndarray:
 def seen_past(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """(PARTS,) as in ``Explanation``: what hides a limb says nothing about it, what is seen behind it does."""
+    """Return (PARTS,) as in ``Explanation``: what hides a limb says nothing about it, what is seen behind it does."""
     most = np.full(PARTS, np.nan)
     for past, counted in _seen_past_counts(points, posed, views, cameras):
         most = np.fmax(most, np.where(counted >= LEAST_FACING, past / np.maximum(counted, 1), np.nan))
@@ -86,8 +88,9 @@ def seen_past(
 def seen_past_by_all(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """(PARTS,) the same share of each limb's skin in all cameras together: of a body whose direction is only roughly
-    right, the camera that shows its profile sees past more than the others."""
+    """Return (PARTS,) the same share of each limb's skin in all cameras together: of a body whose direction is only
+    roughly right, the camera that shows its profile sees past more than the others.
+    """
     counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
     past, counted = np.sum(counts, axis=0)
     return np.where(counted >= LEAST_FACING, past / np.maximum(counted, 1), np.nan)
@@ -107,7 +110,7 @@ def _seen_past_counts(
 
 @njit(cache=True, nogil=True)
 def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points of each limb (PARTS,) that the camera sees past, and those that it may."""
+    """Return the points of each limb (PARTS,) that the camera sees past, and those that it may."""
     past, counted = np.zeros(PARTS, np.int64), np.zeros(PARTS, np.int64)
     for p in range(len(limb)):
         if facing[p] and reason[p] != SkinReason.OUTSIDE and reason[p] != SkinReason.HOLE:
@@ -118,18 +121,18 @@ def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tup
 
 @cache
 def limb_of_points(points: SkinPoints) -> np.ndarray:
-    """(p,) the limb of each skin point, as in ``LIMB_OF_BONES``; 0: trunk and head."""
+    """Return (p,) the limb of each skin point, as in ``LIMB_OF_BONES``; 0: trunk and head."""
     return np.asarray(LIMB_OF_BONES[_bone_of_points(points)])
 
 
 @cache
 def segment_of_points(points: SkinPoints) -> np.ndarray:
-    """(p,) the segment of each skin point, as in ``SEGMENT_OF_BONES``."""
+    """Return (p,) the segment of each skin point, as in ``SEGMENT_OF_BONES``."""
     return np.asarray(SEGMENT_OF_BONES[_bone_of_points(points)])
 
 
 def _bone_of_points(points: SkinPoints) -> np.ndarray:
-    """(p,) the row in ``MOVING_BONES`` of the bone that each skin point moves with."""
+    """Return (p,) the row in ``MOVING_BONES`` of the bone that each skin point moves with."""
     found, parents = np.zeros(len(points.part), np.int64), points.asset.bone_parents
     row = {int(bone): number for number, bone in enumerate(points.moving)}
     for bone in np.unique(points.part):

@@ -45,7 +45,7 @@ def pose_equations(
     rows_per_observation: float,
     free: FreeShape | None = None,
 ) -> NormalEquations:
-    """Normal equations of one frame: data and what is known without them; shape columns where asked for.
+    """Return the normal equations of one frame: data and what is known without them; shape columns where asked for.
 
     prior: of the pose, as of ``prior_equations``.
     """
@@ -67,7 +67,9 @@ def pose_equations(
 
 
 def hidden_bones(points: SkinPoints, rows: Constraints, rows_per_observation: float) -> tuple[int, ...]:
-    """Rows of ``MOVING_BONES`` of the limbs, up to elbow or knee and beyond, of which rows hardly show anything."""
+    """Return the rows of ``MOVING_BONES`` of the limbs, up to elbow or knee and beyond, of which rows hardly show
+    anything.
+    """
     observed = np.bincount(segment_of_points(points)[rows.point], minlength=2 * PARTS) / rows_per_observation
     return _bones_of_segments(tuple((observed < LEAST_OBSERVED).tolist()))
 
@@ -80,7 +82,9 @@ def _bones_of_segments(hidden: tuple[bool, ...]) -> tuple[int, ...]:
 def prior_equations(
     points: SkinPoints, pose: Pose, predicted: Predicted | None, hidden: tuple[int, ...] | None = None
 ) -> NormalEquations:
-    """The joint range, the hinge limits and, where there is one, the prediction; hidden: as in ``joint_range``."""
+    """Return the joint range, the hinge limits and, where there is one, the prediction; hidden: as in
+    ``joint_range``.
+    """
     ranges = joint_range_at(points.asset, pose, hidden)
     hessian, gradient, cost = _range_equations(pose.rotation_vectors(points.moving), ranges, HINGE_LIMIT_SIGMA)
     if predicted is not None:
@@ -94,13 +98,13 @@ def prior_equations(
 
 
 def range_information(points: SkinPoints, pose: Pose, hidden: tuple[int, ...]) -> np.ndarray:
-    """(POSE_SIZE, POSE_SIZE) information of joint range and hinge limits alone at a pose."""
+    """Return (POSE_SIZE, POSE_SIZE) information of joint range and hinge limits alone at a pose."""
     return prior_equations(points, pose, None, hidden).hessian
 
 
 @njit(cache=True, nogil=True)
 def _coupled(information: np.ndarray, m: int, n: int) -> bool:
-    """Whether anything couples two bones: not the root, nor bones that turn each for itself."""
+    """Return whether anything couples two bones: not the root, nor bones that turn each for itself."""
     for i in range(3):
         for j in range(3):
             if information[m, i, n, j] != 0.0:
@@ -112,7 +116,8 @@ def _coupled(information: np.ndarray, m: int, n: int) -> bool:
 def _range_equations(
     vectors: np.ndarray, ranges: JointRange, hinge_limit_sigma: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Hessian, gradient and cost: squared deviations of the moving bones from their mean, and the square past limits.
+    """Return the hessian, gradient and cost: squared deviations of the moving bones from their mean, and the square
+    past limits.
 
     vectors (m, 3): the bones' rotation vectors, radians.
     """
@@ -157,7 +162,7 @@ def _range_equations(
 
 
 def solve_damped(equations: NormalEquations) -> np.ndarray:
-    """The Gauss-Newton change with a little of Marquardt's damping (doi:10.1137/0111030).
+    """Return the Gauss-Newton change with a little of Marquardt's damping (doi:10.1137/0111030).
 
     What nothing was observed of stays as it is: the place of a body that is near no node.
     """
@@ -170,7 +175,7 @@ def solve_damped(equations: NormalEquations) -> np.ndarray:
 
 
 def limited(change: np.ndarray) -> np.ndarray:
-    """The change, shortened so that no bone turns farther than one step may."""
+    """Return the change, shortened so that no bone turns farther than one step may."""
     largest = np.abs(change[: POSE_SIZE - 3]).max()
     return change * min(1.0, MAX_TURN / largest) if largest > 0 else change
 
@@ -178,7 +183,7 @@ def limited(change: np.ndarray) -> np.ndarray:
 def damped_step(
     body: Body, pose: Pose, rows: Constraints, predicted: Predicted | None, rows_per_observation: float
 ) -> Pose:
-    """The pose after one Gauss-Newton step; without a prediction it may be far off.
+    """Return the pose after one Gauss-Newton step; without a prediction it may be far off.
 
     Then rows may show another limb than the one that they pull, so that none counts as seen in ``joint_range``.
     """

@@ -45,7 +45,7 @@ class FirstPose:
 
     @property
     def shape(self) -> FittedShape:
-        """The body that was fitted."""
+        """Return the body that was fitted."""
         return self.belief.shape
 
     def ahead_of(self, turned: FirstPose) -> float:
@@ -99,7 +99,7 @@ def _fitted(
 def _settle(
     pose: Pose, belief: ShapeBelief, evidence: Evidence, may_change: bool, config: RegistrationConfig
 ) -> FirstPose:
-    """The surface draws the body in, with less and less reach."""
+    """Return the surface draws the body in, with less and less reach."""
     shape, rows_per_observation = belief.shape, config.rows_per_observation
     body = build_body(body_points(), shape)
     for number, reach_m in enumerate(_REACHES_M):

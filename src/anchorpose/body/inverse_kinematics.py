@@ -20,7 +20,7 @@ _CORRECTION_STEPS: Final = 8  # a limb that was on the wrong side of the body ha
 
 
 def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
-    """The pose near ``start`` whose joints come closest to joints_m (21, 3); rows of NaN are left out."""
+    """Return the pose near ``start`` whose joints come closest to joints_m (21, 3); rows of NaN are left out."""
     bones = joint_bones(body.points.asset)
     known = np.isfinite(joints_m).all(axis=1)
     nearby = np.diag(1.0 / PATIENT_PACE.variance(1.0))  # what the joints leave open stays as it was
@@ -50,7 +50,7 @@ class CorrectedJoints:
 
 
 def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> bool:
-    """Whether a joint is farther from its corrected place than the uncertainties of both allow."""
+    """Return whether a joint is farther from its corrected place than the uncertainties of both allow."""
     at, jacobian = _joints(body, belief.pose, corrected)
     variance = place_variance(jacobian, belief.covariance) + corrected.sigma_m**2
     away_m = np.linalg.norm(at - corrected.position_m, axis=1)
@@ -67,7 +67,7 @@ def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
 
 
 def apply_corrections(body: Body, belief: PoseBelief, corrected: CorrectedJoints, inflation: float = 1.0) -> PoseBelief:
-    """The belief together with the corrected joints: the most probable pose by both, bones of the same length.
+    """Return the belief together with the corrected joints: the most probable pose by both, bones of the same length.
 
     inflation: by which sigma is computed from the posterior (``UncertaintyConfig``), so that the reported sigma of a
     corrected joint is the given one.
@@ -86,7 +86,7 @@ def apply_corrections(body: Body, belief: PoseBelief, corrected: CorrectedJoints
 
 
 def _joints(body: Body, pose: Pose, corrected: CorrectedJoints) -> tuple[np.ndarray, np.ndarray]:
-    """(k, 3) where the corrected joints are in a pose, and (k, 3, POSE_SIZE) how the pose moves them."""
+    """Return (k, 3) where the corrected joints are in a pose, and (k, 3, POSE_SIZE) how the pose moves them."""
     transforms = body.transforms(pose)
     at = body.mesh.joints(transforms)[corrected.joint]
     return at, joint_jacobian(body, transforms, joint_bones(body.points.asset)[corrected.joint], at)

@@ -68,7 +68,7 @@ class LimbTurns(NamedTuple):
 
 @cache
 def limb_turns() -> LimbTurns:
-    """The statistics that ship with the package."""
+    """Return the statistics that ship with the package."""
     with (
         resources.files("anchorpose.body").joinpath("data/limb_turns.npz").open("rb") as stream,
         np.load(stream) as stored,
@@ -77,7 +77,7 @@ def limb_turns() -> LimbTurns:
 
 
 def captured_turns() -> np.ndarray:
-    """(k, 3 m) what captured skeletons show of the limbs, of the bones' rotation vectors; the left side's first.
+    """Return (k, 3 m) what captured skeletons show of the limbs, of the bones' rotation vectors; the left side's first.
 
     All of the arms; of the legs how hips and knees bend. A skeleton of joints shows neither how a thigh turns about
     itself nor where a foot points, and it has no lower back: its thighs bend against the trunk.
@@ -99,7 +99,7 @@ def _limb(name: str) -> str:
 
 
 def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
-    """(3, 3) rows: hinge axis (a positive turn bends the limb), across, along; and the bend at rest, radians."""
+    """Return (3, 3) rows: hinge axis (a positive turn bends the limb), across, along; and the bend at rest, radians."""
     bone = asset.bone(name)
     parent, child = asset.bone_parents[bone], bone + 1
     upper = asset.bone_heads[bone] - asset.bone_heads[parent]
@@ -114,7 +114,7 @@ def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
 
 @lru_cache(maxsize=512)
 def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> JointRange:
-    """The joint range of the asset's skeleton; the root is free.
+    """Return the joint range of the asset's skeleton; the root is free.
 
     hidden: rows of ``MOVING_BONES`` that nothing shows. How people who were captured bend their limbs tells what to
     expect of these, given the others, of which the readings tell more; those have the textbooks' ranges,
@@ -172,7 +172,7 @@ def _textbook(asset: BodyAsset) -> _Textbook:
 
 @cache
 def _where_seen(asset: BodyAsset) -> np.ndarray:
-    """(3 m, 3 m) covariance of the bones' turns where readings show the bones: see ``SEEN_SPREAD``."""
+    """Return (3 m, 3 m) covariance of the bones' turns where readings show the bones: see ``SEEN_SPREAD``."""
     covariance = _textbook(asset).covariance.copy()
     for row in range(1, len(MOVING_BONES)):
         own = slice(3 * row, 3 * row + 3)
@@ -184,7 +184,7 @@ def _where_seen(asset: BodyAsset) -> np.ndarray:
 
 @cache
 def _as_captured(asset: BodyAsset) -> JointRange:
-    """The joint range in which ``captured_turns`` are as captured, and the rest is by the textbooks.
+    """Return the joint range in which ``captured_turns`` are as captured, and the rest is by the textbooks.
 
     How hips and spine share the bend between trunk and thighs was not captured. By their ranges the spine takes a
     quarter of it (of people who sit down a third, Schoberth 1962), and each person's share varies by the spine's range.
@@ -205,7 +205,8 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
-    """(k, k) covariance of ``captured_turns`` in people: as captured, and each one's own, which others' movements add.
+    """Return (k, k) covariance of ``captured_turns`` in people: as captured, and each one's own, which others'
+    movements add.
 
     expected (k, k): by the textbooks' ranges, which are the least.
     """
@@ -217,7 +218,9 @@ def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
 
 @cache
 def turns_together(asset: BodyAsset) -> np.ndarray:
-    """(POSE_SIZE, POSE_SIZE) correlation of the bones' turns, in the parameters of ``Pose.moved``; root alone."""
+    """Return (POSE_SIZE, POSE_SIZE) correlation of the bones' turns, in the parameters of ``Pose.moved``; root
+    alone.
+    """
     free = slice(3, POSE_SIZE - 3)
     covariance = np.linalg.inv(joint_range(asset).information.reshape(POSE_SIZE - 3, POSE_SIZE - 3)[3:, 3:])
     sigma = np.sqrt(np.diag(covariance))

@@ -44,7 +44,7 @@ def learn_body(
     config: RegistrationConfig,
     reaches_m: Sequence[float] = REACHES_M,
 ) -> LearnedBody:
-    """One shape for all frames, each frame's own pose: alternate correspondences and a joint Gauss-Newton step.
+    """Fit one shape to all frames, with each frame's own pose: alternate correspondences and a joint Gauss-Newton step.
 
     shape: to start from. known: what is known of it without these frames, from a prior or from earlier frames: where
     that is certain, these frames hardly change it; where it is not, they decide.
@@ -95,7 +95,7 @@ def learn_shape_step(
     known: ShapeBelief,
     rows_per_observation: float,
 ) -> tuple[ShapeBelief, list[Pose]]:
-    """One Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
+    """Take one Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
 
     known: what is known without these frames. Returns what is known with them, linearised at ``shape``, and the poses.
     """
@@ -153,7 +153,7 @@ class BoneLength:
 
 
 def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...]:
-    """Every bone of ``BONES`` that the most likely body has; sigma by the information on the shape."""
+    """Return every bone of ``BONES`` that the most likely body has; sigma by the information on the shape."""
     span = _spans(asset, belief.shape)
     length_m = np.linalg.norm(span, axis=1)
     start, end = _ends(asset)
@@ -173,7 +173,7 @@ def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...
 
 
 def _spans(asset: BodyAsset, shape: FittedShape) -> np.ndarray:
-    """(n, 3) from the first to the second joint of each bone at rest."""
+    """Return (n, 3) from the first to the second joint of each bone at rest."""
     start, end = _ends(asset)
     heads = shape.mesh(asset).bone_heads
     return np.asarray(heads[end] - heads[start])

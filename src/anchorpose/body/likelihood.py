@@ -47,7 +47,7 @@ class Likelihood:
 
     @property
     def seen(self) -> np.ndarray:
-        """(PARTS, 2) bool: what of the limbs readings show where the pose has it."""
+        """Return (PARTS, 2) bool: what of the limbs readings show where the pose has it."""
         return np.asarray(self.explained >= LEAST_SEEN)
 
     @property
@@ -68,7 +68,7 @@ def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
 
 
 def most_nats(area_m2: float) -> float:
-    """What a surface of some area, seen by one camera, would add to the likelihood if skin lay on it."""
+    """Return what a surface of some area, seen by one camera, would add to the likelihood if skin lay on it."""
     skin = (1.0 - CLUTTER) / (np.pi * SKIN_SIGMA_M) + PAST / RANGE_M
     return float(np.log(skin * RANGE_M / CLUTTER)) * area_m2 / ALIKE_M**2
 
@@ -103,7 +103,7 @@ def render_skin(
 
 
 def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
-    """(4, 2 PARTS) as in ``Likelihood``, of ``SEGMENT_OF_BONES``, by one camera."""
+    """Return (4, 2 PARTS) as in ``Likelihood``, of ``SEGMENT_OF_BONES``, by one camera."""
     skin = render_skin(points, skin_m, camera)
     if skin is None:
         return np.zeros((4, 2 * PARTS))
@@ -113,7 +113,9 @@ def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camer
 
 @cache
 def skin_faces(points: SkinPoints) -> np.ndarray:
-    """(f, 3) triangles between skin points: each vertex of the asset's skin goes to the skin point nearest to it."""
+    """Return (f, 3) triangles between skin points: each vertex of the asset's skin goes to the skin point nearest to
+    it.
+    """
     from scipy.spatial import cKDTree
 
     asset = points.asset
@@ -127,7 +129,7 @@ def skin_faces(points: SkinPoints) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _placed(skin_m: np.ndarray, projection: Projection) -> np.ndarray:
-    """(p, 3) column, row and depth of each skin point; depth 0 behind the camera."""
+    """Return (p, 3) column, row and depth of each skin point; depth 0 behind the camera."""
     T, lens = projection.T_camera_world, projection.lens
     placed, at = np.zeros((len(skin_m), 3)), np.empty(3)
     for p in range(len(skin_m)):
@@ -145,7 +147,7 @@ def _placed(skin_m: np.ndarray, projection: Projection) -> np.ndarray:
 def _rendered(
     placed: np.ndarray, faces: np.ndarray, step: int, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Depth and skin point (h, w) as in ``RenderedSkin``."""
+    """Return the depth and skin point (h, w) as in ``RenderedSkin``."""
     rows, columns = (height + step - 1) // step, (width + step - 1) // step
     depth, point = np.full((rows, columns), np.inf), np.full((rows, columns), np.int64(-1))
     for f in range(len(faces)):
@@ -180,7 +182,7 @@ def _scored(
     own: int,
     step: int,
 ) -> np.ndarray:
-    """(4, 2 PARTS) log likelihood ratio, and pixels that are explained, seen past and hidden."""
+    """Return (4, 2 PARTS) log likelihood ratio, and pixels that are explained, seen past and hidden."""
     sums = np.zeros((4, 2 * PARTS))
     past = np.log(PAST)
     for r in range(skin_m.shape[0]):

@@ -76,7 +76,7 @@ class LimbPath:
 
 
 def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPath]:
-    """The axis of each large piece of seen skin that the body does not cover, the largest first.
+    """Return the axis of each large piece of seen skin that the body does not cover, the largest first.
 
     The root of a piece is where it meets covered skin, or, of a piece that a bar cuts off, the node nearest to it; its
     tip is the node farthest from there along the piece.
@@ -97,7 +97,7 @@ def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPa
 
 
 def _pieces(points_m: np.ndarray) -> tuple[csr_array, np.ndarray]:
-    """The graph of neighbouring nodes, metres, and the piece (u,) int that each node is connected to."""
+    """Return the graph of neighbouring nodes, metres, and the piece (u,) int that each node is connected to."""
     pairs = cKDTree(points_m).query_pairs(NEIGHBOUR_M, output_type="ndarray")
     length = np.linalg.norm(points_m[pairs[:, 0]] - points_m[pairs[:, 1]], axis=1)
     graph = csr_array((length, (pairs[:, 0], pairs[:, 1])), shape=(len(points_m), len(points_m)))
@@ -106,7 +106,7 @@ def _pieces(points_m: np.ndarray) -> tuple[csr_array, np.ndarray]:
 
 
 def _from_covered(points_m: np.ndarray, covered_m: np.ndarray) -> np.ndarray:
-    """(u,) metres from each node to the nearest covered one; 0 everywhere where none is covered."""
+    """Return (u,) metres from each node to the nearest covered one; 0 everywhere where none is covered."""
     if not len(covered_m):
         return np.zeros(len(points_m))
     distance, _ = cKDTree(covered_m).query(points_m)
@@ -127,7 +127,7 @@ def _path(
 
 
 def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] = CHAINS) -> Iterator[Pose]:
-    """The pose with one limb laid along a path, for each of some limbs that can reach its tip.
+    """Yield the pose with one limb laid along a path, for each of some limbs that can reach its tip.
 
     The joints that the path is long enough for lie on it. Those beyond its end are left to the ranges of the joints,
     from a limb at rest, or stay where they are.
@@ -150,7 +150,7 @@ def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] =
 
 
 def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
-    """The pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
+    """Yield the pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
 
     Limbs keep their places in the room and change their names: skin fits as well, joints and feet do not.
     """
@@ -172,7 +172,7 @@ def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
 
 @cache
 def _mirrored() -> np.ndarray:
-    """(21,) the joint of the other side; of the trunk the joint itself."""
+    """Return (21,) the joint of the other side; of the trunk the joint itself."""
     swap = {"Left": "Right", "Right": "Left"}
     other = np.arange(JOINT_COUNT)
     for name, index in JOINT_INDEX.items():
@@ -198,12 +198,12 @@ def limb_lengths(body: Body) -> list[tuple[np.ndarray, float]]:
 
 @cache
 def end_points(points: SkinPoints, chain: Chain) -> np.ndarray:
-    """Indices of the skin points beyond the limb's elbow or knee."""
+    """Return the indices of the skin points beyond the limb's elbow or knee."""
     return np.flatnonzero(np.isin(points.part, _bones_from(points.asset, chain.bones[1])))
 
 
 def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
-    """The bone and all bones below it."""
+    """Return the bone and all bones below it."""
     first = asset.bone(name)
     below = {first}
     for bone, parent in enumerate(asset.bone_parents):
@@ -213,21 +213,21 @@ def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
 
 
 def _held_but(joints: np.ndarray, limbs: Sequence[Chain]) -> np.ndarray:
-    """(21, 3) wanted joints: where they are, NaN for those of some limbs, which the caller places."""
+    """Return (21, 3) wanted joints: where they are, NaN for those of some limbs, which the caller places."""
     wanted = joints.copy()
     wanted[[JOINT_INDEX[name] for chain in limbs for name in chain.joints]] = np.nan
     return wanted
 
 
 def _place(path: LimbPath, at_m: float, depth_m: float) -> np.ndarray:
-    """(3,) a point inside the limb at a distance from the tip."""
+    """Return (3,) a point inside the limb at a distance from the tip."""
     skin = np.array([np.interp(at_m, path.along_m, path.places_m[:, axis]) for axis in range(3)])
     inward = np.array([np.interp(at_m, path.along_m, path.inward[:, axis]) for axis in range(3)])
     return np.asarray(skin + depth_m * inward / max(float(np.linalg.norm(inward)), 1e-9))
 
 
 def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
-    """The pose with joints where they are wanted, as far as a body can; from far off, so in several turns."""
+    """Return the pose with joints where they are wanted, as far as a body can; from far off, so in several turns."""
     found, joints = start, body.joints(start)
     for _ in range(TURNS):
         found = pose_from_joints(body, found, wanted)
@@ -242,7 +242,8 @@ INSIDE_TIP_M: Final = 0.03  # by which an anchor lies nearer to the centre than 
 
 
 def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[LimbPath, tuple[Chain, ...]]]:
-    """The paths of the hands and feet that the pose contradicts, and of free ends; with the limbs that each may be.
+    """Yield the paths of the hands and feet that the pose contradicts, and of free ends; with the limbs that each may
+    be.
 
     A hand may be the end of either arm, a foot that of either leg: sides are exchanged where the body was thought to
     face the other way. A free end may be that of any limb.
@@ -265,18 +266,20 @@ def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[Li
 
 
 def contradicted_by(body: Body, pose: Pose, anchors: Anchors, beyond_m: float) -> np.ndarray:
-    """(5,) bool: anchors that the picture shows farther than ``beyond_m`` from their tips; False for missed ones."""
+    """Return (5,) bool: anchors that the picture shows farther than ``beyond_m`` from their tips; False for missed
+    ones.
+    """
     tips = pose_points(body, pose).points_m[anchor_points(body.points)]
     away_m = np.linalg.norm(anchors.position_m - tips, axis=1)  # NaN for a missed one
     return np.asarray(away_m > beyond_m)
 
 
 def anchor_poses(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[Pose]:
-    """The pose with one limb laid along the path of an anchor."""
+    """Yield the pose with one limb laid along the path of an anchor."""
     for path, chains in anchor_paths(body, pose, seen):
         yield from limb_poses(body, pose, path, chains)
 
 
 def _ends_in(chain: Chain, anchor: str) -> bool:
-    """Whether a limb ends in an anchor of that name, of whatever side."""
+    """Return whether a limb ends in an anchor of that name, of whatever side."""
     return anchor.startswith(("Hand", "Foot")) and chain.joints[0][:4] == anchor[:4]

@@ -58,7 +58,7 @@ class Tried:
 
     @property
     def log(self) -> float:
-        """How probable it is, nats."""
+        """Return how probable it is, nats."""
         return self.images - self.moved
 
 
@@ -71,11 +71,13 @@ class Expected:
     sigma_m: np.ndarray
 
     def tried(self, pose: Pose, evidence: Evidence) -> Tried:
-        """How probable a pose is by the images, and by how far each limb, or the trunk, has left its expected place."""
+        """Return how probable a pose is by the images, and by how far each limb, or the trunk, has left its expected
+        place.
+        """
         return Tried(pose, log_probability(self.body, pose, evidence), self.moved(self.body.joints(pose)))
 
     def moved(self, joints_m: np.ndarray) -> float:
-        """What it costs joints (21, 3) to be elsewhere than expected, nats.
+        """Return what it costs joints (21, 3) to be elsewhere than expected, nats.
 
         Cauchy's tails: a limb that was lost may be anywhere, but one that was known does not turn round between two
         frames, and a body that does has five limbs to explain.
@@ -96,7 +98,9 @@ def expected_joints(body: Body, belief: PoseBelief) -> Expected:
 
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
-    """Whether the picture shows that a limb is elsewhere; hidden: some limb covers nothing, so that less is enough."""
+    """Return whether the picture shows that a limb is elsewhere; hidden: some limb covers nothing, so that less is
+    enough.
+    """
     return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
 
 
@@ -108,7 +112,7 @@ def search_limbs(
     config: RegistrationConfig,
     anchors: SeenAnchors | None = None,
 ) -> Search:
-    """The registration with limbs moved to where they are seen, as long as that explains the frame better.
+    """Return the registration with limbs moved to where they are seen, as long as that explains the frame better.
 
     predicted: what was expected; a limb found elsewhere shows that it was wrong, so that it counts for as little as
     after ``UNSEEN_S`` without sight. anchors: of the frame, None for a first pose.
@@ -141,7 +145,7 @@ def _decided(
     evidence: Evidence,
     config: RegistrationConfig,
 ) -> Search:
-    """What one frame decides between the pose that was found, ``now``, and others."""
+    """Return what one frame decides between the pose that was found, ``now``, and others."""
     ways, places_m = list[tuple[Registration, Rival]](), list[np.ndarray]()
     for one, lag in sorted(_compared(body, now, others, evidence), key=lambda way: way[1] + way[0].moved):
         joints_m = body.joints(one.pose)
@@ -159,7 +163,7 @@ def _decided(
 
 
 def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
-    """The other poses, each with how much worse it explains the images, believed nats."""
+    """Yield the other poses, each with how much worse it explains the images, believed nats."""
     for one in others:
         if one.pose is not now.pose:
             parts = parts_apart(body.joints(one.pose), body.joints(now.pose))
@@ -168,7 +172,7 @@ def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidenc
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
-    """The poses without those that are the same as one before: registration would lead to the same place."""
+    """Return the poses without those that are the same as one before: registration would lead to the same place."""
     kept, joints = list[Pose](), np.empty((len(poses), JOINT_COUNT, 3))
     for pose in poses:
         at = body.joints(pose)
@@ -181,7 +185,7 @@ def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
 def _register_all(
     expected: Expected, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """The first pose as it is, then all after a short registration, and how probable each is.
+    """Return the first pose as it is, then all after a short registration, and how probable each is.
 
     The first one too: limbs that only lag behind must not make a body that is turned round the better one.
     """
@@ -196,7 +200,9 @@ def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, 
 def _best_few(
     expected: Expected, tried: Sequence[Tried], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """The first pose and the best of the others, drawn onto the surface as the first one is; the best of them first."""
+    """Return the first pose and the best of the others, drawn onto the surface as the first one is; the best of them
+    first.
+    """
     body, refining = expected.body, replace(config, reaches_m=REFINED_REACHES_M)
     others = sorted(tried[1:], key=lambda one: -one.log)[:BEST]
     refined = each(lambda one: _settled(body, one.pose, uncertain, evidence, refining), others)

@@ -104,7 +104,9 @@ def _adult(points: SkinPoints, stature_cm: int) -> Body:
 
 
 def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
-    """The most probable stature, by the matches on a body that is now so tall, and by that of people in general."""
+    """Return the most probable stature, by the matches on a body that is now so tall, and by that of people in
+    general.
+    """
     point, target_m, sigma_m = _chosen(body, matches)
     own_m = pose_points(body, pose).points_m[point]
     weight = (sigma_m * (1.0 + (np.linalg.norm(own_m - target_m, axis=1) / SCALES_M[-1]) ** 2)) ** -2
@@ -132,7 +134,7 @@ def fit_matches(body: Body, matches: Matches, start: Pose | None = None) -> Pose
 
 
 def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Skin point (n,), place in the world (n, 3) and standard deviation (n,) m of ``MATCHES`` matches."""
+    """Return the skin point (n,), place in the world (n, 3) and standard deviation (n,) m of ``MATCHES`` matches."""
     chosen = thin(len(matches), MATCHES)
     sigma_m = np.maximum(matches.error[chosen] * np.ptp(body.rest_m[:, 1]), LEAST_SIGMA_M)
     return _skin_at(body.points, matches.place[chosen]), matches.target_m[chosen], sigma_m
@@ -141,7 +143,7 @@ def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.nd
 def _rows(
     posed_m: np.ndarray, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray, scale_m: float
 ) -> Constraints:
-    """Three rows per match, with one robust weight (Geman and McClure) of the match's whole distance."""
+    """Return three rows per match, with one robust weight (Geman and McClure) of the match's whole distance."""
     away_m = np.linalg.norm(posed_m[point] - target_m, axis=1)
     spread_m = np.repeat(sigma_m * (1.0 + (away_m / scale_m) ** 2), 3)
     direction = np.tile(np.eye(3), (len(point), 1))
@@ -159,12 +161,14 @@ def _tree(points: SkinPoints) -> cKDTree:
 
 
 def _skin_at(points: SkinPoints, place: np.ndarray) -> np.ndarray:
-    """(n,) the skin point nearest to each place (n, 3)."""
+    """Return (n,) the skin point nearest to each place (n, 3)."""
     return np.asarray(_tree(points).query(place)[1])
 
 
 def _aligned(body: Body, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray) -> Pose:
-    """The rest pose, turned and moved so that the trunk lies on its matches; all of the body where it has too few."""
+    """Return the rest pose, turned and moved so that the trunk lies on its matches; all of the body where it has too
+    few.
+    """
     asset = body.points.asset
     rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
     trunk = np.isin(body.points.part[point], body.points.moving[LIMB_OF_BONES == TRUNK])

@@ -86,7 +86,7 @@ class Grid(NamedTuple):
 def nearest_facing(
     skin: Oriented, nodes: Oriented, seen_from: np.ndarray, eyes: np.ndarray, reach: float, normal_weight: float
 ) -> np.ndarray:
-    """(n,) int64 skin point of each node, -1 where none is nearer than reach.
+    """Return (n,) int64 skin point of each node, -1 where none is nearer than reach.
 
     The distance is that of place and ``normal_weight`` times normal, six numbers. seen_from (n,): the camera that saw
     each node; eyes (c, 3): where the cameras are. Exact: cells that are farther off than the best found so far are left
@@ -121,7 +121,7 @@ def facing_rows(
     normal_weight: float,
     uncovered: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Skin point (m,), node (m,) and unit direction (m, 3) of every node that has a nearest point.
+    """Return the skin point (m,), node (m,) and unit direction (m, 3) of every node that has a nearest point.
 
     The direction is the mean of both normals, and straight to the node where it is farther off than ``uncovered``.
     """
@@ -149,7 +149,9 @@ def facing_rows(
 
 @njit(cache=True, nogil=True)
 def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.ndarray:
-    """(n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 where none is nearer than reach."""
+    """Return (n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 where none is nearer than
+    reach.
+    """
     nearest = np.full(len(nodes), -1, np.int64)
     grid, places = _grid(Oriented(points, points), np.arange(len(points))), Oriented(nodes, nodes)
     for node in range(len(nodes)):
@@ -160,7 +162,7 @@ def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.nda
 
 @njit(cache=True, nogil=True)
 def _facing(skin: Oriented, eye: np.ndarray) -> np.ndarray:
-    """Rows of the points whose outer side faces the eye."""
+    """Return the rows of the points whose outer side faces the eye."""
     facing, count = np.empty(len(skin.places_m), np.int64), 0
     for p in range(len(skin.places_m)):
         towards = 0.0
@@ -174,7 +176,7 @@ def _facing(skin: Oriented, eye: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _grid(surface: Oriented, chosen: np.ndarray) -> Grid:
-    """The chosen points by cell."""
+    """Return the chosen points by cell."""
     points = surface.places_m
     origin, top = points[chosen[0]].copy(), points[chosen[0]].copy()
     for p in chosen:
@@ -203,7 +205,8 @@ def _distance2(skin: np.ndarray, spot: int, nodes: Oriented, node: int, normal_w
 
 @njit(cache=True, nogil=True)
 def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: float) -> int:
-    """Row of ``grid.skin`` of the nearest that is nearer than the root of ``best``, -1 where there is none.
+    """Return the row of ``grid.skin`` of the nearest that is nearer than the root of ``best``, -1 where there is
+    none.
 
     The node's own cell comes first: what is found there narrows the search around it.
     """
@@ -245,5 +248,5 @@ def _cells_within(place: float, radius: float, count: int) -> tuple[int, int]:
 
 @njit(cache=True, nogil=True)
 def _gap(place: float, cell: int) -> float:
-    """How far a place is from a cell along one axis, 0 within it."""
+    """Return how far a place is from a cell along one axis, 0 within it."""
     return max(cell * CELL_M - place, place - (cell + 1) * CELL_M, 0.0)

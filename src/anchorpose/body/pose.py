@@ -50,28 +50,30 @@ class Pose:
     root_m: np.ndarray
 
     def moved(self, change: np.ndarray, moving: np.ndarray) -> Pose:
-        """The pose after a change (POSE_SIZE,): ``exp(change) @ rotation`` in the parent's frame, then translation."""
+        """Return the pose after a change (POSE_SIZE,): ``exp(change) @ rotation`` in the parent's frame, then
+        translation.
+        """
         rotations = self.rotations.copy()
         rotations[moving] = rotation_matrices(change[:-3].reshape(-1, 3)) @ rotations[moving]
         return Pose(rotations, self.root_m + change[-3:])
 
     def change_to(self, after: Pose, moving: np.ndarray) -> np.ndarray:
-        """(POSE_SIZE,) the change that leads to another pose: ``self.moved(change, moving)`` is ``after``."""
+        """Return (POSE_SIZE,) the change that leads to another pose: ``self.moved(change, moving)`` is ``after``."""
         turned = after.rotations[moving] @ self.rotations[moving].transpose(0, 2, 1)
         return np.append(rotation_vectors(turned).ravel(), after.root_m - self.root_m)
 
     def rotation_vectors(self, moving: np.ndarray) -> np.ndarray:
-        """(m, 3) rotation vectors of the moving bones, radians."""
+        """Return (m, 3) rotation vectors of the moving bones, radians."""
         return rotation_vectors(self.rotations[moving])
 
 
 def moving_bones(asset: BodyAsset) -> np.ndarray:
-    """(m,) bone index of each of ``MOVING_BONES``."""
+    """Return (m,) bone index of each of ``MOVING_BONES``."""
     return np.array([asset.bone(name) for name in MOVING_BONES])
 
 
 def descendants(asset: BodyAsset) -> np.ndarray:
-    """(m, b) float64: 1 where the bone is the moving bone or one of its descendants."""
+    """Return (m, b) float64: 1 where the bone is the moving bone or one of its descendants."""
     below = np.zeros((len(MOVING_BONES), len(asset.bone_names)))
     for row, bone in enumerate(moving_bones(asset)):
         for other in range(len(asset.bone_names)):
@@ -93,7 +95,7 @@ _LIMBS: Final = tuple(
 
 
 def _limb_of_bones() -> np.ndarray:
-    """(m,) the limb of each moving bone, counted from 1; 0 is the trunk with the head."""
+    """Return (m,) the limb of each moving bone, counted from 1; 0 is the trunk with the head."""
     limb_of = np.zeros(len(MOVING_BONES), dtype=np.int64)
     for number, (name, bones, _) in enumerate(_LIMBS, 1):
         side = "Left" if name.startswith("Left") else "Right"

@@ -34,7 +34,8 @@ def accumulate_pose(
 
 @cache
 def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """(b,) row of the moving bone that carries each bone, and (m,) of the one above each moving bone, -1 of the root.
+    """Return (b,) row of the moving bone that carries each bone, and (m,) of the one above each moving bone, -1 of the
+    root.
 
     Moving bones are numbered as in ``SkinPoints.moving``, parents before children.
     """
@@ -47,7 +48,9 @@ def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 def _by_point(
     count: int, index: np.ndarray, direction: np.ndarray, residual: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sums over the rows of each skin point: weight x direction x direction^T (p, 3, 3), and x residual (p, 3)."""
+    """Return the sums over the rows of each skin point: weight x direction x direction^T (p, 3, 3), and x residual (p,
+    3).
+    """
     spread, pull = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for r in range(len(index)):
         p = index[r]
@@ -70,7 +73,8 @@ def _by_bones(
     spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Moments (m, m, 6, 6) of each pair of carriers, and forces (m, 6) on each: torque about the origin, then force.
+    """Return the moments (m, m, 6, 6) of each pair of carriers, and forces (m, 6) on each: torque about the origin,
+    then force.
 
     Of two that carry a point, one pair is enough: the other half of the moments is what ``_mirror`` adds.
     """
@@ -120,7 +124,7 @@ def _by_bones(
 
 @njit(cache=True, nogil=True)
 def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place: np.ndarray) -> None:
-    """Adds to place (3,) a bone's share of where it carries the point."""
+    """Add to place (3,) a bone's share of where it carries the point."""
     T, r = T_world_rest, rest_m
     for i in range(3):
         place[i] += share * (T[i, 3] + T[i, 0] * r[0] + T[i, 1] * r[1] + T[i, 2] * r[2])
@@ -158,7 +162,9 @@ def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarra
 def _by_parameter(
     pivot: np.ndarray, frame: np.ndarray, pairs: np.ndarray, forces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Moments about the origin to turns about the pivots in the parents' axes; the last three are the root's shift."""
+    """Return the moments about the origin to turns about the pivots in the parents' axes; the last three are the root's
+    shift.
+    """
     count = len(pivot)
     screws = _screws(pivot, frame)
     bone = np.arange(count + 1)
@@ -188,7 +194,7 @@ def _by_parameter(
 
 @njit(cache=True, nogil=True)
 def _screws(pivot: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """(m + 1, 3, 6) each parameter as turn and shift about the origin."""
+    """Return (m + 1, 3, 6) each parameter as turn and shift about the origin."""
     count = len(pivot)
     screws = np.zeros((count + 1, 3, 6))
     for m in range(count):

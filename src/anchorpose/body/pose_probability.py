@@ -67,7 +67,7 @@ def facing_nats(body: Body, pose: Pose, cameras: Sequence[Camera]) -> float:
 
 
 def _cost(rows: Constraints, posed: PosedPoints) -> float:
-    """Sum of squared deviations, each with its robust kernel."""
+    """Return the sum of squared deviations, each with its robust kernel."""
     scaled = (rows.residuals(posed) / rows.scale_m) ** 2
     return float(((rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)).sum())
 
@@ -85,7 +85,7 @@ def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
 
 
 def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
-    """(2 PARTS,) nats by one camera."""
+    """Return (2 PARTS,) nats by one camera."""
     skin = render_skin(points, skin_m, camera, NAMED_FOOTPRINT_M)
     if skin is None:
         return np.zeros(2 * PARTS)
@@ -106,6 +106,6 @@ def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera
 
 @cache
 def places(points: SkinPoints) -> np.ndarray:
-    """(p, 3) where each skin point is on the standing mean adult of stature 1, as in ``Described``."""
+    """Return (p, 3) where each skin point is on the standing mean adult of stature 1, as in ``Described``."""
     skin = points.asset.vertices
     return np.asarray((skin[points.vertex] - [0.0, skin[:, 1].min(), 0.0]) / np.ptp(skin[:, 1]))

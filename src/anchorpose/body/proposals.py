@@ -50,12 +50,12 @@ def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
 
 
 def rarity(body: Body, pose: Pose) -> float:
-    """How far the joints are bent: the sum of squared deviations from their usual range."""
+    """Return how far the joints are bent: the sum of squared deviations from their usual range."""
     return prior_equations(body.points, pose, None).cost
 
 
 def _along_surface(doubted: Doubted) -> Iterator[Pose]:
-    """A limb along skin that nothing covers."""
+    """Yield a limb along skin that nothing covers."""
     body, pose, evidence = doubted.body, doubted.pose, doubted.evidence
     explanation = explain(body.points, pose_points(body, pose), evidence)
     for path in uncovered_paths(evidence, explanation):
@@ -63,13 +63,15 @@ def _along_surface(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
-    """A limb along the geodesic path of an anchor, or of an end without a name (paper, Definition 2)."""
+    """Yield a limb along the geodesic path of an anchor, or of an end without a name (paper, Definition 2)."""
     if doubted.anchors is not None:
         yield from anchor_poses(doubted.body, doubted.pose, doubted.anchors)
 
 
 def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
-    """The whole body by the learnt descriptor, and the same with front and back exchanged, which it mistakes most."""
+    """Yield the whole body by the learnt descriptor, and the same with front and back exchanged, which it mistakes
+    most.
+    """
     if doubted.anchors is None:
         return
     matches = matches_of(doubted.evidence.views, doubted.evidence.cameras, PixelLabel.PATIENT)
@@ -79,7 +81,7 @@ def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _exchanged(doubted: Doubted) -> Iterator[Pose]:
-    """Arms, legs or all sides exchanged: limbs stay where they are and change their names."""
+    """Yield the arms, legs or all sides exchanged: limbs stay where they are and change their names."""
     yield from exchanged(doubted.body, doubted.pose)
 
 

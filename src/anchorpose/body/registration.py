@@ -63,7 +63,7 @@ def register(
 def posterior(
     body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> Registration:
-    """The belief in a pose that was found, given the evidence, and whether it is this body that is seen.
+    """Return the belief in a pose that was found, given the evidence, and whether it is this body that is seen.
 
     Only skin that is seen makes a pose more certain. That a limb is not where the room is seen is one-sided, so it is
     left out of the covariance.
@@ -82,7 +82,9 @@ def posterior(
 
 
 def node_parts(body: Body, pose: Pose, nodes_m: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest skin point of each node (n,), -1 beyond reach, and the bone (n,) that moves it, -1 likewise."""
+    """Return the nearest skin point of each node (n,), -1 beyond reach, and the bone (n,) that moves it, -1
+    likewise.
+    """
     point = nearest_point(pose_points(body, pose).points_m, nodes_m, reach_m)
     return point, np.where(point >= 0, body.points.part[point], -1)
 

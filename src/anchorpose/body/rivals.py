@@ -52,7 +52,7 @@ class Rival:
 
     @property
     def behind(self) -> float:
-        """How much less likely it is than the best pose, nats."""
+        """Return how much less likely it is than the best pose, nats."""
         return self.lag + self.moved
 
     def joints_m(self, body: Body) -> np.ndarray:
@@ -65,7 +65,7 @@ class Rival:
 
 
 def believed(lead: float, parts: int) -> float:
-    """How far a lead in nats is to be believed, nats: the logarithm of how much likelier it is right than wrong.
+    """Return how far a lead in nats is to be believed, nats: the logarithm of how much likelier it is right than wrong.
 
     parts: how many limbs, or the trunk, have other places; errors of shape and clothes are alike in all of them.
     """
@@ -75,7 +75,7 @@ def believed(lead: float, parts: int) -> float:
 
 
 def parts_apart(one_m: np.ndarray, other_m: np.ndarray) -> int:
-    """How many limbs, or the trunk, are not in one place by two poses' joints (21, 3)."""
+    """Return how many limbs, or the trunk, are not in one place by two poses' joints (21, 3)."""
     away_m = np.linalg.norm(one_m - other_m, axis=1)
     return len(np.unique(LIMB_OF_JOINTS[away_m > APART_M]))
 
@@ -88,7 +88,9 @@ def follow_rivals(
     elapsed_s: float,
     config: RegistrationConfig,
 ) -> tuple[Registration, tuple[Rival, ...]]:
-    """The best registration of a frame and what is left of its rivals: one that is clearly likelier takes its place."""
+    """Return the best registration of a frame and what is left of its rivals: one that is clearly likelier takes its
+    place.
+    """
     if not rivals:
         return best, ()
     most, followed = log_probability(body, best.belief.pose, evidence), list[tuple[Registration, Rival]]()
@@ -115,7 +117,7 @@ def follow_rivals(
 
 
 def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Rival, ...]:
-    """The few of others that matter most and are neither the best pose nor each other, and not decided against.
+    """Return the few of others that matter most and are neither the best pose nor each other, and not decided against.
 
     What matters is their part of sigma: a body that is turned round counts for more than a likelier place of a hand.
     """
@@ -131,7 +133,7 @@ def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Ri
 
 
 def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: Sequence[Rival]) -> np.ndarray:
-    """(21,) sigma of the joints (21, 3) of the best pose, of the mixture with its rivals, per axis.
+    """Return (21,) sigma of the joints (21, 3) of the best pose, of the mixture with its rivals, per axis.
 
     A rival's weight is its likelihood. Its own spread is taken to be that of the best pose.
     """

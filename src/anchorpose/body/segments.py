@@ -84,12 +84,14 @@ class Direction:
 
 @cache
 def load_body_asset() -> BodyAsset:
-    """The body that is fitted to patients: the asset that ships with the package, and each segment's own directions."""
+    """Return the body that is fitted to patients: the asset that ships with the package, and each segment's own
+    directions.
+    """
     return with_own_segments(stored_asset())
 
 
 def with_own_segments(asset: BodyAsset) -> BodyAsset:
-    """The asset with the directions of this module behind its own components."""
+    """Return the asset with the directions of this module behind its own components."""
     found = tuple(_directions(asset))
     return replace(
         asset,
@@ -121,7 +123,9 @@ def _bones_of(segment: str, side: str) -> tuple[str, str]:
 
 
 def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], sigma: float) -> Direction:
-    """Each span, from the head of one bone to that of another, longer by a share ``sigma``; both sides in one."""
+    """Return each span, from the head of one bone to that of another, longer by a share ``sigma``; both sides in
+    one.
+    """
     total = [np.zeros_like(asset.vertices), np.zeros_like(asset.bone_heads), np.zeros_like(asset.bone_tails)]
     for start, end in spans:
         first, last = asset.bone(start), asset.bone(end)
@@ -137,7 +141,7 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """(b, 4) by bone: share of the span's growth by which a point of it moves, affine in its place at rest.
+    """Return (b, 4) by bone: share of the span's growth by which a point of it moves, affine in its place at rest.
 
     Points of the span itself move by as much as lies before them; what hangs on the span moves as a whole.
     """
@@ -160,7 +164,7 @@ def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
 
 
 def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) -> Direction:
-    """The skin of a segment farther from its axis by a share ``sigma`` of its distance; bones stay."""
+    """Return the skin of a segment farther from its axis by a share ``sigma`` of its distance; bones stay."""
     first, last = asset.bone(start), asset.bone(end)
     axis = asset.bone_heads[last] - asset.bone_heads[first]
     away = asset.vertices - asset.bone_heads[first]
@@ -169,13 +173,13 @@ def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) ->
 
 
 def share_of_bones(asset: BodyAsset, names: Sequence[str]) -> np.ndarray:
-    """(v,) 0 to 1: the share of each vertex's skinning weights that the named bones have."""
+    """Return (v,) 0 to 1: the share of each vertex's skinning weights that the named bones have."""
     chosen = np.isin(asset.bone_names, names).astype(np.float64)
     return np.asarray((asset.skin_weights * chosen[asset.skin_bones]).sum(axis=1))
 
 
 def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
-    """Skin of the trunk moved out along one axis around a height, less the less it faces that way."""
+    """Return the skin of the trunk moved out along one axis around a height, less the less it faces that way."""
     share = share_of_bones(asset, TRUNK)
     facing = asset.vertices[:, bulge.axis] - np.median(asset.bone_heads[[asset.bone(b) for b in TRUNK]][:, bulge.axis])
     facing /= np.abs(facing[share > 0.5]).max()
@@ -187,7 +191,7 @@ def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
 
 
 def _larger(asset: BodyAsset, name: str, end: str, sigma: float) -> Direction:
-    """A bone and all that hangs on it larger about its head by a share ``sigma``."""
+    """Return a bone and all that hangs on it larger about its head by a share ``sigma``."""
     bone, below = asset.bone(end), np.zeros(len(asset.bone_names))
     below[bone] = 1.0
     for other, parent in enumerate(asset.bone_parents.tolist()):  # parents stand before children

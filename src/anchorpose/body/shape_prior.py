@@ -58,26 +58,28 @@ class ShapeBelief:
 
     @property
     def information(self) -> np.ndarray:
-        """(s, s) inverse covariance of the parameters, at the most likely shape."""
+        """Return (s, s) inverse covariance of the parameters, at the most likely shape."""
         return self._prior_at(self.shape) + self.seen
 
     def equations(self, shape: FittedShape) -> tuple[np.ndarray, np.ndarray]:
-        """Hessian (s, s) and gradient (s,) at a shape of half its squared deviations from all that is known."""
+        """Return the hessian (s, s) and gradient (s,) at a shape of half its squared deviations from all that is
+        known.
+        """
         prior, at = self._prior_at(shape), self.vector(shape)
         return prior + self.seen, prior @ (at - self.mean) + self.seen @ at - self.pull
 
     def _prior_at(self, shape: FittedShape) -> np.ndarray:
-        """(s, s) the prior's information, weighted for its tails (Lange et al. 1989, doi:10.2307/2290063)."""
+        """Return (s, s) the prior's information, weighted for its tails (Lange et al. 1989, doi:10.2307/2290063)."""
         away2 = (self.vector(shape) - self.mean) ** 2 / np.diag(np.linalg.inv(self.prior))
         weight = np.where(self.soft, np.sqrt((TAILS + 1.0) / (TAILS + away2)), 1.0)
         return self.prior * np.outer(weight, weight)
 
     def vector(self, shape: FittedShape) -> np.ndarray:
-        """(s,) the coefficients in question, then the offsets."""
+        """Return (s,) the coefficients in question, then the offsets."""
         return np.append(shape.coefficients[: self.free.coefficients], shape.offset_m[: self.free.offsets])
 
     def moved(self, shape: FittedShape, change: np.ndarray) -> FittedShape:
-        """A shape after a change (s,); clothes stay between nothing and ``THICKEST_M``."""
+        """Return a shape after a change (s,); clothes stay between nothing and ``THICKEST_M``."""
         coefficients, offset_m = shape.coefficients.copy(), shape.offset_m.copy()
         coefficients[: self.free.coefficients] += change[: self.free.coefficients]
         offset_m[: self.free.offsets] += change[self.free.coefficients :]
@@ -85,30 +87,32 @@ class ShapeBelief:
         return replace(shape, coefficients=coefficients, offset_m=offset_m)
 
     def having_seen(self, shape: FittedShape, information: np.ndarray, pull: np.ndarray) -> ShapeBelief:
-        """The belief in a shape after more was seen: information (s, s), and that times where it is met best."""
+        """Return the belief in a shape after more was seen: information (s, s), and that times where it is met best."""
         return replace(self, shape=shape, seen=self.seen + information, pull=self.pull + pull)
 
     def cost(self, shape: FittedShape) -> float:
-        """How unlikely a shape is by the prior, in units of one observation."""
+        """Return how unlikely a shape is by the prior, in units of one observation."""
         away = self.vector(shape) - self.mean
         return float(away @ self._prior_at(shape) @ away)
 
     def deviations(self, shape: FittedShape) -> np.ndarray:
-        """(s,) how many standard deviations of the prior each parameter of a shape is from its mean."""
+        """Return (s,) how many standard deviations of the prior each parameter of a shape is from its mean."""
         return np.abs(self.vector(shape) - self.mean) / np.sqrt(np.diag(np.linalg.inv(self.prior)))
 
     def variance(self, rows: np.ndarray) -> np.ndarray:
-        """(m,) variances of quantities that change with the coefficients by rows (m, n), all of which are free."""
+        """Return (m,) variances of quantities that change with the coefficients by rows (m, n), all of which are
+        free.
+        """
         count = self.free.coefficients
         covariance = np.linalg.inv(self.information)[:count, :count]
         return np.asarray(((rows @ covariance) * rows).sum(axis=1))
 
     def lacking(self, parts: tuple[str, ...]) -> ShapeBelief:
-        """The same of a body that lacks some parts."""
+        """Return the same of a body that lacks some parts."""
         return replace(self, shape=replace(self.shape, missing=parts))
 
     def covering(self, asset: BodyAsset, parts: Sequence[str]) -> ShapeBelief:
-        """The same where orthoses or other equipment of unknown thickness cover some segments."""
+        """Return the same where orthoses or other equipment of unknown thickness cover some segments."""
         wider = np.ones(len(self.mean))
         for part in parts:
             wider[[asset.own_row(name) for name in _directions_of(part)]] = COVERED
@@ -118,14 +122,14 @@ class ShapeBelief:
         return replace(self, prior=self.prior / np.outer(wider, wider))
 
     def common(self, asset: BodyAsset) -> ShapeBelief:
-        """The belief in the asset's statistical components and the clothes alone, as a prior."""
+        """Return the belief in the asset's statistical components and the clothes alone, as a prior."""
         free = FreeShape(asset.common_count, len(CLOTHES))
         kept = np.r_[: free.coefficients, self.free.coefficients : self.free.coefficients + free.offsets]
         information = np.linalg.inv(np.linalg.inv(self.information)[np.ix_(kept, kept)])
         return _only_prior(self.shape, free, self.vector(self.shape)[kept], information)
 
     def standing(self, asset: BodyAsset, height_m: float, sigma_m: float) -> ShapeBelief:
-        """The belief after the patient's standing height was measured, linearised at the shape that has it."""
+        """Return the belief after the patient's standing height was measured, linearised at the shape that has it."""
         belief = self
         for _ in range(_HEIGHT_STEPS):
             shape = belief.shape
@@ -139,7 +143,7 @@ class ShapeBelief:
 
 
 def _directions_of(part: str) -> tuple[str, ...]:
-    """The coefficients that make a covered segment thicker."""
+    """Return the coefficients that make a covered segment thicker."""
     if part == "head":
         return ("head_size",)
     if part == "trunk":
@@ -154,12 +158,12 @@ def _only_prior(shape: FittedShape, free: FreeShape, mean: np.ndarray, informati
 
 
 def adult_belief(asset: BodyAsset) -> ShapeBelief:
-    """What is known of an adult before anything is seen."""
+    """Return what is known of an adult before anything is seen."""
     return _belief(asset, np.zeros(asset.common_count), np.diag(asset.adult_sigma**2))
 
 
 def child_belief(asset: BodyAsset) -> ShapeBelief:
-    """What is known of a child of 0.95 to 1.60 m before anything is seen."""
+    """Return what is known of a child of 0.95 to 1.60 m before anything is seen."""
     return _belief(asset, asset.child_mean, asset.child_covariance)
 
 
@@ -177,7 +181,7 @@ def _belief(asset: BodyAsset, common: np.ndarray, covariance: np.ndarray) -> Sha
 
 
 def _correlations(asset: BodyAsset) -> np.ndarray:
-    """(k, k) of the person's own coefficients."""
+    """Return (k, k) of the person's own coefficients."""
     found = np.eye(len(asset.own_names))
     sizes = tuple(name for name in END_SIGMA if name != "head")
     for kind, segments, alike in (
@@ -193,7 +197,7 @@ def _correlations(asset: BodyAsset) -> np.ndarray:
 
 
 def standing_height(asset: BodyAsset, shape: FittedShape) -> tuple[float, np.ndarray]:
-    """Height in metres of the body at rest, without clothes, and its derivative (k,) by the coefficients."""
+    """Return the height in metres of the body at rest, without clothes, and its derivative (k,) by the coefficients."""
     vertices = shape.mesh(asset).vertices
     up, left = vertices[:, 1], vertices[:, 2] < 0.0
     top, count = up.argmax(), len(shape.coefficients)
@@ -203,7 +207,9 @@ def standing_height(asset: BodyAsset, shape: FittedShape) -> tuple[float, np.nda
 
 
 def shape_of_height(asset: BodyAsset, height_m: float) -> FittedShape:
-    """The most likely adult of a height: along the coefficient that changes it, clothes of ordinary thickness."""
+    """Return the most likely adult of a height: along the coefficient that changes it, clothes of ordinary
+    thickness.
+    """
     coefficients = np.zeros(asset.shape_count)
     per_unit = np.ptp(asset.vertices[:, 1] + asset.vertex_basis[0, :, 1]) - np.ptp(asset.vertices[:, 1])
     coefficients[0] = np.clip((height_m - np.ptp(asset.vertices[:, 1])) / per_unit, -2.5, 2.5)

@@ -40,7 +40,7 @@ def accumulate_shape(
 def full_jacobian(
     body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, free: FreeShape
 ) -> np.ndarray:
-    """(n, s) how far each point moves along its direction with each parameter of the pose and the free shape."""
+    """Return (n, s) how far each point moves along its direction with each parameter of the pose and the free shape."""
     points = body.points
     pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, points.asset.bone_parents, points.moving)
     bones = _Bones(
@@ -81,7 +81,7 @@ def _point_basis(points: SkinPoints) -> np.ndarray:
 
 @cache
 def _chains(points: SkinPoints) -> np.ndarray:
-    """(b, d) rows of ``MOVING_BONES`` above and at each bone, padded with -1."""
+    """Return (b, d) rows of ``MOVING_BONES`` above and at each bone, padded with -1."""
     carried = [np.flatnonzero(column) for column in points.below.T]
     chains = np.full((len(carried), max(map(len, carried))), -1)
     for bone, rows in enumerate(carried):
@@ -131,7 +131,7 @@ def _fill(
 
 @njit(cache=True)
 def _turns(bones: _Bones, carried: np.ndarray, share: np.ndarray, d: np.ndarray, out: np.ndarray) -> None:
-    """Fills the columns of the pose: each moving bone's turn in the parent's frame, then the root."""
+    """Fill the columns of the pose: each moving bone's turn in the parent's frame, then the root."""
     for m in range(len(share)):
         if share[m] == 0.0:
             continue

@@ -17,7 +17,7 @@ LANDMARKS: Final = 24  # one every 30 cm: enough to resolve the distances of an 
 
 
 def map_body(body: Body) -> BodyMap:
-    """The map of the body's sampled skin at rest.
+    """Return the map of the body's sampled skin at rest.
 
     Landmarks are spread over the skin, each as far as possible from those before; distances to them run along the edges
     of the mesh and are some 5 % too long.
@@ -38,7 +38,7 @@ def map_body(body: Body) -> BodyMap:
 
 @cache
 def _edges(points: SkinPoints) -> np.ndarray:
-    """(e, 2) vertices of each edge of the mesh."""
+    """Return (e, 2) vertices of each edge of the mesh."""
     faces = points.asset.faces
     return np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
 
@@ -57,7 +57,7 @@ def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.ndarray:
-    """(p, l) float32 metres."""
+    """Return (p, l) float32 metres."""
     fields = np.empty((LANDMARKS, len(vertex)), np.float32)
     nearest, source = np.full(len(vertex), np.inf, np.float32), first
     for row in range(LANDMARKS):
@@ -68,7 +68,7 @@ def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.n
 
 
 def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.ndarray:
-    """(e, 2): sampled points whose cells, the vertices nearer to them than to any other, touch on the mesh."""
+    """Return (e, 2): sampled points whose cells, the vertices nearer to them than to any other, touch on the mesh."""
     _, _, nearest = dijkstra(mesh, directed=False, indices=vertex, min_only=True, return_predecessors=True)
     place = np.full(mesh.shape[0] + 1, -1)
     place[vertex] = np.arange(len(vertex))

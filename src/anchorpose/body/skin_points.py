@@ -70,13 +70,13 @@ class FittedShape:
     missing: tuple[str, ...] = ()
 
     def mesh(self, asset: BodyAsset) -> BodyMesh:
-        """Skin and skeleton without clothes."""
+        """Return the skin and skeleton without clothes."""
         whole = shape_body(asset, self.coefficients)
         return without_parts(whole, self.missing) if self.missing else whole
 
 
 def even_clothes(thickness_m: float) -> np.ndarray:
-    """(c,) offsets of clothes of one thickness everywhere."""
+    """Return (c,) offsets of clothes of one thickness everywhere."""
     return np.where(np.arange(OFFSETS) < len(CLOTHES), thickness_m, 0.0)
 
 
@@ -98,7 +98,7 @@ class Body:
         return self.mesh.bone_transforms(pose.rotations, pose.root_m)
 
     def joints(self, pose: Pose) -> np.ndarray:
-        """(21, 3) joints in a pose, order of ``JOINT_NAMES``, metres in the world."""
+        """Return (21, 3) joints in a pose, order of ``JOINT_NAMES``, metres in the world."""
         return self.mesh.joints(self.transforms(pose))
 
 
@@ -137,12 +137,12 @@ def skin_points(asset: BodyAsset) -> SkinPoints:
 
 
 def body_points() -> SkinPoints:
-    """The skin points of the shipped body."""
+    """Return the skin points of the shipped body."""
     return skin_points(load_body_asset())
 
 
 def _outer_vertices(asset: BodyAsset) -> np.ndarray:
-    """Vertices of the mesh's largest connected component: the skin without eyes, teeth and tongue."""
+    """Return the vertices of the mesh's largest connected component: the skin without eyes, teeth and tongue."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -166,7 +166,9 @@ def _spread_out(asset: BodyAsset, count: int) -> np.ndarray:
 
 
 def _patches(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
-    """(p, PATCHES) how far each patch moves each point: a bell around its middle, on skin that faces the same way."""
+    """Return (p, PATCHES) how far each patch moves each point: a bell around its middle, on skin that faces the same
+    way.
+    """
     place = asset.vertices[vertex]
     normals = _normals(asset.vertices, asset.faces[_faces_around(asset, vertex)])
     middles = np.zeros(PATCHES, dtype=np.int64)
@@ -191,7 +193,7 @@ def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
 
 
 def build_body(points: SkinPoints, shape: FittedShape) -> Body:
-    """The body of a shape, with its skin points and their normals in the rest pose."""
+    """Return the body of a shape, with its skin points and their normals in the rest pose."""
     mesh = shape.mesh(points.asset)
     whole = (
         shape_body(points.asset, shape.coefficients) if shape.missing else mesh
@@ -205,7 +207,7 @@ def build_body(points: SkinPoints, shape: FittedShape) -> Body:
 
 
 def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(p, 3) outward unit normals from the faces (p, f, 3) around each point."""
+    """Return (p, 3) outward unit normals from the faces (p, f, 3) around each point."""
     corners = vertices[faces]  # (p, f, 3, 3)
     normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]).sum(axis=1)
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
@@ -220,7 +222,7 @@ def pose_points(body: Body, pose: Pose) -> PosedPoints:
 
 
 def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """How far each chosen point moves along its direction with each pose parameter.
+    """Return how far each chosen point moves along its direction with each pose parameter.
 
     index (n,) points, direction (n, 3) unit vectors. Returns (n, POSE_SIZE): rotations in the parent's frame, then the
     root.
@@ -241,7 +243,7 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
 
 
 def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int) -> np.ndarray:
-    """How far each point moves along its direction with each coefficient, then each offset: (n, count + c)."""
+    """Return how far each point moves along its direction with each coefficient, then each offset: (n, count + c)."""
     asset, transforms = body.points.asset, posed.transforms
     offset = shape_offsets(asset, posed, count)
     weights = body.points.weights[index]
@@ -256,7 +258,7 @@ def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction:
 
 
 def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarray:
-    """(b, count, 3) how far each coefficient moves what is fixed to a bone, beside its move in the rest pose."""
+    """Return (b, count, 3) how far each coefficient moves what is fixed to a bone, beside its move in the rest pose."""
     transforms, head_basis = posed.transforms, asset.bone_head_basis[:count]
     shift = np.zeros((len(transforms), count, 3))  # of each bone's head in the world
     for bone, parent in enumerate(asset.bone_parents):
@@ -267,11 +269,13 @@ def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarra
 
 
 def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints_m: np.ndarray) -> np.ndarray:
-    """Derivative (n, 3, POSE_SIZE) by the pose of points joints_m (n, 3) in the world, each fixed to a bone (n,)."""
+    """Return the derivative (n, 3, POSE_SIZE) by the pose of points joints_m (n, 3) in the world, each fixed to a bone
+    (n,).
+    """
     pivot, frame = joint_frames(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
     return joint_derivative(pivot, frame, body.points.below, bones, joints_m)
 
 
 def place_variance(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(n,) mean variance of the three axes, square metres, of places by their derivative (n, 3, POSE_SIZE)."""
+    """Return (n,) mean variance of the three axes, square metres, of places by their derivative (n, 3, POSE_SIZE)."""
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)

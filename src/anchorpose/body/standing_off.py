@@ -33,7 +33,9 @@ _LIMBS: Final = {
 
 
 def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, float]:
-    """Segments, named as in ``subject.covered``, and how far what is seen stands off a human one there, metres."""
+    """Return the segments, named as in ``subject.covered``, and how far what is seen stands off a human one there,
+    metres.
+    """
     found = dict[CoveredPart, float]()
     for name, mine in points_of_segments(points).items():
         own = len(CLOTHES) + patches_of(points, name)  # those of the next segment would spill over the joint
@@ -58,7 +60,7 @@ def _thicker(asset: BodyAsset, shape: FittedShape, name: CoveredPart) -> float:
 
 @cache
 def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
-    """How far one deviation of a limb's girth moves its skin."""
+    """Return how far one deviation of a limb's girth moves its skin."""
     segment, side = name.rsplit("_", 1)
     moved = points.asset.vertex_basis[points.asset.own_row(f"{segment}_girth_{side}"), points.vertex]
     return float(np.linalg.norm(moved[points_of_segments(points)[name]], axis=1).mean())
@@ -66,7 +68,7 @@ def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
 
 @lru_cache(maxsize=4)  # each frame asks again, of the same shape
 def standing_off_sigma_m(points: SkinPoints, shape: FittedShape) -> np.ndarray:
-    """(21,) by how much a joint may be off along an axis, 0 where clothes are all that the person wears."""
+    """Return (21,) by how much a joint may be off along an axis, 0 where clothes are all that the person wears."""
     sigma = np.zeros(len(JOINT_INDEX))
     for name, away_m in standing_off(points, shape).items():
         for joint in _joints_of(name):
@@ -83,7 +85,7 @@ def _joints_of(name: CoveredPart) -> tuple[int, ...]:
 
 @cache
 def points_of_segments(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
-    """(p,) bool by segment: the skin points that move with it."""
+    """Return (p,) bool by segment: the skin points that move with it."""
     bones: dict[CoveredPart, tuple[str, ...]] = {"trunk": TRUNK}
     for segment, (bone, _) in _LIMBS.items():
         bones |= {f"{segment}_{side}": (f"{side.capitalize()}{bone}",) for side in SIDES}  # type: ignore[misc]
@@ -92,7 +94,7 @@ def points_of_segments(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
 
 @cache
 def patches_of(points: SkinPoints, part: str) -> np.ndarray:
-    """(k,) the patches that lie more on a segment than off it; none of hands, feet and head."""
+    """Return (k,) the patches that lie more on a segment than off it; none of hands, feet and head."""
     mine = points_of_segments(points).get(part)  # type: ignore[call-overload]
     patches = points.covered[:, len(CLOTHES) :]
     if mine is None:

@@ -43,7 +43,7 @@ NODES: Final = 1200  # each stands for two of the fit: sigma is the same to a te
 def noise_covariance(
     body: Body, belief: PoseBelief, evidence: Evidence, noises: Sequence[DepthNoise | None], config: RegistrationConfig
 ) -> np.ndarray:
-    """(POSE_SIZE, POSE_SIZE) covariance of the pose by the noise of this frame's readings alone.
+    """Return (POSE_SIZE, POSE_SIZE) covariance of the pose by the noise of this frame's readings alone.
 
     noises: of each camera, None where it has no depth image. The fit weighs all rows alike; a change n of the readings
     changes the pose by ``C J^T W n`` (C the belief's covariance), so that noise of covariance N gives
@@ -79,7 +79,7 @@ def _felt(
 def node_noise(
     evidence: Evidence, noises: Sequence[DepthNoise | None], thinned: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) one sigma of each node along its normal, metres, and (n,) the patch whose error it has in common.
+    """Return (n,) one sigma of each node along its normal, metres, and (n,) the patch whose error it has in common.
 
     thinned: share of the nodes that are used. Where a used node stands for more pixels than have an error in common,
     denoising averages them: it is then a patch by itself, with less noise. 0 where the camera's noise is unknown.
@@ -104,7 +104,8 @@ def node_noise(
 
 
 def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> float:
-    """Side of the patch of pixels with one error in common at the patient, metres, in the camera where it is smallest.
+    """Return the side of the patch of pixels with one error in common at the patient, metres, in the camera where it is
+    smallest.
 
     0 where no camera shows the patient. Matching windows and smoothing move the edges of a limb by a part of it.
     """
@@ -147,7 +148,7 @@ and on ordinary recordings, so that both lie between 0.93 and 0.97."""
 
 @cache
 def systematic_m() -> np.ndarray:
-    """(21,) ``_SYSTEMATIC_MM`` of each joint, metres."""
+    """Return (21,) ``_SYSTEMATIC_MM`` of each joint, metres."""
     names = [name.removesuffix("Left").removesuffix("Right") for name in JOINT_NAMES]
     return np.array([_SYSTEMATIC_MM[name] for name in names]) / 1000.0
 
@@ -160,7 +161,7 @@ def joint_sigma(
     noise: np.ndarray | None = None,
     patch_m: float = 0.0,
 ) -> np.ndarray:
-    """(21,) one standard deviation of the position error per axis, metres.
+    """Return (21,) one standard deviation of the position error per axis, metres.
 
     covariance (POSE_SIZE, POSE_SIZE): of the pose, inverse of the normal equations' hessian; noise, of the same shape:
     ``noise_covariance``, None where the cameras' noise is unknown. patch_m: ``finest_patch_m``: a limb lies midway
@@ -174,7 +175,7 @@ def joint_sigma(
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
-    """(p,) the same of skin points: that of the middle of the part which each moves with."""
+    """Return (p,) the same of skin points: that of the middle of the part which each moves with."""
     count = np.bincount(body.points.part)
     parts = np.flatnonzero(count)
     middles = np.stack([np.bincount(body.points.part, posed.points_m[:, axis]) for axis in range(3)], axis=1)
@@ -186,7 +187,7 @@ def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: U
 def _variance(
     body: Body, posed: PosedPoints, covariance: np.ndarray, bones: np.ndarray, places_m: np.ndarray
 ) -> np.ndarray:
-    """(n,) mean variance of the three axes, square metres, of places_m (n, 3) that are fixed to bones (n,)."""
+    """Return (n,) mean variance of the three axes, square metres, of places_m (n, 3) that are fixed to bones (n,)."""
     jacobian = joint_jacobian(body, posed.transforms, bones, places_m)
     return place_variance(jacobian, covariance)
 
@@ -200,7 +201,7 @@ def smeared_sigma(
     registration: RegistrationConfig,
     config: UncertaintyConfig,
 ) -> np.ndarray:
-    """(21,) sigma_m, larger where filters have drawn depth edges out over edge_m at the patient.
+    """Return (21,) sigma_m, larger where filters have drawn depth edges out over edge_m at the patient.
 
     A node then tells to the width of an edge where skin is, and nodes within that width tell it once. The filters
     draw out the next frame in the same way, so frames before make nothing more certain: only this frame and the range
@@ -231,7 +232,7 @@ def frame_alone_sigma(
     floor_m: float,
     unseen: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(21,) sigma_m, larger for limbs of which earlier frames know no more than this one.
+    """Return (21,) sigma_m, larger for limbs of which earlier frames know no more than this one.
 
     Of a limb that points at every camera a hand's front is seen, and little tells where its elbow is. The frames before
     are off by the same, and count as if each were off by itself. Of parts that nobody has seen for long (unseen
@@ -258,7 +259,8 @@ def frame_alone_sigma(
 
 
 def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
-    """Whether the limb lies along a camera's rays and nothing hides it there, and no camera sees it from the side.
+    """Return whether the limb lies along a camera's rays and nothing hides it there, and no camera sees it from the
+    side.
 
     Judged beyond elbow or knee. The end may be off by more than what counts as seen: that is what is asked.
     """
@@ -281,7 +283,7 @@ def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain:
 
 
 def _spread_by_frame(body: Body, pose: Pose, rows: Constraints, rows_per_observation: float) -> np.ndarray:
-    """(21, 3, 3) mean squared error of the joints, by one frame's rows and the range of the joints alone.
+    """Return (21, 3, 3) mean squared error of the joints, by one frame's rows and the range of the joints alone.
 
     Those may have a joint elsewhere than the pose has it: that distance is part of the error.
     """
@@ -297,7 +299,7 @@ def _spread_by_frame(body: Body, pose: Pose, rows: Constraints, rows_per_observa
 def unexplained_sigma(
     body: Body, pose: Pose, evidence: Evidence, explanation: Explanation, sigma_m: np.ndarray
 ) -> np.ndarray:
-    """(21,) sigma_m of the mixture with limbs that lie on seen skin which the body does not cover.
+    """Return (21,) sigma_m of the mixture with limbs that lie on seen skin which the body does not cover.
 
     Each uncovered piece belongs to the limb whose skin is nearest to its root. Hand or foot, and what is between it and
     elbow or knee, may be at the piece's tip: as likely as what the piece would add to the likelihood against what the
@@ -320,7 +322,9 @@ def unexplained_sigma(
 
 
 def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()) -> frozenset[int]:
-    """Hands and feet (joints) past whose place cameras see, or saw in a frame before, and that were not seen since."""
+    """Return the hands and feet (joints) past whose place cameras see, or saw in a frame before, and that were not seen
+    since.
+    """
     return frozenset(
         end
         for end in (JOINT_INDEX[chain.joints[0]] for chain in CHAINS)
@@ -331,7 +335,8 @@ def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()
 def before_lost_ends(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, lost: frozenset[int]
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
-    """States and sigma_m (21,) of joints_m (21, 3), of wrists and ankles by lost hands and feet (``lost_ends``), too.
+    """Return the states and sigma_m (21,) of joints_m (21, 3), of wrists and ankles by lost hands and feet
+    (``lost_ends``), too.
 
     Where cameras see past the place of a hand, the forearm that puts it there may lie on another person's: its wrist is
     not observed, and may be off by half of its distance from the elbow.
@@ -347,7 +352,7 @@ def before_lost_ends(
 
 @cache
 def limb_ends() -> np.ndarray:
-    """(21,) the limb of each joint beyond shoulder and hip, ``TRUNK`` of the others."""
+    """Return (21,) the limb of each joint beyond shoulder and hip, ``TRUNK`` of the others."""
     limb = LIMB_OF_JOINTS.copy()
     limb[[JOINT_INDEX[f"Shoulder{side}"] for side in ("Left", "Right")]] = TRUNK
     return limb

@@ -59,7 +59,7 @@ class Projection(NamedTuple):
 
 
 def projection_of(camera: Camera) -> Projection:
-    """Raises as ``Camera.require_pose``."""
+    """Raise as ``Camera.require_pose``."""
     T_world_camera = np.array(camera.require_pose(), np.float64, order="C")
     return Projection(T_world_camera, np.array(invert_rigid(T_world_camera), order="C"), lens_array(camera.intrinsics))
 
@@ -88,7 +88,7 @@ def joint_states(
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> tuple[JointState, ...]:
-    """The state of each of the 21 joints: the best that any camera offers, else what hides most of it.
+    """Return the state of each of the 21 joints: the best that any camera offers, else what hides most of it.
 
     covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin that lies
     where the patient is seen but covers nothing, such as an arm within the trunk, is behind what is seen.
@@ -125,7 +125,7 @@ def joint_states(
 def seen_skin(
     posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera], config: VisibilityConfig
 ) -> np.ndarray:
-    """(p,) bool: skin points that face some camera and are seen there as the patient's."""
+    """Return (p,) bool: skin points that face some camera and are seen there as the patient's."""
     seen = np.zeros(len(posed.points_m), dtype=bool)
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
@@ -135,7 +135,7 @@ def seen_skin(
 
 
 def facing_skin(posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
-    """(p,) bool: skin points that face some camera which has a depth image of the frame."""
+    """Return (p,) bool: skin points that face some camera which has a depth image of the frame."""
     facing = np.zeros(len(posed.points_m), dtype=bool)
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
@@ -157,7 +157,7 @@ def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float)
 def pixels_of(
     points: np.ndarray, projection: Projection, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Column and row (n,), -1 where a point falls outside the image, and its depth z (n,) metres.
+    """Return the column and row (n,), -1 where a point falls outside the image, and its depth z (n,) metres.
 
     ``Camera.pixel_of`` is the reference.
     """
@@ -184,7 +184,7 @@ def pixels_of(
 def _read(
     column: np.ndarray, row: np.ndarray, far: np.ndarray, labels: np.ndarray, depth: np.ndarray, reach: float
 ) -> np.ndarray:
-    """(p,) int64: by label and depth of each point's pixel; column -1 where it has none."""
+    """Return (p,) int64: by label and depth of each point's pixel; column -1 where it has none."""
     reason = np.full(len(column), np.int64(SkinReason.PAST))
     for p in range(len(column)):
         if column[p] < 0:
@@ -205,7 +205,7 @@ def _read(
 
 @njit(cache=True, nogil=True)
 def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing: float) -> np.ndarray:
-    """(p,) bool: skin that the eye sees at a cosine above ``grazing``."""
+    """Return (p,) bool: skin that the eye sees at a cosine above ``grazing``."""
     facing = np.empty(len(points), np.bool_)
     for p in range(len(points)):
         towards, squared = 0.0, 0.0
@@ -242,12 +242,14 @@ class PoorDepth:
 
     @property
     def resolves_limbs(self) -> bool:
-        """Holes leave the limbs that are read as they are: their other joints are stated as hidden one by one."""
+        """Return the holes leave the limbs that are read as they are: their other joints are stated as hidden one by
+        one.
+        """
         return self.kind is PoorKind.HOLES
 
 
 def too_coarse(camera: str, detail: DepthDetail, distance_m: float) -> PoorDepth | None:
-    """What makes depth too coarse for a limb so far away: edges or steps wider than it; None if neither is."""
+    """Return what makes depth too coarse for a limb so far away: edges or steps wider than it; None if neither is."""
     edge_m, step_m = detail.edge_m(distance_m), detail.step_m(distance_m)
     if max(edge_m, step_m) <= LIMB_M:
         return None
@@ -284,13 +286,13 @@ def _of_camera(posed: PosedPoints, view: View, camera: Camera, detail: DepthDeta
 
 
 def distance_of(view: View) -> float | None:
-    """Median depth of the patient in a view, metres; None where the patient is not in it."""
+    """Return the median depth of the patient in a view, metres; None where the patient is not in it."""
     depth = view.depth_m[view.patient]
     return float(np.median(depth)) if depth.size else None
 
 
 def missing_share(posed: PosedPoints, view: View, camera: Camera, reach_m: float) -> float:
-    """Share of the skin turned to a camera, within its image, that has no usable reading; 0 to 1.
+    """Return the share of the skin turned to a camera, within its image, that has no usable reading; 0 to 1.
 
     What a person or equipment hides was read: it says why it is not the patient's.
     """

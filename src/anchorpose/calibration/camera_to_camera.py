@@ -85,7 +85,8 @@ class CameraToCamera:
 def find_camera_to_camera(
     recording: Recording, floors: Sequence[FloorPlane | NoFloor], config: PlacingConfig, rough_clocks: bool = False
 ) -> CameraToCamera | NoCameraToCamera:
-    """Every camera's pose against the first camera's, from frames of ``recording``, whose clocks are synchronised.
+    """Return every camera's pose against the first camera's, from frames of ``recording``, whose clocks are
+    synchronised.
 
     floors: one per camera. Cameras that share little with the first are placed through another one. rough_clocks: the
     clocks are known to 50 ms only; then worse fits are accepted, as poses to compare the clocks by.
@@ -107,7 +108,7 @@ def place_cameras(
     config: PlacingConfig,
     rough_clocks: bool = False,
 ) -> CameraToCamera | NoCameraToCamera:
-    """The same from frames in which every camera has a depth frame, in the order of time."""
+    """Return the same from frames in which every camera has a depth frame, in the order of time."""
     if frames[-1].time_s - frames[0].time_s < LEAST_SPAN_S:
         return NoCameraToCamera.TOO_SHORT
     views = [
@@ -132,7 +133,9 @@ def place_cameras(
 
 
 def _common_frames(recording: Recording, moments: int) -> list[FrameSet]:
-    """Frames spread over the recording in which all cameras have a depth frame, nearest to each other in time."""
+    """Return the frames spread over the recording in which all cameras have a depth frame, nearest to each other in
+    time.
+    """
     pairs = pair_frames(recording)
     whole = np.flatnonzero((pairs >= 0).all(axis=1))
     if not len(whole):
@@ -145,7 +148,7 @@ def _common_frames(recording: Recording, moments: int) -> list[FrameSet]:
 
 
 def _place(first: LevelView, second: LevelView, rough_clocks: bool) -> SurfaceFit | NoCameraToCamera:
-    """The second camera against the first, or why not."""
+    """Return the second camera against the first, or why not."""
     to_first = invert_rigid(first.T_level_camera)
     fits = [
         fit
@@ -199,7 +202,9 @@ def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
 
 
 def _maps(view: LevelView, turn: float) -> np.ndarray:
-    """(moments + 1, cells, cells) float32 of unit norm: where people are at each moment, and at the end the room."""
+    """Return (moments + 1, cells, cells) float32 of unit norm: where people are at each moment, and at the end the
+    room.
+    """
     T, every = view.T_level_camera, -(-len(view.seen) // MAPPED_MOMENTS)
     moments = [_deeper(transform_points(T, seen.points_m[seen.person])) for seen in view.seen[::every]]
     still = np.concatenate([transform_points(T, seen.points_m[~seen.person]) for seen in view.seen[:1]])
@@ -207,7 +212,7 @@ def _maps(view: LevelView, turn: float) -> np.ndarray:
 
 
 def _deeper(points_level_m: np.ndarray) -> np.ndarray:
-    """Points of people's skin moved away from the camera, to about their axes."""
+    """Return the points of people's skin moved away from the camera, to about their axes."""
     ground = points_level_m * [1.0, 0.0, 1.0]
     away = ground / np.maximum(np.linalg.norm(ground, axis=1, keepdims=True), 1e-6)
     return np.asarray(points_level_m + BODY_M * away)
@@ -226,7 +231,7 @@ def _map(points_level_m: np.ndarray, turn: float) -> np.ndarray:
 
 
 def _turn(angle: float) -> np.ndarray:
-    """(2, 2) on (x, z) of a right-handed turn about Y."""
+    """Return (2, 2) on (x, z) of a right-handed turn about Y."""
     return np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
 
 
@@ -238,7 +243,7 @@ def _placement(turn: float, shift_x_m: float, shift_z_m: float) -> np.ndarray:
 
 
 def _erase(score: np.ndarray, row: int, column: int) -> None:
-    """Removes a peak, in place."""
+    """Remove a peak, in place."""
     reach = int(2 * APART_M / CELL_M)
     rows, columns = (np.arange(centre - reach, centre + reach + 1) % len(score) for centre in (row, column))
     score[np.ix_(rows, columns)] = -np.inf

@@ -53,14 +53,14 @@ class SignalLag:
 
     @property
     def is_certain(self) -> bool:
-        """Whether the peak stands out far enough to be accepted by itself."""
+        """Return whether the peak stands out far enough to be accepted by itself."""
         return self.peak >= max(LEAST_PEAK, CERTAIN_LEAD * self.second)
 
 
 def motion_signal(
     frames: Iterable[tuple[float, np.ndarray]], camera: Camera, level: FloorPlane | None, noise: float
 ) -> MotionSignal:
-    """The signal of consecutive frames (time, depth (height, width) float32, 0 = no reading) of one camera.
+    """Return the signal of consecutive frames (time, depth (height, width) float32, 0 = no reading) of one camera.
 
     level: None where no floor is known; then all heights are one band. noise: the factor of ``first_frames``.
     """
@@ -78,7 +78,8 @@ def motion_signal(
 
 
 def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reach_s: float) -> tuple[SignalLag, ...]:
-    """The lags within ``reach_s`` of ``around_s`` at which the changes of both signals agree best, the best first.
+    """Return the lags within ``reach_s`` of ``around_s`` at which the changes of both signals agree best, the best
+    first.
 
     The correlation is taken over all bands together, so that bands in which little moves count little. The peak is
     placed between the steps of half a frame by the parabola through it and its neighbours.
@@ -110,7 +111,7 @@ def _bands(rays: np.ndarray, depth_m: np.ndarray, level: FloorPlane | None) -> n
 
 
 def _changes(signal: MotionSignal, step_s: float) -> np.ndarray:
-    """(m, bands) smoothed rate of change on an even grid that starts with the signal."""
+    """Return (m, bands) smoothed rate of change on an even grid that starts with the signal."""
     grid = np.arange(signal.time_s[0], signal.time_s[-1], step_s)
     even = np.stack([np.interp(grid, signal.time_s, band) for band in signal.speed.T], axis=1)
     rate: np.ndarray = gaussian_filter1d(even, SMOOTH_S / step_s, axis=0, order=1)
@@ -128,7 +129,7 @@ def _correlation(x: np.ndarray, y: np.ndarray, shift: int, least: int) -> float:
 
 
 def _vertex(score: np.ndarray, best: int) -> float:
-    """Where the parabola through a score and its neighbours peaks, in steps from it."""
+    """Return where the parabola through a score and its neighbours peaks, in steps from it."""
     if not 0 < best < len(score) - 1 or not np.isfinite(score[best - 1 : best + 2]).all():
         return 0.0
     left, middle, right = score[best - 1 : best + 2]
@@ -170,7 +171,7 @@ class FrameCache:
         return self.source.times_s
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
-        """(height, width) float32 metres, or None."""
+        """Return (height, width) float32 metres, or None."""
         if (camera, position) not in self.kept:
             self.read_count += 1
             if len(self.kept) >= FRAMES_KEPT:
@@ -179,7 +180,7 @@ class FrameCache:
         return self.kept[camera, position]
 
     def between(self, camera: int, begin_s: float, end_s: float) -> list[tuple[float, np.ndarray]]:
-        """(time, depth) of the usable frames of a camera between two times of its clock."""
+        """Return (time, depth) of the usable frames of a camera between two times of its clock."""
         times_s = self.times_s[camera]
         first, last = np.searchsorted(times_s, [begin_s, end_s])
         found = ((float(times_s[k]), self.read(camera, k)) for k in range(first, last))
@@ -226,7 +227,7 @@ def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int)
 
 
 def _motion(frames: FrameCache, time_s: float) -> float:
-    """Area times change between two frames of the reference camera; -1 where they are missing."""
+    """Return the area times the change between two frames of the reference camera; -1 where they are missing."""
     times_s = frames.times_s[0]
     first, last = np.clip(np.searchsorted(times_s, [time_s, time_s + APART_S]), 0, len(times_s) - 1)
     if first == last:
@@ -245,8 +246,9 @@ def _motion(frames: FrameCache, time_s: float) -> float:
 def rough_lags(
     frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
-    """The lag of each camera from signals; the surfaces choose between a certain one and the lag of the time stamps,
-    or, where none is certain, among the best of them all. None where neither gives one."""
+    """Return the lag of each camera from signals; the surfaces choose between a certain one and the lag of the time
+    stamps, or, where none is certain, among the best of them all. None where neither gives one.
+    """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
     possible = [_from_stamps(frames, camera) for camera in range(len(levels))]
@@ -273,7 +275,9 @@ def stamped_lags(frames: FrameCache) -> list[RoughLag | None]:
 
 
 def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
-    """Middles of the blocks for the signals: the busiest, none reaching beyond the recording, all different."""
+    """Return the middles of the blocks for the signals: the busiest, none reaching beyond the recording, all
+    different.
+    """
     low, high = times_s[0] + BLOCK_S / 2, times_s[-1] - BLOCK_S / 2
     if low >= high:
         return [float(times_s[0] + times_s[-1]) / 2]
@@ -283,14 +287,14 @@ def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
 
 
 def _from_stamps(frames: FrameCache, camera: int) -> list[RoughLag]:
-    """Clocks that agree, where they are of one epoch."""
+    """Return the clocks that agree, where they are of one epoch."""
     around_s, _ = _guesses(frames.times_s[0], frames.times_s[camera])[0]
     at_s = float(frames.times_s[0][len(frames.times_s[0]) // 2])
     return [RoughLag(0.0, at_s)] if around_s == 0.0 else []
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
-    """(lag, reach) to search about: clocks of one epoch, or recorders started together."""
+    """Return (lag, reach) to search about: clocks of one epoch, or recorders started together."""
     common_s = min(reference_s[-1], other_s[-1]) - max(reference_s[0], other_s[0])
     together = (float(other_s[0] - reference_s[0]), MOST_LATE_S)
     half_s = 0.5 * min(np.ptp(reference_s), np.ptp(other_s))
@@ -300,7 +304,7 @@ def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, 
 def _best_lags(
     frames: FrameCache, camera: int, at_s: float, reference: MotionSignal, level: FloorPlane | None
 ) -> list[SignalLag]:
-    """The lags about each guess, the best first."""
+    """Return the lags about each guess, the best first."""
     found: list[SignalLag] = []
     for around_s, reach_s in _guesses(frames.times_s[0], frames.times_s[camera]):
         signal = _block_signal(frames, camera, at_s + around_s, BLOCK_S / 2 + reach_s, level)
@@ -323,7 +327,9 @@ def _block_signal(
 def _best_by_surfaces(
     frames: FrameCache, camera: int, possible: Sequence[RoughLag], times_s: Sequence[float]
 ) -> RoughLag | None:
-    """The lag at which this camera's surfaces fit the reference camera's best; None where no lag can be tested."""
+    """Return the lag at which this camera's surfaces fit the reference camera's best; None where no lag can be
+    tested.
+    """
     best, least_m = None, np.inf
     reference = RoughLag(0.0, 0.0)
     clips = [_clip(frames, 0, at_s, reference) for at_s in times_s]
@@ -340,7 +346,7 @@ def _best_by_surfaces(
 
 
 def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
-    """The lags of all pairs of posed cameras in every window, less the rough ones: times may count from 1970."""
+    """Return the lags of all pairs of posed cameras in every window, less the rough ones: times may count from 1970."""
     lags = []
     for at_s in times_s:
         clips = [_clip(frames, camera, at_s, found) for camera, found in enumerate(rough)]
@@ -359,7 +365,9 @@ def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Seq
 
 
 def _clip(frames: FrameCache, camera: int, at_s: float, rough: RoughLag | None) -> Clip | None:
-    """The window's frames of a camera, extended by the error of its clock; None with too few frames or no pose."""
+    """Return the window's frames of a camera, extended by the error of its clock; None with too few frames or no
+    pose.
+    """
     if rough is None or frames.cameras[camera].T_world_camera is None:
         return None
     half_s = WINDOW_S / 2 + rough.reach_s

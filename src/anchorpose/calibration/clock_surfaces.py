@@ -69,7 +69,7 @@ class SurfaceLag:
 
 
 def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Clip:
-    """A clip of frames (time, depth (height, width) float32, 0 = no reading); the camera has a pose."""
+    """Return a clip of frames (time, depth (height, width) float32, 0 = no reading); the camera has a pose."""
     depths = np.stack([_smoothed(depth) for _, depth in frames])
     noise = _noise_over_time(depths)
     low, high = _range_over_time(depths)
@@ -83,7 +83,7 @@ def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Cli
 
 
 def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
-    """The lag within ``reach_s`` of ``around_s``; None where the cameras share too little that moves.
+    """Return the lag within ``reach_s`` of ``around_s``; None where the cameras share too little that moves.
 
     The best of evenly spaced lags, then Newton steps on the robust least squares of both directions together. The
     standard error allows for correlated errors of residuals within ``CHUNK_S``.
@@ -123,7 +123,7 @@ class _LookUp:
 
 
 def _smoothed(depth_m: np.ndarray) -> np.ndarray:
-    """The mean of each pixel's neighbourhood where that is one surface, elsewhere the reading itself."""
+    """Return the mean of each pixel's neighbourhood where that is one surface, elsewhere the reading itself."""
     window = np.ones((SMOOTH_PX, SMOOTH_PX), np.uint8)
     nearest = cv2.erode(depth_m, window)
     one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < SAME_SURFACE_M)
@@ -131,7 +131,7 @@ def _smoothed(depth_m: np.ndarray) -> np.ndarray:
 
 
 def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
-    """(height, width) float32 deviation of each pixel's readings, from second differences over time.
+    """Return (height, width) float32 deviation of each pixel's readings, from second differences over time.
 
     A floor at a grazing angle and the edges of objects flicker many times more than a wall. Steady movement has no
     second difference, and the median ignores the rest; where readings are missing the noise is that of the whole image.
@@ -148,7 +148,9 @@ def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
 
 
 def _range_over_time(depths_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest and farthest smoothed depth of each pixel in the clip, (height, width); 0 where a reading is missing."""
+    """Return the nearest and farthest smoothed depth of each pixel in the clip, (height, width); 0 where a reading is
+    missing.
+    """
     chosen = np.unique(np.linspace(0, len(depths_m) - 1, SPREAD_FRAMES).astype(int))
     seen = cv2.erode((depths_m[chosen] > 0).all(axis=0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     smooth = np.stack([cv2.blur(depth, (5, 5)) for depth in depths_m[chosen]])
@@ -156,7 +158,7 @@ def _range_over_time(depths_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _moving(depth_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray, noise_m: np.ndarray) -> np.ndarray:
-    """(height, width) bool: pixels on something that moves, without the room that it uncovers."""
+    """Return (height, width) bool: pixels on something that moves, without the room that it uncovers."""
     changed = (high_m - low_m > np.maximum(MOVED_M, MOVED_GATE * noise_m)).astype(np.uint8)
     changed = cv2.morphologyEx(changed, cv2.MORPH_OPEN, np.ones((OPENED_PX, OPENED_PX), np.uint8))
     ahead = (high_m - low_m < ONE_SURFACE_M) | (depth_m < high_m - ONE_SURFACE_M)
@@ -165,7 +167,9 @@ def _moving(depth_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray, noise_m:
 
 
 def _points(depth_m: np.ndarray, moving: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Points and unit normals (m, 3) in the camera frame of the moving pixels on a grid that lie on one surface."""
+    """Return the points and unit normals (m, 3) in the camera frame of the moving pixels on a grid that lie on one
+    surface.
+    """
     inner = (slice(NORMAL_PX, size - NORMAL_PX, STEP_PX) for size in (camera.height, camera.width))
     rows, columns = (grid.ravel() for grid in np.mgrid[*inner])
     chosen = moving[rows, columns]
@@ -214,7 +218,9 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
 
 
 def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
-    """Mean squared residual of both directions, none above that of another surface; NaN where there are too few."""
+    """Return the mean squared residual of both directions, none above that of another surface; NaN where there are too
+    few.
+    """
     both = [_residuals(look, lag, every=4)[1] for look, lag in ((there, lag_s), (back, -lag_s))]
     residual = np.concatenate(both)
     if 4 * len(residual) < LEAST_POINTS:

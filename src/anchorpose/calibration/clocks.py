@@ -82,7 +82,7 @@ def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
 
 
 def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
-    """(2 * cameras,) how the lag depends on (ahead, drift) of each clock; the first camera's are 0."""
+    """Return (2 * cameras,) how the lag depends on (ahead, drift) of each clock; the first camera's are 0."""
     row = np.zeros(2 * cameras)
     row[2 * lag.second : 2 * lag.second + 2] = 1.0, lag.at_s - at_s
     row[2 * lag.first : 2 * lag.first + 2] = -1.0, at_s - lag.at_s
@@ -91,7 +91,7 @@ def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
 
 
 def _solve(lags: Sequence[PairLag], cameras: int, at_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Values (2 * cameras,) and their covariance."""
+    """Return the values (2 * cameras,) and their covariance."""
     rows = np.array([_row(lag, cameras, at_s) for lag in lags])
     weight = np.array([lag.sigma_s**-2 for lag in lags])
     information = (rows * weight[:, None]).T @ rows
@@ -104,7 +104,7 @@ def _solve(lags: Sequence[PairLag], cameras: int, at_s: float) -> tuple[np.ndarr
 
 
 def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
-    """(cameras,) bool: linked to the first camera by lags, directly or through others."""
+    """Return (cameras,) bool: linked to the first camera by lags, directly or through others."""
     reached = np.arange(cameras) == 0
     for _ in range(cameras):
         for lag in lags:
@@ -175,7 +175,7 @@ class Clocks:
 
     @property
     def clocks(self) -> tuple[Clock, ...]:
-        """The clocks to use."""
+        """Return the clocks to use."""
         return tuple(camera.clock for camera in self.cameras)
 
 
@@ -193,7 +193,7 @@ def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: Clock
 
 
 def clocks_of_results(cameras: Sequence[Camera], known: Mapping[str, Clock]) -> Clocks:
-    """The clocks of an earlier run of the same recording, by the camera's name, instead of the estimate."""
+    """Return the clocks of an earlier run of the same recording, by the camera's name, instead of the estimate."""
     others = (CameraClock(camera.name, known[camera.name], ClockSource.RESULTS) for camera in cameras[1:])
     return Clocks((_reference(cameras), *others), None, 0)
 
@@ -245,7 +245,7 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
 
 
 def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
-    """Whether the lags of the first windows show that rough lags are right; about wrong ones they are anywhere.
+    """Return whether the lags of the first windows show that rough lags are right; about wrong ones they are anywhere.
 
     tried: windows that the lags were looked for in; a short recording has two.
     """
@@ -257,7 +257,7 @@ def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
 
 
 def _agree(fit: ClockFit, lags: Sequence[PairLag]) -> bool:
-    """Whether nearly all lags are those of one set of clocks, which are all known."""
+    """Return whether nearly all lags are those of one set of clocks, which are all known."""
     known = bool(np.isfinite(fit.ahead_s).all())
     return known and len(fit.used) >= AGREEING * len(lags) and fit.residual_s <= APART_S
 
@@ -269,7 +269,9 @@ def _fit(
     left_s: Sequence[float],
     span_s: tuple[float, float],
 ) -> ClockFit | None:
-    """The clocks by the lags of the first windows, and of as many of those left as they need; None without lags."""
+    """Return the clocks by the lags of the first windows, and of as many of those left as they need; None without
+    lags.
+    """
     fit = fit_clocks(lags, len(rough)) if lags else None
     for at_s in left_s:
         if fit is not None and _agree(fit, lags):
@@ -293,7 +295,9 @@ def _reference(cameras: Sequence[Camera]) -> CameraClock:
 def _camera_clock(
     index: int, name: str, rough: RoughLag | None, fit: ClockFit | None, span_s: tuple[float, float]
 ) -> CameraClock:
-    """The clock of the fit where it is accurate, else of the signals where they are certain, else as it stands."""
+    """Return the clock of the fit where it is accurate, else of the signals where they are certain, else as it
+    stands.
+    """
     lags = sum(index in (lag.first, lag.second) for lag in fit.used) if fit is not None else 0
     if fit is not None and rough is not None and np.isfinite(fit.ahead_s[index]):
         sigma_s = max(fit.sigma_s(index, time_s) for time_s in span_s)
@@ -312,7 +316,7 @@ def _camera_clock(
 
 
 def clock_notes(clocks: Clocks) -> tuple[str, ...]:
-    """One sentence per camera but the first; none where the clocks were not to be estimated."""
+    """Return one sentence per camera except the first; none where the clocks were not to be estimated."""
     first = clocks.cameras[0].camera
     return tuple(_sentence(found, first) for found in clocks.cameras[1:] if found.doubt is not NoClock.SWITCHED_OFF)
 

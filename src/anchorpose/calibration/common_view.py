@@ -83,7 +83,7 @@ class SurfaceFit:
 
     @property
     def sentence(self) -> str:
-        """The residuals for people."""
+        """Return the residuals for people."""
         return (
             f"surfaces agree to {1000.0 * self.residual_m:.1f} mm, {100.0 * self.impossible:.0f} % of the people one "
             f"sees fall beside those of the other, ± {1000.0 * self.sigma_m:.1f} mm, "
@@ -94,7 +94,7 @@ class SurfaceFit:
 def level_view(
     camera: Camera, floor: FloorPlane, background_m: np.ndarray | None, depths_m: Sequence[np.ndarray], step_px: int
 ) -> LevelView:
-    """The view of one camera; depths_m (height, width) float32, 0 = no reading, at least one."""
+    """Return the view of one camera; depths_m (height, width) float32, 0 = no reading, at least one."""
     stack = np.stack(depths_m)
     room = background_m if background_m is not None else np.quantile(stack, 0.9, axis=0).astype(np.float32)
     smooth = tuple(_smoothed(depth) for depth in depths_m)
@@ -115,7 +115,7 @@ def level_frame(floor: FloorPlane) -> np.ndarray:
 
 
 def _smoothed(depth_m: np.ndarray) -> np.ndarray:
-    """(height, width) the mean of each 3x3 neighbourhood where it is one surface, elsewhere 0."""
+    """Return (height, width) the mean of each 3x3 neighbourhood where it is one surface, elsewhere 0."""
     window = np.ones((3, 3), np.uint8)
     nearest = cv2.erode(depth_m, window)
     one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < SURFACE_STEP_M)
@@ -123,13 +123,15 @@ def _smoothed(depth_m: np.ndarray) -> np.ndarray:
 
 
 def _people(depth_m: np.ndarray, room_m: np.ndarray) -> np.ndarray:
-    """(height, width) bool: nearer than the room, and what is next to it."""
+    """Return (height, width) bool: nearer than the room, and what is next to it."""
     nearer = (depth_m > 0) & ((room_m <= 0) | (depth_m < room_m - NEARER_M))
     return np.asarray(cv2.dilate(nearer.astype(np.uint8), np.ones((RIM_PX, RIM_PX), np.uint8)) > 0)
 
 
 def _surface_points(camera: Camera, smooth_m: np.ndarray, room_m: np.ndarray, step_px: int) -> Seen:
-    """Points with normals on a grid of every ``step_px``-th pixel, where the surface is smooth and faces the camera."""
+    """Return the points with normals on a grid of every ``step_px``-th pixel, where the surface is smooth and faces the
+    camera.
+    """
     height, width = (
         slice(NORMAL_PX, camera.height - NORMAL_PX, step_px),
         slice(NORMAL_PX, camera.width - NORMAL_PX, step_px),
@@ -144,7 +146,8 @@ def _surface_points(camera: Camera, smooth_m: np.ndarray, room_m: np.ndarray, st
 def points_with_normals(
     camera: Camera, smooth_m: np.ndarray, rows: np.ndarray, columns: np.ndarray, gates: SurfaceGates
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points and unit normals (n, 3) at pixels at least ``NORMAL_PX`` from the border; whether both can be used.
+    """Return the points and unit normals (n, 3) at pixels at least ``NORMAL_PX`` from the border; whether both can be
+    used.
 
     Usable points lie, with their four neighbours, on one surface that faces the camera.
     """
@@ -172,7 +175,7 @@ def huber_weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> SurfaceFit | None:
-    """The turn about the vertical and the shift over the floor, from a first guess that is right in all else.
+    """Return the turn about the vertical and the shift over the floor, from a first guess that is right in all else.
 
     Moments are frames at the same position in both views. None where both see too little in common. Walls are left
     out: along a wall a shift changes nothing, and they would hold the cameras back.
@@ -338,7 +341,7 @@ def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -
 
 
 def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
-    """Weights (n,) with the same sum for the room and for the people, where both have some."""
+    """Return the weights (n,) with the same sum for the room and for the people, where both have some."""
     shares = [weight[which].sum() for which in (of_people, ~of_people)]
     if min(shares) <= 0.0:
         return weight
@@ -346,7 +349,9 @@ def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
 
 
 def _support(jacobian: np.ndarray, weight: np.ndarray, place_m: np.ndarray) -> float:
-    """Share of the weight that determines a shift in the direction that is determined least, whatever the turn."""
+    """Return the share of the weight that determines a shift in the direction that is determined least, whatever the
+    turn.
+    """
     about_place = jacobian.copy()
     about_place[:, :3] -= np.cross(place_m, jacobian[:, 3:])
     mean = (about_place * weight[:, None]).T @ about_place / weight.sum()

@@ -49,7 +49,7 @@ class EquipmentInputs:
     config: EquipmentPoseConfig
 
     def frames_of(self, index: int) -> tuple[tuple[np.ndarray, ...], tuple[float, ...]]:
-        """Depth frames of one camera, and their times."""
+        """Return the depth frames of one camera, and their times."""
         pairs = [(depth, frame.time_s) for frame in self.sample_frames if (depth := frame.depths_m[index]) is not None]
         return tuple(depth for depth, _ in pairs), tuple(time for _, time in pairs)
 
@@ -96,8 +96,9 @@ def share_seen_through(
 def _disagreement(
     inputs: EquipmentInputs, cameras: tuple[Camera, Camera], first: int, one: SeenEquipment
 ) -> float | None:
-    """Share of points that one of two cameras (``first`` and ``one``) sees and the other sees through; None where too
-    few can be compared."""
+    """Return the share of points that one of two cameras (``first`` and ``one``) sees and the other sees through; None
+    where too few can be compared.
+    """
     frames = inputs.sample_frames[:: max(1, len(inputs.sample_frames) // FRAMES)]
     pairs = [
         (here, there)
@@ -111,7 +112,7 @@ def _disagreement(
 
 
 def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> FloorPrior:
-    """The floor of Gamma_0 that the cameras see, each at the equipment: up and height are their means."""
+    """Return the floor of Gamma_0 that the cameras see, each at the equipment: up and height are their means."""
     ups, heights = [], []
     for one in seen:
         T = cameras[one.index].require_pose()
@@ -122,7 +123,7 @@ def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> Fl
 
 
 def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], seen: Sequence[SeenEquipment]) -> None:
-    """Raises InputError where one of two cameras, at least one newly found, sees through what the other sees."""
+    """Raise InputError where one of two cameras, at least one newly found, sees through what the other sees."""
     of_index = {one.index: one for one in seen}
     for a, b in product(range(len(cameras)), range(len(cameras))):
         if a == b or b not in of_index or (a in of_index and a > b):
@@ -140,7 +141,9 @@ def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], see
 def resolve_symmetry(
     inputs: EquipmentInputs, seen: Sequence[SeenEquipment], choose_heading: ChooseHeading | None
 ) -> tuple[list[Camera], list[str]]:
-    """The cameras with poses that belong to one world, X the way the patient faces, and notes on how it was chosen."""
+    """Return the cameras with poses that belong to one world, X the way the patient faces, and notes on how it was
+    chosen.
+    """
     given = [camera.T_world_camera is not None for camera in inputs.recording.cameras]
     cameras = list(inputs.recording.cameras)
     for one in seen:

@@ -31,7 +31,7 @@ class Rendering:
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """Where it lies in the whole image."""
+        """Return where it lies in the whole image."""
         height, width = self.depth_m.shape
         return slice(self.top, self.top + height), slice(self.left, self.left + width)
 
@@ -72,7 +72,7 @@ class EquipmentCaster:
         self.part_count = len(corners)
 
     def render(self, camera: Camera, T_camera_model: np.ndarray) -> Rendering | None:
-        """What the camera would see; None where no corner of the equipment falls into the image."""
+        """Return what the camera would see; None where no corner of the equipment falls into the image."""
         points = transform_points(T_camera_model, self.vertices_m)
         window = _window(camera, points)
         if window is None:
@@ -89,7 +89,7 @@ class EquipmentCaster:
         return Rendering(top, left, depth.reshape(shape), normal.reshape(*shape, 3), part)
 
     def outline(self, camera: Camera, T_camera_model: np.ndarray, rendering: Rendering) -> Outline:
-        """The silhouette, subpixel: rays between each pixel on the equipment and its neighbour that is not."""
+        """Return the silhouette, subpixel: rays between each pixel on the equipment and its neighbour that is not."""
         depth = rendering.depth_m
         smooth = cv2.GaussianBlur(np.isfinite(depth).astype(np.float32), (0, 0), 1.5)
         slope = np.stack([cv2.Sobel(smooth, cv2.CV_32F, 0, 1), cv2.Sobel(smooth, cv2.CV_32F, 1, 0)], axis=-1)
@@ -116,7 +116,9 @@ class EquipmentCaster:
     def _share_on_equipment(
         self, here: np.ndarray, there: np.ndarray, depth_m: np.ndarray, T_camera_model: np.ndarray
     ) -> np.ndarray:
-        """(n,) share of the way between two rays (n, 2) that meets the equipment at about the depth of the first."""
+        """Return (n,) share of the way between two rays (n, 2) that meets the equipment at about the depth of the
+        first.
+        """
         share = (np.arange(SUBPIXEL) + 0.5) / SUBPIXEL
         between = here[:, None] + (there - here)[:, None] * share[:, None]
         hit, distance = self._cast(between.reshape(-1, 2).astype(np.float32), T_camera_model)
@@ -135,7 +137,7 @@ class EquipmentCaster:
 
 
 def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] | None:
-    """Rows and columns that hold the equipment, with a margin; all where some is behind the lens."""
+    """Return the rows and columns that hold the equipment, with a margin; all where some is behind the lens."""
     if points_m[:, 2].max() < 0.1:
         return None
     if points_m[:, 2].min() < 0.1:
@@ -206,13 +208,13 @@ class Equipment:
 
 
 def prepare_equipment(model: EquipmentModel) -> Equipment:
-    """Everything that depends on chi_0 alone."""
+    """Return everything that depends on chi_0 alone."""
     samples = sample_equipment(model)
     return Equipment(model, samples, EquipmentCaster(model), find_symmetry(model, samples))
 
 
 def sample_equipment(model: EquipmentModel) -> EquipmentSamples:
-    """The same points for the same model, every time."""
+    """Return the same points for the same model, every time."""
     rng = np.random.default_rng(0)
     corners = [vertices[faces] for vertices, faces in (part.triangles() for part in model.parts)]
     areas = [_areas(part_corners).sum() for part_corners in corners]
@@ -245,7 +247,7 @@ def _areas(corners_m: np.ndarray) -> np.ndarray:
 
 
 def _on_triangles(corners_m: np.ndarray, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Points (count, 3) spread evenly over triangles (f, 3, 3), and the normals there."""
+    """Return the points (count, 3) spread evenly over triangles (f, 3, 3), and the normals there."""
     area = _areas(corners_m)
     place = (np.arange(count) + rng.random(count)) / count  # stratified: no part is left bare by chance
     chosen = np.minimum(np.searchsorted(np.cumsum(area) / area.sum(), place), len(area) - 1)
@@ -292,7 +294,7 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
 
 
 def _turn_about(centre_m: np.ndarray, angle_rad: float) -> np.ndarray:
-    """(4, 4) turn about the vertical (Y) through a point."""
+    """Return (4, 4) turn about the vertical (Y) through a point."""
     T = np.eye(4)
     T[:3, :3] = rotation_about_y(angle_rad)
     T[:3, 3] = centre_m - T[:3, :3] @ centre_m
@@ -300,6 +302,6 @@ def _turn_about(centre_m: np.ndarray, angle_rad: float) -> np.ndarray:
 
 
 def rotation_about_y(angle_rad: float) -> np.ndarray:
-    """(3, 3) right-handed."""
+    """Return (3, 3) right-handed."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])

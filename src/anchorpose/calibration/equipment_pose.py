@@ -90,7 +90,9 @@ class PartEvidence:
 
     @property
     def score_m2(self) -> float:
-        """Surface that is found less twice what is seen through; 0 where the whole outline is inside something."""
+        """Return the surface that is found less twice what is seen through; 0 where the whole outline is inside
+        something.
+        """
         return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
 
 
@@ -145,7 +147,7 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
 
 
 def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | None]:
-    """Why the pose is not accepted, None where it is, and the part that shows it, where it is one."""
+    """Return why the pose is not accepted, None where it is, and the part that shows it, where it is one."""
     if evidence.seen_share < LEAST_SEEN:
         return NoPose.LITTLE_SEEN, None
     if evidence.filled_share > MOST_FILLED:
@@ -171,7 +173,8 @@ def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | No
 
 
 def sigma_of(fit: Refined) -> tuple[float, float]:
-    """One standard deviation of the angle (rad) and of the position of the equipment's centre (m), worst direction.
+    """Return one standard deviation of the angle (rad) and of the position of the equipment's centre (m), worst
+    direction.
 
     What a device's steady error adds does not shrink with the number of pixels.
     """
@@ -264,7 +267,7 @@ def _refined(
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
-    """The refined best poses of the search, and poses that nearly symmetric equipment may be confused with."""
+    """Return the refined best poses of the search, and poses that nearly symmetric equipment may be confused with."""
     prior = standing_prior(floor_m)
 
     def refined(starts: list[np.ndarray]) -> list[EquipmentPose]:
@@ -284,7 +287,7 @@ def _floor_heights(equipment: Equipment) -> tuple[float, ...]:
 
 
 def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
-    """What is wrong with the pose that finds most of the surface and its outline."""
+    """Return what is wrong with the pose that finds most of the surface and its outline."""
     if not fits:
         return NoEquipmentPose(NoPose.NOT_SEEN)
     likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))
@@ -295,7 +298,7 @@ def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
 
 
 def _is_rival(accepted: EquipmentPose, other: EquipmentPose, equipment: Equipment) -> bool:
-    """Whether ``other`` is another place or direction, and not a turn of chi_0 onto itself."""
+    """Return whether ``other`` is another place or direction, and not a turn of chi_0 onto itself."""
     centre = equipment.samples.centre_m
     for turn in (np.eye(4), *equipment.symmetry.same):
         T = accepted.fit.T_camera_model @ turn
@@ -306,5 +309,5 @@ def _is_rival(accepted: EquipmentPose, other: EquipmentPose, equipment: Equipmen
 
 
 def angle_between(T_a: np.ndarray, T_b: np.ndarray) -> float:
-    """Angle (rad) of the turn from one pose (4, 4) to the other."""
+    """Return the angle (rad) of the turn from one pose (4, 4) to the other."""
     return float(np.arccos(np.clip((np.trace(T_a[:3, :3].T @ T_b[:3, :3]) - 1.0) / 2.0, -1.0, 1.0)))

@@ -47,7 +47,7 @@ class StillView:
 def see_still(
     camera: Camera, frames_m: Sequence[np.ndarray], background_m: np.ndarray | None, noise: float, floor: FloorPlane
 ) -> StillView:
-    """The empty room where there is a frame of it, else what stays in frames spread over the recording."""
+    """Return the empty room where there is a frame of it, else what stays in frames spread over the recording."""
     stack = np.stack(frames_m if background_m is None else [background_m]).astype(np.float32)
     return StillView(camera, what_stays(stack, noise), stack, noise, floor)
 
@@ -62,7 +62,7 @@ class Prediction:
 
 
 def predict(camera: Camera, equipment: Equipment, T_camera_model: np.ndarray) -> Prediction | None:
-    """What is expected at a pose; None where the equipment is outside the depth image."""
+    """Return what is expected at a pose; None where the equipment is outside the depth image."""
     rendering = equipment.caster.render(camera, T_camera_model)
     if rendering is None:
         return None
@@ -94,7 +94,7 @@ class ObservedEdges:
 
 
 def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) -> Rows:
-    """Point to plane, where the readings of a pixel inside a part lie on it most of the time."""
+    """Return the point to plane, where the readings of a pixel inside a part lie on it most of the time."""
     rendering = prediction.rendering
     frames, expected = view.frames_m[:, *rendering.window], rendering.depth_m
     row, column = np.nonzero(_inside(expected))
@@ -139,7 +139,7 @@ def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: 
 
 
 def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> ObservedEdges:
-    """Each place of the outline in the frames.
+    """Return each place of the outline in the frames.
 
     A frame in which something nearer stands in front of a pixel of the profile is no evidence for that pixel.
     """
@@ -169,7 +169,7 @@ def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> Obser
 
 
 def _inside(depth_m: np.ndarray) -> np.ndarray:
-    """(h, w) bool: pixels whose four neighbours show the equipment at about the same depth."""
+    """Return (h, w) bool: pixels whose four neighbours show the equipment at about the same depth."""
     inside = np.isfinite(depth_m)
     inside[0], inside[-1], inside[:, 0], inside[:, -1] = False, False, False, False
     filled = np.where(np.isfinite(depth_m), depth_m, 1e3)
@@ -180,7 +180,7 @@ def _inside(depth_m: np.ndarray) -> np.ndarray:
 
 
 def _depth_at(rendering: Rendering, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Depth of the rendering at pixels of the whole image, inf outside of its window."""
+    """Return the depth of the rendering at pixels of the whole image, inf outside of its window."""
     r, c = row - rendering.top, column - rendering.left
     height, width = rendering.depth_m.shape
     inside = (r >= 0) & (r < height) & (c >= 0) & (c < width)
@@ -219,7 +219,7 @@ class Refined:
 
 
 def standing_prior(floor_m: float) -> FloorPrior:
-    """What is assumed without evidence: chi_0 stands upright on the floor."""
+    """Return what is assumed without evidence: chi_0 stands upright on the floor."""
     return FloorPrior(np.array([0.0, 1.0, 0.0]), floor_m, STANDING_SIGMA_M, STANDING_SIGMA_RAD)
 
 
@@ -252,7 +252,7 @@ def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: Floo
 
 
 def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarray:
-    """(parts,) by how much each part, shifted alone, would fit better, metres; NaN where that is not accurate.
+    """Return (parts,) by how much each part, shifted alone, would fit better, metres; NaN where that is not accurate.
 
     Only along the directions known to ``MOST_SHIFT_SIGMA_M``: a bar may slide along itself unseen.
     """
@@ -266,7 +266,9 @@ def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarr
 
 
 def _shift_alone(groups: list[Rows], part: int) -> float:
-    """Length of the shift of one part; weights that fall with the distance keep hands that hold it from counting."""
+    """Return the length of the shift of one part; weights that fall with the distance keep hands that hold it from
+    counting.
+    """
     shift = np.zeros(3)
     rows = [(group.jacobian[group.part == part, 3:6], group.residual[group.part == part], group) for group in groups]
     for _ in range(SHIFT_STEPS):
@@ -286,7 +288,9 @@ def _shift_alone(groups: list[Rows], part: int) -> float:
 def _floor_rows(
     view: StillView, T: np.ndarray, centre_model: np.ndarray, centre: np.ndarray, prior: FloorPrior
 ) -> Rows:
-    """The floor that is seen against the prior; centre_model, centre (3,): of the equipment, Gamma_0 and camera."""
+    """Return the floor that is seen against the prior; centre_model, centre (3,): of the equipment, Gamma_0 and
+    camera.
+    """
     up = T[:3, :3] @ prior.up
     foot = centre - (centre_model @ prior.up - prior.height_m) * up  # below the centre, where Gamma_0 has its floor
     level = np.linalg.svd(up[None])[2][1:]  # two directions across
@@ -299,7 +303,7 @@ def _floor_rows(
 
 
 def _solve(rows: list[Rows]) -> tuple[np.ndarray, np.ndarray]:
-    """Step (7,) and covariance (7, 7)."""
+    """Return the step (7,) and covariance (7, 7)."""
     information, pull = np.diag([1e-6] * 6 + [1.0]), np.zeros(7)  # the edge bias is a pixel at most
     for group in rows:
         ratio = np.minimum(np.abs(group.residual) / group.reach, 1.0)

@@ -52,7 +52,7 @@ class SearchPoints(NamedTuple):
 
 @nb.njit(cache=True)
 def _transform(T: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A point by a rigid motion (4, 4)."""
+    """Return a point by a rigid motion (4, 4)."""
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
         T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
@@ -107,7 +107,7 @@ def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
 
 @nb.njit(cache=True, fastmath=True)
 def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(x, z) sum of the map's values over the cells (n, 3) of y, x, z, moved to every place."""
+    """Return (x, z) sum of the map's values over the cells (n, 3) of y, x, z, moved to every place."""
     _, nx, nz = value.shape
     total = np.zeros((nx, nz), np.float32)
     for k in range(len(cells)):
@@ -153,7 +153,7 @@ def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 
 @nb.njit(cache=True)
 def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> float:
-    """How well (yaw, x, y, z) explains the depth image, per point of the surface that faces the camera."""
+    """Return how well (yaw, x, y, z) explains the depth image, per point of the surface that faces the camera."""
     surface, outside, T = points.surface, points.outside, image.T_camera_ground
     cos, sin = np.cos(place[0]), np.sin(place[0])
     total, facing = 0.0, 0
@@ -191,7 +191,7 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 
 @nb.njit(cache=True)
 def _reading(image: SearchImage, x: float, y: float, z: float) -> tuple[float, float]:
-    """Depth and weight at the pixel of a camera point; 0 where there is no reading."""
+    """Return the depth and weight at the pixel of a camera point; 0 where there is no reading."""
     if z < LEAST_Z_M:
         return 0.0, 0.0
     column, row = pixel_of_ray(x / z, y / z, image.lens)
@@ -271,7 +271,7 @@ def _placed(T_camera_ground: np.ndarray, place: np.ndarray, centre_m: np.ndarray
 
 
 def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:
-    """Indices of the best places, none within ``DISTINCT_M`` and ``DISTINCT_RAD`` of a better one."""
+    """Return the indices of the best places, none within ``DISTINCT_M`` and ``DISTINCT_RAD`` of a better one."""
     kept: list[int] = []
     for index in np.argsort(-scores, kind="stable"):
         turn = np.abs((places[kept, 0] - places[index, 0] + np.pi) % (2 * np.pi) - np.pi)
@@ -284,7 +284,9 @@ def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:
 
 
 def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowest_m: float) -> np.ndarray:
-    """(n, 4) yaw, x, y, z of the best cells of all directions; y is of Gamma_0's origin less the centre's height."""
+    """Return (n, 4) yaw, x, y, z of the best cells of all directions; y is of Gamma_0's origin less the centre's
+    height.
+    """
     surface = samples.surface_m[::THINNING]
     heights = surface[:, 1] - lowest_m
     seen = image.depth_m[image.depth_m > 0]
@@ -312,7 +314,7 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
 
 
 def _first_of_neighbours(places: np.ndarray) -> np.ndarray:
-    """Indices of the first of each group of neighbouring cells and directions, best first."""
+    """Return the indices of the first of each group of neighbouring cells and directions, best first."""
     size = np.array([DISTINCT_RAD, DISTINCT_M, 1e9, DISTINCT_M])
     groups = np.floor(places / size + 0.25).astype(np.int64)
     _, first = np.unique(groups, axis=0, return_index=True)

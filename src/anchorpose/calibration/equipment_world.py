@@ -63,7 +63,8 @@ def check_given_poses(
     floor_height_m: float,
     config: EquipmentPoseConfig,
 ) -> tuple[list[PoseDoubt], list[str]]:
-    """Doubts about given poses that put the equipment where it is not seen, and notes on equipment that was moved.
+    """Return the doubts about given poses that put the equipment where it is not seen, and notes on equipment that was
+    moved.
 
     floors: one per camera.
     """
@@ -86,7 +87,7 @@ def check_given_poses(
 def _where_given_pose_has_none(
     inputs: EquipmentInputs, index: int, floor: FloorPlane, prior: FloorPrior
 ) -> Moved | None:
-    """Where the equipment is instead; None where a camera with a given pose sees it in its place."""
+    """Return where the equipment is instead; None where a camera with a given pose sees it in its place."""
     frames, _ = inputs.frames_of(index)
     if not frames:
         return None
@@ -108,7 +109,7 @@ def _doubt(camera: str, moved: Moved) -> PoseDoubt:
 
 
 def moved_note(camera: str, moved: Moved, times_s: Sequence[float]) -> str:
-    """One sentence for people."""
+    """Return the sentence that is shown to people."""
     since = f"from about {times_s[moved.first]:.1f} s on"
     if moved.shift_m is None or moved.turn_rad is None:
         return f"camera {camera} no longer sees the equipment in its place {since}: what it hides there is unknown"
@@ -126,7 +127,8 @@ def notice_movement(
     prior: FloorPrior,
     config: EquipmentPoseConfig,
 ) -> Moved | None:
-    """Whether the equipment is elsewhere in the last of ``frames_m``, in the order of time; None where it is not.
+    """Return whether the equipment is elsewhere in the last of ``frames_m``, in the order of time; None where it is
+    not.
 
     view: the camera's noise and floor. A shift within a bar's width shows when the pose is fitted again; a larger one
     when the camera sees through the places where the equipment was.
@@ -171,7 +173,7 @@ class _Placed:
     tolerance_m: float
 
     def counts(self, frame_m: np.ndarray) -> tuple[int, int]:
-        """Pixels of one frame on the equipment, and those that see through it."""
+        """Return the pixels of one frame on the equipment, and those that see through it."""
         rendering = self.equipment.caster.render(self.view.camera, self.T_camera_model)
         if rendering is None:
             return 0, 0
@@ -188,7 +190,7 @@ def _through_share(placed: _Placed, frames_m: np.ndarray) -> float:
 
 
 def _first_gone(placed: _Placed, frames_m: Sequence[np.ndarray]) -> int:
-    """The frame after the last one that shows the equipment in its place."""
+    """Return the frame after the last one that shows the equipment in its place."""
     for index in range(len(frames_m) - 1, -1, -1):
         on, through = placed.counts(frames_m[index])
         if on + through >= LEAST_PIXELS and through < GONE_SHARE * (on + through):
@@ -197,7 +199,7 @@ def _first_gone(placed: _Placed, frames_m: Sequence[np.ndarray]) -> int:
 
 
 def _first_elsewhere(before: _Placed, now: _Placed, frames_m: Sequence[np.ndarray]) -> int:
-    """The start of the best split in time: earlier frames fit the earlier pose, later ones the later."""
+    """Return the start of the best split in time: earlier frames fit the earlier pose, later ones the later."""
     gain = []
     for frame in frames_m:
         on_before, through_before = before.counts(frame)
@@ -239,7 +241,7 @@ def world_from_equipment(
 
 
 def _find_in_camera(inputs: EquipmentInputs, index: int) -> SeenEquipment:
-    """The equipment in one camera; if it cannot be found in all frames together, in the first half of them."""
+    """Return the equipment in one camera; if it cannot be found in all frames together, in the first half of them."""
     recording = inputs.recording
     camera, background = recording.cameras[index], recording.backgrounds_m[index]
     frames, times = inputs.frames_of(index)
@@ -281,7 +283,7 @@ def _attempt(
 def _polish(
     inputs: EquipmentInputs, one: SeenEquipment, start: np.ndarray, moved: Moved | None, prior: FloorPrior
 ) -> EquipmentPose:
-    """The pose again with the floor all cameras share, on the empty room and all frames that show it so."""
+    """Return the pose again with the floor all cameras share, on the empty room and all frames that show it so."""
     before = one.frames_m if moved is None else one.frames_m[: moved.first]
     own = one.view.frames_m if len(one.view.frames_m) == 1 or not before else np.stack(before)
     stacks = [np.concatenate([own, np.stack(before)])] if len(own) == 1 and before else []

@@ -20,7 +20,7 @@ SAME_M, SAME_SIGMAS = 0.02, 3.0  # readings of one surface differ by less
 
 
 def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
-    """Factor a of the sensor's noise law sigma(z) = a z^2 (unit 1/m), from second differences along rows.
+    """Return the factor a of the sensor's noise law sigma(z) = a z^2 (unit 1/m), from second differences along rows.
 
     depths_m: depth frames (height, width) float32, 0 = no reading. A plane has no second difference, so what is left
     is noise; medians ignore edges. The step of the grey values enters as the deviation of a uniform error.
@@ -41,7 +41,8 @@ def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
 
 
 def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
-    """Factor of the step between neighbouring grey values, ``step_per_m z^2`` (unit 1/m); 0 where there is one value.
+    """Return the factor of the step between neighbouring grey values, ``step_per_m z^2`` (unit 1/m); 0 where there is
+    one value.
 
     depths_m: as for ``noise_per_m``. Cameras that measure disparity have steps that grow with the square of distance.
     """
@@ -54,7 +55,7 @@ def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
 
 
 def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
-    """(height, width) float32: per pixel, the farthest surface that is read in ``STAYS_SHARE`` of the frames.
+    """Return (height, width) float32: per pixel, the farthest surface that is read in ``STAYS_SHARE`` of the frames.
 
     frames_m (n, height, width), 0 = no reading. People stand in front of the room, never behind it; an edge pixel of a
     bar, which reads sometimes the bar and sometimes what is behind it, counts as bar if it reads the bar most of the
@@ -103,7 +104,7 @@ def start_of_patient(
 
 
 def people_only(depth_m: np.ndarray) -> bool:
-    """Whether the recorder has removed the room already: few readings, all within a person's reach in depth."""
+    """Return whether the recorder has removed the room already: few readings, all within a person's reach in depth."""
     readings = depth_m[depth_m > 0]
     if readings.size == 0:
         return True
@@ -166,7 +167,7 @@ class NoFloor(StrEnum):
 def floor_of_room(
     camera: Camera, background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]
 ) -> FloorPlane | NoFloor:
-    """The floor in the depth image of the empty room or, without one, in the median of the frames.
+    """Return the floor in the depth image of the empty room or, without one, in the median of the frames.
 
     What stands before the room in the frames, people above all, stands on it: a plane with legs below it is a table.
     """
@@ -187,14 +188,14 @@ def _room(background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]) -> np
 
 
 def up_of(camera: Camera) -> np.ndarray:
-    """(3,) where up is in the camera frame, by its pose; without one the image's upper border is up."""
+    """Return (3,) where up is in the camera frame, by its pose; without one the image's upper border is up."""
     return IMAGE_UP if camera.T_world_camera is None else np.asarray(camera.T_world_camera[1, :3], np.float64)
 
 
 def is_upside_down(
     floor: FloorPlane | NoFloor, camera: Camera, background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]
 ) -> bool:
-    """Whether people stand on a plane that lies above the camera by its pose, and on none below it.
+    """Return whether people stand on a plane that lies above the camera by its pose, and on none below it.
 
     floor: by ``floor_of_room``, of the same frames. False where nobody moves or no plane is seen: nothing tells then.
     """
@@ -214,7 +215,7 @@ def _is_stood_on(floor: FloorPlane | NoFloor, people_m: np.ndarray) -> bool:
 
 
 def _before(room_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
-    """(n, 3) camera points of what stands before the room, ``SAMPLE`` of them at most."""
+    """Return (n, 3) camera points of what stands before the room, ``SAMPLE`` of them at most."""
     nearer = [np.where((room_m <= 0) | (depth < room_m - NEARER_M), depth, 0.0) for depth in frames_m]
     found = [points[np.isfinite(points[..., 2])] for points in map(camera.back_project, nearer)]
     points = np.concatenate([np.zeros((0, 3)), *found])
@@ -228,7 +229,7 @@ def find_floor(
     standing_m: np.ndarray | None = None,
     up: np.ndarray = IMAGE_UP,
 ) -> FloorPlane | NoFloor:
-    """The largest plane that faces up, with next to nothing below it.
+    """Return the largest plane that faces up, with next to nothing below it.
 
     depth_m (height, width) float32, best without people; noise_per_m: ``first_frames``; standing_m (n, 3) camera
     points of what stands on the floor; up (3,): about, in the camera frame. RANSAC on a sample, first with the strict
@@ -257,7 +258,7 @@ def _vote(
     rng: np.random.Generator,
     up: np.ndarray,
 ) -> np.ndarray | None:
-    """(4,) plane (up, height) with the most votes, less those of points below it; None where none is a floor.
+    """Return (4,) plane (up, height) with the most votes, less those of points below it; None where none is a floor.
 
     Depth noise a z^2 along a ray that meets the floor at a grazing angle is a z h across it, h the camera's height.
     """
@@ -309,7 +310,7 @@ def _refined(plane: np.ndarray, points_m: np.ndarray, tolerance_m: float, noise_
 
 
 def _fit_plane(points_m: np.ndarray, sigma_m: np.ndarray, up: np.ndarray) -> np.ndarray | None:
-    """(4,) weighted least squares plane (up, height), centred for conditioning; None where the patch is narrow.
+    """Return (4,) weighted least squares plane (up, height), centred for conditioning; None where the patch is narrow.
 
     up (3,): about.
     """

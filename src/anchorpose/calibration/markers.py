@@ -40,7 +40,7 @@ class Tag:
     T_world_tag: Annotated[Pose, Field(alias="pose")]  # (4, 4)
 
     def corners_m(self) -> np.ndarray:
-        """(4, 3) world: from the upper left clockwise, as detectors report them."""
+        """Return (4, 3) world: from the upper left clockwise, as detectors report them."""
         square = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * self.size_m / 2.0
         return np.asarray(square @ self.T_world_tag[:3, :3].T + self.T_world_tag[:3, 3])
 
@@ -129,7 +129,7 @@ class SeenMarkers:
 def detect_markers(
     image: np.ndarray, camera: Camera, layout: MarkerLayout, depth_m: np.ndarray | None
 ) -> SeenMarkers | NoMarkers:
-    """The markers of the layout in an image, see ``pose_from_markers``, or why there are none."""
+    """Return the markers of the layout in an image, see ``pose_from_markers``, or why there are none."""
     grey = _grey(image)
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, layout.dictionary))
     parameters = cv2.aruco.DetectorParameters()
@@ -164,7 +164,9 @@ def _grey(image: np.ndarray) -> np.ndarray:
 def _tag_corners(
     grey: np.ndarray, layout: MarkerLayout, detector: cv2.aruco.ArucoDetector
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Pixel and world corners of each tag of the layout that is seen exactly once: of two equal ones, one is a copy."""
+    """Return the pixel and world corners of each tag of the layout that is seen exactly once: of two equal ones, one is
+    a copy.
+    """
     corners, numbers, _ = detector.detectMarkers(grey)
     listed = [] if numbers is None else [int(number) for number in np.ravel(numbers)]
     places = {tag.number: tag.corners_m() for tag in layout.tags or ()}
@@ -178,7 +180,9 @@ def _tag_corners(
 def _board_corners(
     grey: np.ndarray, board: Board, dictionary: cv2.aruco.Dictionary, parameters: cv2.aruco.DetectorParameters
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """All chessboard corners of the board under the id 0; nothing where fewer than ``LEAST_BOARD_CORNERS`` are seen."""
+    """Return all chessboard corners of the board under the id 0; nothing where fewer than ``LEAST_BOARD_CORNERS`` are
+    seen.
+    """
     size = (board.squares_x, board.squares_y)
     known = cv2.aruco.CharucoBoard(size, board.square_m, board.marker_m, dictionary)
     detector = cv2.aruco.CharucoDetector(known, cv2.aruco.CharucoParameters(), parameters)
@@ -199,7 +203,7 @@ def _side_px(corners: np.ndarray) -> float:
 def _depth_inside(
     corners: np.ndarray, number: int, camera: Camera, depth_m: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rays and depths of readings on a marker, without its edge: there depth mixes with what is behind."""
+    """Return the rays and depths of readings on a marker, without its edge: there depth mixes with what is behind."""
     if depth_m is None:
         return np.empty((0, 2)), np.empty(0), np.empty(0, dtype=np.int64)
     mask = np.zeros(depth_m.shape, np.uint8)
@@ -241,7 +245,8 @@ class MarkerPose:
 
 
 def place_by_markers(recording: Recording, layout: MarkerLayout) -> tuple[Recording, dict[str, PoseRecord]]:
-    """The recording with poses of all cameras that have an image of markers, and a record of each by camera name.
+    """Return the recording with poses of all cameras that have an image of markers, and a record of each by camera
+    name.
 
     Cameras without such an image keep the pose they have, or have none. Raises InputError where no camera has one,
     where an image does not fit its camera, or where the markers in it do not give the pose.
@@ -269,7 +274,7 @@ def place_by_markers(recording: Recording, layout: MarkerLayout) -> tuple[Record
 
 
 def _read(path: Path, camera: Camera) -> np.ndarray:
-    """(height, width) or (height, width, 3), 8 or 16 bit."""
+    """Return (height, width) or (height, width, 3), 8 or 16 bit."""
     image = read_image(path)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise InputError(path, "is not a readable image of 8 or 16 bit", "export it again as PNG")
@@ -283,7 +288,7 @@ def _read(path: Path, camera: Camera) -> np.ndarray:
 def pose_from_markers(
     image: np.ndarray, camera: Camera, layout: MarkerLayout, depth_m: np.ndarray | None = None
 ) -> MarkerPose | NoMarkers:
-    """The camera's pose in Gamma_0 by the markers in one image, or why not.
+    """Return the camera's pose in Gamma_0 by the markers in one image, or why not.
 
     image (height, width) or (height, width, 3), 8 or 16 bit, of the depth images' geometry; depth_m (height,
     width), 0 = no reading: readings on the markers make the distance more accurate and separate the two poses of a
@@ -310,7 +315,7 @@ def pose_from_markers(
 
 
 def _candidates(seen: SeenMarkers, camera: Camera) -> list[tuple[float, np.ndarray]]:
-    """(chi2, T_camera_world) of the refined solutions, best first: two where all corners lie in one plane."""
+    """Return (chi2, T_camera_world) of the refined solutions, best first: two where all corners lie in one plane."""
     matrix, distortion = camera.intrinsics.matrix, np.array(camera.intrinsics.distortion)
     spread = np.linalg.svd(seen.world_m - seen.world_m.mean(axis=0), compute_uv=False)
     flat = spread[2] < 1e-3 * spread[0]
@@ -330,7 +335,7 @@ def _candidates(seen: SeenMarkers, camera: Camera) -> list[tuple[float, np.ndarr
 
 
 def _differ(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two solutions are distinct: some starts converge to the same one."""
+    """Return whether two solutions are distinct: some starts converge to the same one."""
     step = invert_rigid(one) @ other
     turn = float(Rotation.from_matrix(step[:3, :3]).magnitude())
     return turn > SAME_RAD or float(np.linalg.norm(step[:3, 3])) > SAME_M
@@ -342,14 +347,14 @@ def _refined(start: np.ndarray, seen: SeenMarkers, camera: Camera) -> tuple[floa
 
 
 def _moved(T_camera_world: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """The pose after a small turn x[:3] and shift x[3:] of the camera frame."""
+    """Return the pose after a small turn x[:3] and shift x[3:] of the camera frame."""
     step = np.eye(4)
     step[:3, :3], step[:3, 3] = Rotation.from_rotvec(x[:3]).as_matrix(), x[3:]
     return np.asarray(step @ T_camera_world)
 
 
 def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.ndarray:
-    """Residuals in standard deviations: corners in the image, depth readings off the marker's plane."""
+    """Return the residuals in standard deviations: corners in the image, depth readings off the marker's plane."""
     points = transform_points(T_camera_world, seen.world_m)
     off = np.nan_to_num(camera.project(points) - seen.pixel, nan=1e3).ravel() / CORNER_SIGMA_PX
     rows = [off]

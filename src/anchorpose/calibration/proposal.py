@@ -51,7 +51,7 @@ class EquipmentProposal:
 
     @property
     def model(self) -> EquipmentModel:
-        """The parts as chi_0."""
+        """Return the parts as chi_0."""
         return EquipmentModel(tuple(proposed.part for proposed in self.parts))
 
 
@@ -73,7 +73,7 @@ class FittedRoom:
 
 
 def fit_equipment(recording: Recording, camera: str | None, region: Region) -> FittedRoom:
-    """The equipment in the empty rooms of a recording's cameras, or of the named one alone.
+    """Return the equipment in the empty rooms of a recording's cameras, or of the named one alone.
 
     Where the poses are given, parts are in their world; one camera without a pose is placed by the floor and by where
     the patient stands first. Raises InputError where a depth image of the empty room, the floor or the equipment is
@@ -101,7 +101,7 @@ def fit_equipment(recording: Recording, camera: str | None, region: Region) -> F
 
 
 def _with_cameras(recording: Recording, name: str | None) -> Recording:
-    """The recording with one camera only, or with all; without its equipment, which is to be found."""
+    """Return the recording with one camera only, or with all; without its equipment, which is to be found."""
     names = [camera.name for camera in recording.cameras]
     if name is not None and name not in names:
         raise InputError(recording.folder, f"has no camera '{name}'", f"choose one of {', '.join(names)}")
@@ -122,7 +122,7 @@ def _with_cameras(recording: Recording, name: str | None) -> Recording:
 def propose_equipment(
     cameras: Sequence[Camera], rooms_m: Sequence[np.ndarray], floor_height_m: float, region: Region
 ) -> EquipmentProposal | NoEquipment:
-    """Boxes and tubes that explain the empty room near the patient's place.
+    """Return the boxes and tubes that explain the empty room near the patient's place.
 
     cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. Only what is
     seen is known: a side that no camera sees is placed so that the bar is square, and named in ``guessed``.
@@ -151,7 +151,8 @@ def propose_equipment(
 
 
 def _common_yaw(found: Sequence[Found]) -> float:
-    """Direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 where that fits as well.
+    """Return the direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 where that fits as
+    well.
 
     Right angles make it a mean of four times the angle; longer bars count more.
     """
@@ -165,7 +166,7 @@ def _common_yaw(found: Sequence[Found]) -> float:
 
 
 def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
-    """The part with its axes along the vertical and the common directions where they nearly are.
+    """Return the part with its axes along the vertical and the common directions where they nearly are.
 
     It is fitted from two starts, because readings of other parts among its own may make one of them too large: then a
     face settles on the wrong side of the readings.
@@ -191,7 +192,7 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
 
 
 def _snapped(rotation: np.ndarray, yaw: float) -> np.ndarray:
-    """The rotation of the common frame nearest to this one, or as it is where none is within ``SNAP_RAD``."""
+    """Return the rotation of the common frame nearest to this one, or as it is where none is within ``SNAP_RAD``."""
     common = rotation_about_y(yaw)
     overlap = np.abs(common.T @ rotation)
     choice = int(np.argmax(overlap[:, 2]))
@@ -206,8 +207,9 @@ def _is_snapped(fit: Fit) -> bool:
 
 
 def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[Fit]:
-    """Readings are assigned to the nearest part and every part is fitted to its readings, repeatedly; small leftovers
-    are dropped."""
+    """Return the readings are assigned to the nearest part and every part is fitted to its readings, repeatedly; small
+    leftovers are dropped.
+    """
     fits = list(fits)
     stands = np.flatnonzero(readings.stands)
     points = readings.points_m[stands]
@@ -229,7 +231,7 @@ def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[
 
 
 def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:
-    """The part with its axes fixed where the common directions explain it, free to turn otherwise."""
+    """Return the part with its axes fixed where the common directions explain it, free to turn otherwise."""
     straight = refine(fit, readings, own, tubes=tubes)
     if _is_snapped(fit) and straight.residual_m < WELL_M:
         return straight

@@ -20,7 +20,8 @@ TO_FLOOR_M: Final = 0.12  # an upright bar that ends so low stands on the floor,
 
 
 def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
-    """A bar made longer as far as readings continue in its own cross-section; free (n,) bool: those of no other part.
+    """Return a bar made longer as far as readings continue in its own cross-section; free (n,) bool: those of no other
+    part.
 
     Readings of other parts may extend it, so that a runner continues behind the post on it, but no bar ends in them.
     """
@@ -35,7 +36,9 @@ def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
 
 
 def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
-    """How far readings continue beyond an end, in steps that each hold some of them; the last step holds free ones."""
+    """Return how far readings continue beyond an end, in steps that each hold some of them; the last step holds free
+    ones.
+    """
     steps = (beyond_m / ALONG_M).astype(int)
     ahead = beyond_m > 0
     count = int(steps[ahead].max(initial=0)) + 2
@@ -46,7 +49,7 @@ def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
 
 
 def merged(fits: Sequence[Fit], readings: Readings) -> list[Fit]:
-    """Pieces of one bar that something else cuts become one, unless rays pass between them."""
+    """Return the pieces of one bar that something else cuts become one, unless rays pass between them."""
     fits = list(fits)
     for first in range(len(fits)):
         for second in range(first + 1, len(fits)):
@@ -77,7 +80,7 @@ def _join(one: Fit, other: Fit, readings: Readings) -> Fit | None:
 
 
 def _seen_through(bar: Fit, between: np.ndarray, readings: Readings) -> bool:
-    """Whether rays pass through the gap in a bar: then there is nothing in it."""
+    """Return whether rays pass through the gap in a bar: then there is nothing in it."""
     low, high = _core(bar)
     margin = min(0.01, 0.2 * float(np.ptp(between)))
     low[2], high[2] = between[0] + margin, between[1] - margin
@@ -86,7 +89,7 @@ def _seen_through(bar: Fit, between: np.ndarray, readings: Readings) -> bool:
 
 
 def hollow_share(fit: Fit, readings: Readings) -> float:
-    """Share of the rays through a part's core that end beyond it: of a real part, none."""
+    """Return the share of the rays through a part's core that end beyond it: of a real part, none."""
     passing, ending = _rays_through(fit.rotation, *_core(fit), readings)
     return passing / max(passing + ending, 1)
 
@@ -97,7 +100,7 @@ def _core(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rays_through(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, readings: Readings) -> tuple[int, int]:
-    """How many of the rays that meet a box end beyond it, and how many within it or just before."""
+    """Return how many of the rays that meet a box end beyond it, and how many within it or just before."""
     origin, ray = readings.origin_m @ rotation, readings.ray @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
         one, other = (low - origin) / ray, (high - origin) / ray
@@ -127,7 +130,7 @@ def on_its_feet(fit: Fit, readings: Readings, floor_height_m: float) -> Fit:
 
 
 def _lifted(fit: Fit, axis: int, height_m: float, readings: Readings) -> bool:
-    """Whether rays pass between a level part and the floor below it."""
+    """Return whether rays pass between a level part and the floor below it."""
     if height_m < 2.0 * ALONG_M:
         return False
     low, high = _core(fit)
@@ -140,7 +143,7 @@ def _lifted(fit: Fit, axis: int, height_m: float, readings: Readings) -> bool:
 
 
 def guessed_lengths(fit: Fit, floor_height_m: float) -> tuple[str, ...]:
-    """Lengths that no camera sees: a side along which all of them look, an end that nothing places.
+    """Return the lengths that no camera sees: a side along which all of them look, an end that nothing places.
 
     What stands on the floor ends there.
     """
@@ -155,7 +158,7 @@ def guessed_lengths(fit: Fit, floor_height_m: float) -> tuple[str, ...]:
 
 
 def _on_floor(fit: Fit, axis: int, sides: np.ndarray, floor_height_m: float) -> bool:
-    """Whether the only unseen face along this axis lies on the floor."""
+    """Return whether the only unseen face along this axis lies on the floor."""
     upright = fit.rotation[1, axis]
     if abs(upright) < 0.99 or sides.all():
         return False

@@ -53,15 +53,16 @@ class Readings:
 
     @property
     def points_m(self) -> np.ndarray:
-        """(n, 3) where each ray ends."""
+        """Return (n, 3) where each ray ends."""
         return self.origin_m + self.ray * self.depth_m[:, None]
 
 
 def gather_readings(
     cameras: Sequence[Camera], rooms_m: Sequence[np.ndarray], floor_height_m: float, region: Region
 ) -> Readings:
-    """All cameras together; rooms_m: one (height, width) float32 depth image of the empty room per camera, 0 = no
-    reading."""
+    """Return all cameras together; rooms_m: one (height, width) float32 depth image of the empty room per camera, 0 =
+    no reading.
+    """
     each = [_of_one_camera(camera, room, floor_height_m, region) for camera, room in zip(cameras, rooms_m, strict=True)]
     return Readings(*(np.concatenate(rows) for rows in zip(*each, strict=True)))
 
@@ -87,7 +88,7 @@ def _of_one_camera(camera: Camera, room_m: np.ndarray, floor_height_m: float, re
 
 
 def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_m: float, region: Region) -> np.ndarray:
-    """(height, width) bool: above the floor, in the region, and part of an object that mostly lies in it."""
+    """Return (height, width) bool: above the floor, in the region, and part of an object that mostly lies in it."""
     points = transform_points(camera.require_pose(), camera.back_project(room_m).astype(np.float64))
     height = points[..., 1] - floor_height_m
     lift = abs(camera.position_m[1] - floor_height_m)  # depth noise a z^2 is a z h across a floor h below
@@ -105,14 +106,14 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
 
 
 def _uncertain(room_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """(height, width) bool: pixels beside what stands free, not clearly behind it: mixed, or the same object."""
+    """Return (height, width) bool: pixels beside what stands free, not clearly behind it: mixed, or the same object."""
     nearest = np.where(stands, room_m, 0.0).astype(np.float32)
     around = cv2.dilate(nearest, np.ones((5, 5), np.uint8))
     return (around > 0) & (room_m < around + 3.0 * JUMP_M) & ~stands
 
 
 def _support(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """(height, width) how many of a pixel's eight neighbours lie within the limit of its depth."""
+    """Return (height, width) how many of a pixel's eight neighbours lie within the limit of its depth."""
     padded, inside = np.pad(room_m, 1), np.pad(mask, 1)
     count = np.zeros(room_m.shape, np.int64)
     height, width = room_m.shape
@@ -125,7 +126,7 @@ def _support(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> np.ndar
 
 
 def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, int]:
-    """(height, width) int: number of the connected object, -1 outside of the mask; and how many there are."""
+    """Return (height, width) int: number of the connected object, -1 outside of the mask; and how many there are."""
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(mask.sum())
     pairs = []
@@ -189,7 +190,7 @@ def find_parts(points_m: np.ndarray) -> list[Found]:
 
 
 def _inside(points_m: np.ndarray, part: Found, margin_m: float, margin_last_m: float) -> np.ndarray:
-    """(n,) bool: within the part's extent and a margin, another one along its last axis."""
+    """Return (n,) bool: within the part's extent and a margin, another one along its last axis."""
     local = (points_m - part.center_m) @ part.rotation
     margin = np.array([margin_m, margin_m, margin_last_m])
     return np.asarray(((local > part.low - margin) & (local < part.high + margin)).all(axis=1))
@@ -213,7 +214,7 @@ def _best_bar(points_m: np.ndarray, left: np.ndarray, rng: np.random.Generator) 
 
 
 def _grow_line(points: np.ndarray, place: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Points (n,) bool on the bar through a place, and its direction; None where it is not a bar."""
+    """Return the points (n,) bool on the bar through a place, and its direction; None where it is not a bar."""
     middle = place
     radius = 1.5 * BAR_RADIUS_M
     for _ in range(6):
@@ -246,7 +247,7 @@ def _cylindrical(points: np.ndarray, middle: np.ndarray, axis: np.ndarray) -> tu
 
 
 def _unbroken(along: np.ndarray, on_line: np.ndarray) -> tuple[float, float] | None:
-    """The stretch around 0 that has no gap longer than ``GAP_M``."""
+    """Return the stretch around 0 that has no gap longer than ``GAP_M``."""
     places = np.sort(along[on_line])
     if not len(places):
         return None
@@ -294,7 +295,7 @@ def _best_plate(points_m: np.ndarray, left: np.ndarray, rng: np.random.Generator
 
 
 def _filled(offset: np.ndarray, axes: np.ndarray) -> float:
-    """Share of a disc's cells that hold a point."""
+    """Return the share of a disc's cells that hold a point."""
     reach = int(PLATE_RADIUS_M / CELL_M)
     cell = np.rint(offset @ axes[:, 1:] / CELL_M).astype(int)
     cell = cell[(np.abs(cell) <= reach).all(axis=1)] + reach
@@ -306,7 +307,7 @@ def _filled(offset: np.ndarray, axes: np.ndarray) -> float:
 
 
 def _grow_plate(points_m: np.ndarray, left: np.ndarray, place: np.ndarray, axes: np.ndarray) -> Found | None:
-    """The connected part of the plane around a place, in its smallest rectangle; None where that is a bar's."""
+    """Return the connected part of the plane around a place, in its smallest rectangle; None where that is a bar's."""
     offset = points_m[left] - place
     on_plane = np.abs(offset @ axes[:, 0]) < PLATE_FLATNESS_M
     flat = offset[on_plane] @ axes[:, 1:]

@@ -53,18 +53,18 @@ class Fit:
 
     @property
     def size_m(self) -> np.ndarray:
-        """(3,) edge lengths along the axes."""
+        """Return (3,) edge lengths along the axes."""
         return self.high - self.low
 
     @property
     def center_m(self) -> np.ndarray:
-        """(3,) world."""
+        """Return (3,) world."""
         middle: np.ndarray = self.rotation @ ((self.low + self.high) / 2.0)
         return middle
 
     @property
     def axis(self) -> np.ndarray:
-        """(3,) world: a bar's direction, a plate's normal."""
+        """Return (3,) world: a bar's direction, a plate's normal."""
         return self.rotation[:, 2]
 
     def part(self, name: str) -> Box | Cylinder:
@@ -74,12 +74,12 @@ class Fit:
         return Box(name, self.center_m, self.size_m, self.rotation)
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
-        """(n,) signed distance to the surface."""
+        """Return (n,) signed distance to the surface."""
         return self.part("").distance_m(points_m)
 
 
 def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bool, seen_from: np.ndarray) -> Fit:
-    """A part by its visible points, made as thick as it is broad away from the camera, seen_from (3,) local."""
+    """Return a part by its visible points, made as thick as it is broad away from the camera, seen_from (3,) local."""
     low, high = low.copy(), high.copy()
     size = high - low
     for axis, other in ((0, 1), (1, 0)) if not plate else ((2, 2),):
@@ -93,7 +93,7 @@ def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bo
 
 
 def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tubes: bool = False) -> Fit:
-    """The box that explains the readings best or, with tubes, the tube where that is about as good.
+    """Return the box that explains the readings best or, with tubes, the tube where that is about as good.
 
     own (n,) bool: readings that lie on this part. turn: the axes may turn too.
     """
@@ -143,7 +143,9 @@ def _evidence(fit: Fit, readings: Readings, own: np.ndarray) -> _Evidence:
 
 
 def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
-    """(3,) bool: axes across the part along which all cameras that see it look; its outline shows the other ones."""
+    """Return (3,) bool: axes across the part along which all cameras that see it look; its outline shows the other
+    ones.
+    """
     view = (np.unique(origins_m, axis=0) - fit.center_m) @ fit.rotation
     blind = np.zeros(3, dtype=bool)
     if fit.plate:
@@ -156,7 +158,9 @@ def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
 
 
 def _along_rays(readings: Readings, rows: np.ndarray, near: np.ndarray, thick_m: float) -> np.ndarray:
-    """(n, k, 3) places on rays, around where they come nearest to the part, no farther apart than a bar is thick."""
+    """Return (n, k, 3) places on rays, around where they come nearest to the part, no farther apart than a bar is
+    thick.
+    """
     length = np.linalg.norm(readings.ray[rows], axis=1)
     count = max(5, int(np.ceil(2.0 * thick_m / STEP_M)))
     along = near[rows, None] + np.linspace(-1.0, 1.0, count) * thick_m / length[:, None]
@@ -165,13 +169,13 @@ def _along_rays(readings: Readings, rows: np.ndarray, near: np.ndarray, thick_m:
 
 
 def _nearest_distance(places_m: np.ndarray, fit: Fit) -> np.ndarray:
-    """(n,) least signed distance of the places (n, k, 3) of each ray."""
+    """Return (n,) least signed distance of the places (n, k, 3) of each ray."""
     distance = _local_distance(places_m.reshape(-1, 3), fit).reshape(places_m.shape[:2])
     return np.asarray(distance.min(axis=1, initial=1.0))
 
 
 def _closest_approach(fit: Fit, readings: Readings) -> tuple[np.ndarray, np.ndarray]:
-    """Depth at which each ray comes nearest to a part's middle line, and how near."""
+    """Return the depth at which each ray comes nearest to a part's middle line, and how near."""
     long = int(np.argmax(fit.size_m))
     center_m, axis, half_m = fit.center_m, fit.rotation[:, long], fit.size_m[long] / 2.0
     offset = readings.origin_m - center_m
@@ -236,14 +240,14 @@ def _cauchy(z: np.ndarray) -> np.ndarray:
 
 
 def _too_broad(x: np.ndarray, fit: Fit) -> np.ndarray:
-    """Residuals that keep a bar from becoming broader than bars are, or a plate thicker."""
+    """Return the residuals that keep a bar from becoming broader than bars are, or a plate thicker."""
     across = x[5:6] if fit.plate else x[3:5]
     rows: np.ndarray = np.maximum(across - BROADEST_M, 0.0) / 1e-3
     return rows
 
 
 def _assumptions(x: np.ndarray, fit: Fit) -> np.ndarray:
-    """Residuals of the assumptions where nothing is seen: bars are square, plates are thin."""
+    """Return the residuals of the assumptions where nothing is seen: bars are square, plates are thin."""
     weight = ASSUMED if fit.blind.any() else 1.0
     if fit.plate:
         return np.array([weight * (x[5] - PLATE_M) / PLATE_SIGMA_M])

@@ -45,7 +45,7 @@ def find_world(
     choose_heading: ChooseHeading | None = None,
     rough_clocks: bool = False,
 ) -> Calibration:
-    """Poses of all cameras: as given, from the equipment, or from the floor and the people.
+    """Return the poses of all cameras: as given, from the equipment, or from the floor and the people.
 
     sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without, found
     worlds have Y up, the origin on the floor below the patient's start, and X from the patient towards the camera: the
@@ -74,7 +74,7 @@ def find_world(
 
 
 def _given_world(recording: Recording, sample_frames: Sequence[FrameSet], config: EquipmentPoseConfig) -> Calibration:
-    """The given poses, with notes where the floor or the equipment contradicts them."""
+    """Return the given poses, with notes where the floor or the equipment contradicts them."""
     floors = _floors(recording, sample_frames)
     world = _checked(recording.cameras, floors, "the cameras' given poses are used")
     upside_down = _upside_down(recording, sample_frames, floors)
@@ -100,7 +100,7 @@ def _equipment_world(
 
 
 def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[FloorPlane | NoFloor]:
-    """The floor that each camera sees in its empty room or, without one, in the sampled frames."""
+    """Return the floor that each camera sees in its empty room or, without one, in the sampled frames."""
     return [
         floor_of_room(camera, recording.backgrounds_m[index], depths_of(sample_frames, index))
         for index, camera in enumerate(recording.cameras)
@@ -110,7 +110,7 @@ def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[Flo
 def _upside_down(
     recording: Recording, sample_frames: Sequence[FrameSet], floors: Sequence[FloorPlane | NoFloor]
 ) -> tuple[PoseDoubt, ...]:
-    """A doubt about each camera that shows people on a floor above their heads."""
+    """Return a doubt about each camera that shows people on a floor above their heads."""
     found = []
     for index, (camera, floor) in enumerate(zip(recording.cameras, floors, strict=True)):
         if is_upside_down(floor, camera, recording.backgrounds_m[index], depths_of(sample_frames, index)):
@@ -121,7 +121,7 @@ def _upside_down(
 
 
 def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor], first_note: str) -> Calibration:
-    """Cameras with poses, and how well the floors they see agree with these poses."""
+    """Return the cameras with poses, and how well the floors they see agree with these poses."""
     residuals, heights, notes, doubts = [], dict[str, float](), [first_note], list[PoseDoubt]()
     for camera, floor in zip(cameras, floors, strict=True):
         if isinstance(floor, NoFloor):
@@ -150,7 +150,9 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
 
 
 def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
-    """A doubt where cameras have one floor at different heights: about the one that is farthest from the others."""
+    """Return a doubt where cameras have one floor at different heights: about the one that is farthest from the
+    others.
+    """
     if len(heights_m) < 2:
         return []
     values = np.array(list(heights_m.values()))
@@ -168,7 +170,7 @@ def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
 def _from_one_camera(
     recording: Recording, sample_frames: Sequence[FrameSet], floor: FloorPlane | NoFloor
 ) -> Calibration:
-    """The world of the first camera's floor and of the patient's start."""
+    """Return the world of the first camera's floor and of the patient's start."""
     camera = recording.cameras[0]
     notes, residuals = [], []
     if isinstance(floor, FloorPlane):
@@ -193,7 +195,7 @@ def _with_other_cameras(
     placing: PlacingConfig,
     rough_clocks: bool,
 ) -> Calibration:
-    """The other cameras placed against the first, whose world is known."""
+    """Return the other cameras placed against the first, whose world is known."""
     found = find_camera_to_camera(recording, floors, placing, rough_clocks)
     if isinstance(found, NoCameraToCamera):
         remedy = "give every camera_to_world, record people who walk in view of all cameras, or keep one camera"

@@ -36,7 +36,7 @@ LEAST_SAMPLES: Final = 5  # frames, for what changes from one to another
 
 
 def check_depth(material: Material) -> list[Finding]:
-    """Each a finding over all cameras."""
+    """Return each a finding over all cameras."""
     noise, detail, room, steady, holes = (list[OfCamera]() for _ in range(5))
     for index, (camera, frames) in enumerate(material.by_camera()):
         distance_m = material.distance_m(index)
@@ -98,7 +98,8 @@ def _missing(depth_m: np.ndarray, camera: Camera) -> float:
 def _steady(
     camera: Camera, frames_m: Sequence[np.ndarray], successive_m: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> OfCamera:
-    """Frames that are noisier or emptier than the others, and readings that come and go from frame to frame.
+    """Return the frames that are noisier or emptier than the others, and readings that come and go from frame to
+    frame.
 
     Light of another camera that is not synchronised comes and goes, in all of the image at once.
     """
@@ -114,7 +115,9 @@ def _steady(
 
 
 def _disturbed(camera: Camera, frames_m: Sequence[np.ndarray]) -> np.ndarray:
-    """(n,) bool: frames with more noise, or fewer readings, than the others. People alone fill more or less of it."""
+    """Return (n,) bool: frames with more noise, or fewer readings, than the others. People alone fill more or less of
+    it.
+    """
     noise = np.array([noise_per_m([frame]) if np.count_nonzero(frame) else np.inf for frame in frames_m])
     missing = np.array([_missing(frame, camera) for frame in frames_m])
     emptier = missing > np.median(missing) + GONE
@@ -124,7 +127,7 @@ def _disturbed(camera: Camera, frames_m: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _holes(camera: Camera, views: Sequence[View]) -> OfCamera:
-    """Share of the patient's outline without a reading."""
+    """Return the share of the patient's outline without a reading."""
     shares = [share for view in views if np.isfinite(share := _hole_share(view))]
     if not shares:
         return OfCamera(camera.name, Level.GREEN, "the patient is not in view")
@@ -159,7 +162,7 @@ NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # where depth cameras measure
 
 
 def check_lens(material: Material) -> list[Finding]:
-    """Field of view; floor and walls through the lens; the size of the room and of the person."""
+    """Return the field of view; floor and walls through the lens; the size of the room and of the person."""
     fields = of_cameras("field of view", [_field_of(camera) for camera in material.cameras])
     return [fields, *_room_through_lens(material), _size(material)]
 
@@ -184,7 +187,7 @@ def _angle_deg(rays: np.ndarray) -> float:
 
 
 def _room_through_lens(material: Material) -> list[Finding]:
-    """How flat the floor and how upright the walls are; nothing where no camera sees a floor."""
+    """Return how flat the floor and how upright the walls are; nothing where no camera sees a floor."""
     flat, upright = list[OfCamera](), list[OfCamera]()
     for scene in material.floor_scenes:
         room, camera = scene.background, scene.camera
@@ -204,7 +207,8 @@ def _room_through_lens(material: Material) -> list[Finding]:
 
 
 def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
-    """How far the floor's medians in rings about the axis differ; NaN where the floor is in fewer than three rings.
+    """Return how far the floor's medians in rings about the axis differ; NaN where the floor is in fewer than three
+    rings.
 
     A wrong lens bends planes, and more so the farther from the axis; noise and furniture leave the medians where they
     are.
@@ -221,7 +225,8 @@ def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
 
 
 def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float:
-    """How far the most upright of the walls that face the camera is from a right angle with the floor; NaN without.
+    """Return how far the most upright of the walls that face the camera is from a right angle with the floor; NaN
+    without.
 
     A wrong focal length shears a room that is seen from above; furniture may lean, so that one wall is enough. A wall
     parallel to the image stays so whatever the lens is, and where the sensor's range cuts a wall off, the strip that is
@@ -234,7 +239,7 @@ def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float
 
 
 def _size(material: Material) -> Finding:
-    """Height of the person and distance of the room: both are in the depth unit."""
+    """Return the height of the person and distance of the room: both are in the depth unit."""
     depths = [float(np.median(depth[depth > 0])) for _, ones in material.by_camera() for depth in ones if depth.any()]
     usual_m = float(np.median(depths)) if depths else float("nan")
     if not NEAREST_ROOM_M <= usual_m <= FARTHEST_ROOM_M:

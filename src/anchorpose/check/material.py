@@ -73,7 +73,7 @@ def level_of(value: float, yellow: float, red: float) -> Level:
 
 
 def of_cameras(check: str, parts: Sequence[OfCamera]) -> Finding:
-    """One finding of several cameras, with the worst one's level; cameras are named where there are several.
+    """Return one finding of several cameras, with the worst one's level; cameras are named where there are several.
 
     What is green is left out beside what is not, and so is the remedy of what is green.
     """
@@ -108,7 +108,9 @@ class SeenPatient:
 
     @property
     def cut_above(self) -> bool:
-        """Whether the upper border of each image that shows the patient cuts them off, so that the head is not seen."""
+        """Return whether the upper border of each image that shows the patient cuts them off, so that the head is not
+        seen.
+        """
         shown = [view.patient for view in self.views if view is not None and view.patient.any()]
         return all(patient[:BORDER_PX].any() for patient in shown)
 
@@ -134,7 +136,7 @@ class Material:
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
-        """One per camera; none where poses are unknown."""
+        """Return one per camera; none where poses are unknown."""
         return () if self.look is None else self.look.scenes
 
     @property
@@ -146,31 +148,31 @@ class Material:
 
     @property
     def floor_m(self) -> float | None:
-        """Height of the floor in the world; None where no camera sees it."""
+        """Return the height of the floor in the world; None where no camera sees it."""
         return None if self.settled is None else self.settled.calibration.floor_height_m
 
     def by_camera(self) -> Iterator[tuple[Camera, list[np.ndarray]]]:
-        """Each camera with its sampled depth images (height, width), metres, 0 = no reading; none may be left."""
+        """Yield each camera with its sampled depth images (height, width), metres, 0 = no reading; none may be left."""
         for index, camera in enumerate(self.cameras):
             yield camera, depths_of(self.samples, index)
 
     def successive_of(self, index: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """One camera's depth images of ``successive``, where it has both."""
+        """Return one camera's depth images of ``successive``, where it has both."""
         pairs = [(one.depths_m[index], other.depths_m[index]) for one, other in self.successive]
         return [(one, other) for one, other in pairs if one is not None and other is not None]
 
     def distance_m(self, index: int) -> float:
-        """Median depth of the patient's pixels in one camera; NaN where the patient is not seen."""
+        """Return the median depth of the patient's pixels in one camera; NaN where the patient is not seen."""
         depths = [np.median(view.depth_m[view.patient]) for view in self.views_of(index) if view.patient.any()]
         return float(np.median(depths)) if depths else float("nan")
 
     def views_of(self, index: int) -> list[View]:
-        """One camera's labelled frames of ``patient``."""
+        """Return one camera's labelled frames of ``patient``."""
         return [view for seen in self.patient if (view := seen.views[index]) is not None]
 
 
 def gather_material(recording: Recording, config: TrackConfig) -> Material:
-    """Clocks, poses, the empty room and the patient from sampled frames; without poses, the frames alone.
+    """Return the clocks, poses, the empty room and the patient from sampled frames; without poses, the frames alone.
 
     Raises InputError where the cameras never overlap in time, or no depth image of one can be read.
     """
@@ -190,7 +192,7 @@ def gather_material(recording: Recording, config: TrackConfig) -> Material:
 
 
 def _thinned(recording: Recording) -> Recording:
-    """Every so-manieth frame of cameras that are faster than clocks and poses need; all of a short recording."""
+    """Return every so-manieth frame of cameras that are faster than clocks and poses need; all of a short recording."""
     if min(len(stream.files) for stream in recording.streams) < SHORT:
         return recording
     return replace(recording, streams=tuple(_thinned_stream(stream) for stream in recording.streams))
@@ -225,7 +227,9 @@ def _look_closely(frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[S
 
 
 def _hidden(views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
-    """(cameras,) share of a rough body's skin turned to each camera that equipment or people hide; NaN without one."""
+    """Return (cameras,) share of a rough body's skin turned to each camera that equipment or people hide; NaN without
+    one.
+    """
     hidden = np.full(len(cameras), np.nan)
     person = rough_person(views, cameras, PixelLabel.PATIENT)
     if person is None:

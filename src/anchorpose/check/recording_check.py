@@ -42,7 +42,7 @@ SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5  # off the beat: a hand at 2 m/s is then 2 
 
 
 def check_frames(material: Material) -> list[Finding]:
-    """Number, rate and completeness; how even the time stamps are; how the cameras' clocks are known.
+    """Return the number, rate and completeness; how even the time stamps are; how the cameras' clocks are known.
 
     Raises InputError where cameras never overlap in time.
     """
@@ -86,7 +86,7 @@ def _frames(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
 
 
 def _stamps(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
-    """Steps between frames that are no multiple of the camera's period, and what is missing at the ends."""
+    """Return the steps between frames that are no multiple of the camera's period, and what is missing at the ends."""
     steps = np.diff(stream.time_s)
     uneven = float(np.mean(off_beat(steps, gaps.period_s) > OFF_BEAT)) if len(steps) else 0.0
     level = level_of(uneven, SOME_UNEVEN, MANY_UNEVEN)
@@ -119,7 +119,7 @@ SOURCES: Final = {PoseSource.FLOOR: "not given; found from floor and patient"}
 
 
 def check_poses(material: Material) -> list[Finding]:
-    """Where poses come from, the floor, and whether two cameras show one room."""
+    """Return where poses come from, the floor, and whether two cameras show one room."""
     if material.settled is None:
         assert material.refusal is not None
         return [Finding("camera poses", Level.RED, material.refusal.problem, material.refusal.remedy)]
@@ -131,7 +131,7 @@ def check_poses(material: Material) -> list[Finding]:
 
 
 def _poses(calibration: Calibration, asked: PosesAsked) -> Finding:
-    """Where each pose comes from, or what contradicts it but other cameras."""
+    """Return where each pose comes from, or what contradicts it but other cameras."""
     own = [doubt for doubt in asked.doubts if doubt.source is not DoubtSource.CAMERAS]
     parts = []
     for pose in calibration.poses:
@@ -149,7 +149,7 @@ def _level(doubt: PoseDoubt | None) -> Level:
 
 
 def _agreement(asked: PosesAsked) -> list[Finding]:
-    """One finding over all pairs of cameras; none where no pair shares enough."""
+    """Return one finding over all pairs of cameras; none where no pair shares enough."""
     between = {doubt.cameras: doubt for doubt in asked.doubts if doubt.source is DoubtSource.CAMERAS}
     parts = [
         OfCamera(" and ".join(names := pair.past.cameras), _level(between.get(names)), pair.measured, REMEDY)
@@ -160,7 +160,7 @@ def _agreement(asked: PosesAsked) -> list[Finding]:
 
 
 def _floor(material: Material) -> Finding:
-    """How even the floor is, and how upright the world stands on it."""
+    """Return how even the floor is, and how upright the world stands on it."""
     assert material.settled is not None
     calibration = material.settled.calibration
     if not calibration.residuals:
@@ -190,7 +190,7 @@ HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8  # of the skin turned to the camera: more 
 
 
 def check_patient(material: Material) -> list[Finding]:
-    """Findings on the patient; where nobody is found, why."""
+    """Return the findings on the patient; where nobody is found, why."""
     look = material.look
     if look is None:
         return [Finding("patient", Level.YELLOW, "not looked for: the cameras' poses are unknown", "see camera poses")]
@@ -237,7 +237,7 @@ def _cut_off(material: Material, index: int, camera: Camera) -> OfCamera:
 
 
 def _borders(seen: SeenPatient, index: int, camera: Camera, floor_m: float | None) -> tuple[bool, bool, bool, bool]:
-    """Whether the image ends above, below, left and right of the patient before the patient does.
+    """Return whether the image ends above, below, left and right of the patient before the patient does.
 
     Below also where the floor under the patient lies outside of the image: bars may hide the legs at the border.
     """
@@ -253,7 +253,7 @@ def _borders(seen: SeenPatient, index: int, camera: Camera, floor_m: float | Non
 
 
 def _touched(view: View) -> tuple[bool, bool, bool, bool]:
-    """Whether the patient's pixels reach the image's upper, lower, left and right border."""
+    """Return whether the patient's pixels reach the image's upper, lower, left and right border."""
     patient = view.patient
     strips = (patient[:BORDER_PX], patient[-BORDER_PX:], patient[:, :BORDER_PX].T, patient[:, -BORDER_PX:].T)
     above, below, left, right = (int(np.count_nonzero(strip.any(axis=0))) > CUT_PX for strip in strips)
@@ -310,7 +310,7 @@ def _empty_room(look: Look) -> Finding:
 
 
 def check_recording(recording: Path) -> list[Finding]:
-    """The findings in the order in which people read them; at most a few dozen depth images per camera are read.
+    """Return the findings in the order in which people read them; at most a few dozen depth images per camera are read.
 
     Raises InputError where the recording cannot be used at all.
     """

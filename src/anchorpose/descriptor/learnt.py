@@ -78,7 +78,7 @@ class Weights:
 
 @cache
 def stored_weights() -> Weights:
-    """The weights that ship with the package."""
+    """Return the weights that ship with the package."""
     with resources.as_file(resources.files("anchorpose.descriptor").joinpath("data/learnt.weights")) as path:
         return read_weights(path)
 
@@ -100,7 +100,7 @@ def read_weights(path: Path) -> Weights:
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
-    """What the file says of itself, and the network, which is what was exported."""
+    """Return what the file says of itself, and the network, which is what was exported."""
     line, _, network = read_whole(path, LARGEST_BYTES, REMEDY).partition(b"\n")
     try:
         head = json.loads(line) if len(line) < LONGEST_LINE else None
@@ -216,7 +216,8 @@ def inputs_of(depth_m: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row, column (h, w) of the pixel nearest to each ray of a pinhole of ``FOCAL_PX``, and whether there is any.
+    """Return the row, column (h, w) of the pixel nearest to each ray of a pinhole of ``FOCAL_PX``, and whether there is
+    any.
 
     Nearest, not mean: a mean over an edge is a depth where nothing is.
     """
@@ -238,7 +239,8 @@ def _probability(classes: np.ndarray) -> np.ndarray:
 
 
 def _answers(said: np.ndarray, weights: Weights) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Place (n, 3), expected error (n,) and vote for the pelvis (n, 3) m, of what is said (n, outputs) of n pixels.
+    """Return the place (n, 3), expected error (n,) and vote for the pelvis (n, 3) m, of what is said (n, outputs) of n
+    pixels.
 
     The numbers are one for each patch and for nobody, the log of the error, the vote, and the features of which the
     offset within the patch is a linear function.

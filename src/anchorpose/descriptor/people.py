@@ -128,7 +128,7 @@ def _rays(mine: np.ndarray, votes: Sequence[_Votes | None]) -> tuple[np.ndarray 
 
 
 def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(p, 3) the places that votes (n, 3) gather at, the heaviest first."""
+    """Return (p, 3) the places that votes (n, 3) gather at, the heaviest first."""
     step = 1 + len(votes_m) // MOST_VOTES
     votes_m, weight = votes_m[::step], weight[::step] * step
     left, found = np.ones(len(votes_m), dtype=bool), list[np.ndarray]()
@@ -143,7 +143,9 @@ def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(3,) the place with most weight about it: the best of some votes, moved to the mean around it until it stays."""
+    """Return (3,) the place with most weight about it: the best of some votes, moved to the mean around it until it
+    stays.
+    """
     some = votes_m[:: max(1, len(votes_m) // 200)]
     centre = some[int(np.argmax(_weight_near(some, votes_m, weight, NEAR_M)))]
     for _ in range(10):
@@ -157,7 +159,7 @@ def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _weight_near(places_m: np.ndarray, votes_m: np.ndarray, weight: np.ndarray, reach_m: float) -> np.ndarray:
-    """(k,) weight of the votes within reach of each of some places (k, 3)."""
+    """Return (k,) weight of the votes within reach of each of some places (k, 3)."""
     found = np.zeros(len(places_m))
     for k in range(len(places_m)):
         x, y, z = places_m[k]

@@ -79,7 +79,7 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _write_file(path: Path, samples: Samples, rate_hz: float, events: tuple[Event, ...]) -> int:
-    """Writes one C3D; returns how many of the events it holds."""
+    """Write one C3D; returns how many of the events it holds."""
     file = _new_file()
     _describe_points(file, samples.angles, rate_hz)
     _describe_channels(file, samples.angles, rate_hz)
@@ -122,7 +122,7 @@ def _add(file: Any, group: str, **values: Any) -> None:
 
 
 def _add_frames(file: Any, samples: Samples) -> None:
-    """Gives the file its frames, points and channels in the order of their labels."""
+    """Give the file its frames, points and channels in the order of their labels."""
     angles = np.zeros((*samples.degrees.shape, 3))
     angles[..., 0] = samples.degrees
     places = np.concatenate([1000.0 * samples.position_m, angles], axis=1)
@@ -175,7 +175,9 @@ class Event:
 
 
 def read_events(folder: Path) -> tuple[Event, ...]:
-    """Beginnings and ends of a results folder's episodes and contacts, in the order of time; none without tables."""
+    """Return the beginnings and ends of a results folder's episodes and contacts, in the order of time; none without
+    tables.
+    """
     return tuple(sorted([*_of_episodes(folder / EPISODES_FILE), *_of_contacts(folder / CONTACTS_FILE)]))
 
 
@@ -194,7 +196,7 @@ def _of_contacts(path: Path) -> Iterator[Event]:
 
 
 def add_events(file: Any, events: tuple[Event, ...], time_s: np.ndarray) -> int:
-    """Adds the group to an ezc3d file with frames at time_s (n,); returns how many events it holds.
+    """Add the group to an ezc3d file with frames at time_s (n,); returns how many events it holds.
 
     Events outside of the file's time are left out; of more than ``MOST_EVENTS``, those of contacts and posture first.
     """

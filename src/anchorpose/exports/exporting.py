@@ -56,8 +56,9 @@ TRIAL_MEASURE: Final = tuple(field.name for field in MEASURES.schema if field.na
 def _described(
     file: str, name: str, kind: str, column: str, thing: str = "", own: Mapping[str, TrialColumn] | None = None
 ) -> tuple[str, ...]:
-    """A row of the dictionary. An unknown column has no unit and no meaning; thing: what a wide one is about; own: the
-    user's columns of trials, by name."""
+    """Return a row of the dictionary. An unknown column has no unit and no meaning; thing: what a wide one is about;
+    own: the user's columns of trials, by name.
+    """
     unit, meaning = _MEANING.get(column, ("", ""))
     if own and column in own:
         unit, meaning = own[column].unit or "", own[column].description or "as given in the events file"
@@ -65,7 +66,7 @@ def _described(
 
 
 def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """A CSV for each table without images, joints_wide.csv, angles_wide.csv and data_dictionary.csv.
+    """Return a CSV for each table without images, joints_wide.csv, angles_wide.csv and data_dictionary.csv.
 
     Where there are trials, measures_by_trial.csv has a row per trial and measure.
     """
@@ -108,7 +109,9 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _write_by_trial(path: Path, source: Source, trials: Trials) -> list[tuple[str, ...]]:
-    """A row per trial and measure with all that is known of the trial, for mixed models; returns the dictionary."""
+    """Return a row per trial and measure with all that is known of the trial, for mixed models; returns the
+    dictionary.
+    """
     names = [*TRIAL_HEAD, *(column.name for column in trials.columns), *TRIAL_MEASURE]
     by_number = {trial.number: trial for trial in trials.rows}
     measures = [row for row in read_trial_measures(source.folder / MEASURES_FILE) if row.trial in by_number]
@@ -125,7 +128,7 @@ def _by_trial_row(trial: Trial, measure: Measure) -> list[str]:
 
 
 def _metadata(name: str, schema: pa.Schema) -> list[str]:
-    """The metadata of the table, such as how it was smoothed, for which a CSV has no place."""
+    """Return the metadata of the table, such as how it was smoothed, for which a CSV has no place."""
     texts = {key.decode(): value.decode(errors="replace") for key, value in (schema.metadata or {}).items()}
     return [f"{name}, {key}: {value}" for key, value in texts.items() if key != "pandas"]
 
@@ -153,7 +156,7 @@ def _cell(value: Any) -> str:
 
 
 def _rows(path: Path) -> Iterator[tuple[str, ...]]:
-    """The rows of a table; raises InputError where it cannot be read."""
+    """Yield the rows of a table; raises InputError where it cannot be read."""
     with opened_parquet(path) as file:
         for piece in pieces(file):
             yield from zip(*(_cells(column) for column in piece.columns), strict=True)
@@ -162,7 +165,7 @@ def _rows(path: Path) -> Iterator[tuple[str, ...]]:
 def _write_wide(
     path: Path, source: Source, things: Sequence[str], parts: dict[str, np.ndarray]
 ) -> list[tuple[str, ...]]:
-    """A row per frame with the parts (n, things) of each thing; returns the dictionary of the columns."""
+    """Return a row per frame with the parts (n, things) of each thing; returns the dictionary of the columns."""
     columns = {"frame": source.frame, "time_s": source.samples.time_s}
     dictionary = [_described(path.name, "frame", "whole number", "frame")]
     dictionary.append(_described(path.name, "time_s", "number", "time_s"))
@@ -207,7 +210,7 @@ _WRITERS: Final[dict[Format, Callable[[Path, Source, ExportConfig], Product]]] =
 def export_results(
     results: Path, formats: Sequence[Format], config: ExportConfig, out: Path | None = None, overwrite: bool = False
 ) -> tuple[tuple[Path, Product], ...]:
-    """Writes ``out``/trc, ``out``/csv and so on, each with its export.json; returns each folder with its product.
+    """Write ``out``/trc, ``out``/csv and so on, each with its export.json; returns each folder with its product.
 
     out: by default the folder ``exports`` in the results. Folders of earlier exports are replaced with ``overwrite``
     only; other folders and files are never touched. Raises InputError or MissingPackage, and then nothing was written.
@@ -243,7 +246,7 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 
 def _own_files(folder: Path) -> tuple[str, ...]:
-    """The files of an earlier export in this folder, which may be replaced; none where there is none."""
+    """Return the files of an earlier export in this folder, which may be replaced; none where there is none."""
     record = folder / RECORD_FILE
     files = read_json(record).get("files", []) if record.is_file() else []
     return (RECORD_FILE, *(escape(str(file)) for file in files)) if files else ()

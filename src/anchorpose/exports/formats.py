@@ -53,7 +53,7 @@ class Samples:
     angle_state_code: np.ndarray
 
     def rows(self, rows: slice) -> Samples:
-        """The samples of some frames."""
+        """Return the samples of some frames."""
         arrays = {name: getattr(self, name)[rows] for name in self.__slots__ if name != "angles"}
         return replace(self, **arrays)
 
@@ -68,7 +68,7 @@ class Source:
 
 
 def read_source(folder: Path, kind: Format) -> Source:
-    """Joints, and angles where there are any and the format has them.
+    """Return the joints, and angles where there are any and the format has them.
 
     Raises InputError for tables that cannot be read.
     """
@@ -88,7 +88,9 @@ def _no_angles(joints: JointTable) -> _Angles:
 
 
 def _angles(path: Path, joints: JointTable) -> _Angles:
-    """Names in the order of the table, and (n, a) degrees, sigma and state_code on the frames of the joints."""
+    """Return the names in the order of the table, and (n, a) degrees, sigma and state_code on the frames of the
+    joints.
+    """
     if not path.exists():
         return _no_angles(joints)
     angles = read_angles(path)
@@ -123,7 +125,7 @@ class Product:
 
 
 def number_text(value: float) -> str:
-    """The shortest decimal that reads back as the same double; empty for NaN."""
+    """Return the shortest decimal that reads back as the same double; empty for NaN."""
     if math.isnan(value):
         return ""
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(float(value))
@@ -145,7 +147,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_rows(path: Path, separator: str, *parts: Iterable[Iterable[str]]) -> None:
-    """Writes the rows of all parts as lines of cells, each ended by a line feed, as they come."""
+    """Write the rows of all parts as lines of cells, each ended by a line feed, as they come."""
     with path.open("w", encoding="utf-8", newline="\n") as stream:
         for rows in parts:
             stream.writelines(separator.join(row) + "\n" for row in rows)

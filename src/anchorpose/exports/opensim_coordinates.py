@@ -36,12 +36,14 @@ SpineMid to SpineShoulder forward by the second. They set the zeros of pelvis an
 
 
 def joint(position_m: np.ndarray, name: str) -> np.ndarray:
-    """(n, 3) positions of one joint."""
+    """Return (n, 3) positions of one joint."""
     return position_m[:, JOINT_INDEX[name]]
 
 
 def pelvis_axes(position_m: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) columns X, Y, Z in the world; Z along the hips, Y towards SpineMid; NaN where a joint is missing."""
+    """Return (n, 3, 3) columns X, Y, Z in the world; Z along the hips, Y towards SpineMid; NaN where a joint is
+    missing.
+    """
     right = joint(position_m, "HipRight") - joint(position_m, "HipLeft")
     middle = 0.5 * (joint(position_m, "HipRight") + joint(position_m, "HipLeft"))
     up = joint(position_m, "SpineMid") - middle
@@ -51,7 +53,7 @@ def pelvis_axes(position_m: np.ndarray) -> np.ndarray:
 
 
 def torso_axes(position_m: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) columns X, Y, Z in the world; Y by the upper spine, rotated about it by the shoulders."""
+    """Return (n, 3, 3) columns X, Y, Z in the world; Y by the upper spine, rotated about it by the shoulders."""
     right = joint(position_m, "ShoulderRight") - joint(position_m, "ShoulderLeft")
     y = unit(joint(position_m, "SpineShoulder") - joint(position_m, "SpineMid"))
     x = unit(np.cross(y, right))
@@ -59,7 +61,7 @@ def torso_axes(position_m: np.ndarray) -> np.ndarray:
 
 
 def in_axes(axes: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """(n, 3) world vectors in the axes (n, 3, 3)."""
+    """Return (n, 3) world vectors in the axes (n, 3, 3)."""
     return np.einsum("nji,nj->ni", axes, vector)
 
 
@@ -72,7 +74,8 @@ def rotations_deg(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def limb_angles_deg(direction: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Flexion and adduction (n,) of a limb that hangs along -Y at zero; direction (n, 3) in the axes above it.
+    """Return the flexion and adduction (n,) of a limb that hangs along -Y at zero; direction (n, 3) in the axes above
+    it.
 
     side: 1 right, -1 left; adduction is towards the middle on both.
     """
@@ -82,13 +85,13 @@ def limb_angles_deg(direction: np.ndarray, side: int) -> tuple[np.ndarray, np.nd
 
 
 def bend_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(n,) angle between two vectors, exact for small ones too; NaN where one is missing or has no length."""
+    """Return (n,) angle between two vectors, exact for small ones too; NaN where one is missing or has no length."""
     along = np.sum(unit(first) * unit(second), axis=-1)
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(unit(first), unit(second)), axis=-1), along))
 
 
 def _about_z(axes: np.ndarray, degrees: float) -> np.ndarray:
-    """The axes rotated about their own Z."""
+    """Return the axes rotated about their own Z."""
     cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return axes @ np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
@@ -121,7 +124,7 @@ def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
 
 
 def _axis(poses: PoseTable, upper: str, lower: str) -> np.ndarray:
-    """(n, 3) the axis about which the lower bone bends, carried by the upper."""
+    """Return (n, 3) the axis about which the lower bone bends, carried by the upper."""
     hinge, _ = hinge_axes(load_body_asset(), lower)
     quaternion = poses.quaternion[:, MOVING_BONES.index(upper)].astype(np.float64)
     axis = np.full((len(quaternion), 3), np.nan)
@@ -143,7 +146,8 @@ class Coordinates:
 
 
 def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None) -> Coordinates:
-    """Coordinates of the joints (n, 21, 3), world, metres; what joint centres do not determine is left out.
+    """Return the coordinates of the joints (n, 21, 3), world, metres; what joint centres do not determine is left
+    out.
 
     hinges: the knee and elbow axes of the learnt body; with them hip_rotation and arm_rot are included.
     The model that ``osim_model`` writes has the same axes and zeros: played on it, these put its markers where the
@@ -180,7 +184,7 @@ def _leg(
 
 
 def _knee_deg(position_m: np.ndarray, side: str) -> np.ndarray:
-    """(n,) as in angles.parquet, signed where the knee is nearly straight: a model can bend it backwards too."""
+    """Return (n,) as in angles.parquet, signed where the knee is nearly straight: a model can bend it backwards too."""
     names = (f"Hip{side}", f"Knee{side}", f"Ankle{side}", "HipLeft", "HipRight")
     ((radians, lever),) = knee_flexion({name: joint(position_m, name).T for name in names}, side)
     return np.where(np.greater(lever, 0.0), np.degrees(radians), np.nan)
@@ -197,7 +201,7 @@ def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: i
 
 
 def _axial_rotation_deg(above: np.ndarray, along: np.ndarray, hinge: np.ndarray, side: int) -> np.ndarray:
-    """(n,) degrees inwards of a limb about its long axis, from the axis of the hinge at its end."""
+    """Return (n,) degrees inwards of a limb about its long axis, from the axis of the hinge at its end."""
     y = -unit(along)
     x = unit(np.cross(y, hinge))
     limb = np.stack([x, y, np.cross(x, y)], axis=-1)
@@ -239,7 +243,7 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
-    """Values (n, c) in which no angle jumps by 360 degrees, as it would where a patient turns past -X.
+    """Return the values (n, c) in which no angle jumps by 360 degrees, as it would where a patient turns past -X.
 
     Interpolation and filters would go the long way round. Lengths stay as they are.
     """
@@ -250,7 +254,7 @@ def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
 
 
 def write_mot_file(path: Path, time_s: np.ndarray, names: tuple[str, ...], values: np.ndarray) -> None:
-    """Writes the file; values (n, c) without NaN."""
+    """Write the file; values (n, c) without NaN."""
     head = [path.stem, "version=1", f"nRows={len(time_s)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "endheader"]
     body = (
         [repr(float(time)), *(rounded_text(value, DIGITS, "") for value in row.tolist())]

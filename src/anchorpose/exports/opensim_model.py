@@ -37,7 +37,7 @@ _LIMBS: Final = {
 
 
 def measure_body(position_m: np.ndarray) -> Places | None:
-    """Medians over the frames (n, 21, 3); None where the two ends of a bone are never known together."""
+    """Return the medians over the frames (n, 21, 3); None where the two ends of a bone are never known together."""
     axes = {"pelvis": pelvis_axes(position_m), "torso": torso_axes(position_m)}
 
     def away(start: str, end: str) -> np.ndarray:
@@ -60,7 +60,7 @@ def measure_body(position_m: np.ndarray) -> Places | None:
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """(k,) over the rows (n, k) without NaN; NaN where there is none."""
+    """Return (k,) over the rows (n, k) without NaN; NaN where there is none."""
     known = values[np.isfinite(values).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(values.shape[1], np.nan)
 
@@ -107,13 +107,13 @@ class OsimBody:
 
 
 def segments(body: Places, model: CoordinateModel) -> tuple[OsimBody, ...]:
-    """All bodies, parents first. Coordinates have the names and signs of ``model``."""
+    """Return all bodies, parents first. Coordinates have the names and signs of ``model``."""
     sided = [part for side in SIDES for part in (*_leg(body, *side, model), *_arm(body, *side))]
     return (_pelvis(body), *_trunk(body), *sided)
 
 
 def _some(body: Places, *names: str) -> Places:
-    """Markers at these joints."""
+    """Return the markers at these joints."""
     return {name: body[name] for name in names}
 
 
@@ -181,7 +181,9 @@ def _arm(body: Places, side: str, end: str, sign: int) -> tuple[OsimBody, OsimBo
 def _ball(
     names: tuple[str, str, str], end: str, sign: int, limits_deg: tuple[float, float, float, float]
 ) -> tuple[OsimCoordinate, ...]:
-    """Flexion, adduction and rotation inwards, mirrored on the left; limits: least and most flexion, then +- each."""
+    """Return the flexion, adduction and rotation inwards, mirrored on the left; limits: least and most flexion, then +-
+    each.
+    """
     least, most, aside, about = np.radians(limits_deg)
     ranges = ((least, most), (-aside, aside), (-about, about))
     axes: tuple[Axis, ...] = (Z, (float(sign), 0.0, 0.0), (0.0, float(sign), 0.0))
@@ -198,7 +200,7 @@ ROD_RADIUS_M: Final = 0.012
 
 
 def xml(tag: str, *content: str | ElementTree.Element, **attributes: str) -> ElementTree.Element:
-    """An element with a text, or with elements in it."""
+    """Return an element with a text, or with elements in it."""
     element = ElementTree.Element(tag, attributes)
     for part in content:
         if isinstance(part, str):
@@ -209,24 +211,24 @@ def xml(tag: str, *content: str | ElementTree.Element, **attributes: str) -> Ele
 
 
 def xml_texts(**texts: str) -> list[ElementTree.Element]:
-    """An element with a text for each tag."""
+    """Return an element with a text for each tag."""
     return [xml(tag, text) for tag, text in texts.items()]
 
 
 def xml_set(tag: str, name: str, elements: Iterable[ElementTree.Element]) -> ElementTree.Element:
-    """A set of OpenSim's objects."""
+    """Return a set of OpenSim's objects."""
     return xml(tag, xml("objects", *elements), name=name)
 
 
 def document(root: ElementTree.Element) -> str:
-    """An indented XML file of OpenSim."""
+    """Return an indented XML file of OpenSim."""
     whole = xml("OpenSimDocument", root, Version=OSIM_VERSION)
     ElementTree.indent(whole, "\t")
     return f'<?xml version="1.0" encoding="UTF-8" ?>\n{ElementTree.tostring(whole, encoding="unicode")}\n'
 
 
 def model_xml(body: Places, model: CoordinateModel) -> str:
-    """The document; bodies stand upright with arms down where all coordinates are zero."""
+    """Return the document; bodies stand upright with arms down where all coordinates are zero."""
     parts = segments(body, model)
     markers = (_marker(part, *marker) for part in parts for marker in part.markers.items())
     head = xml_texts(
@@ -263,7 +265,7 @@ def _body(part: OsimBody) -> ElementTree.Element:
 
 
 def _rod(name: str, start: np.ndarray, end: np.ndarray) -> ElementTree.Element:
-    """A cylinder from point to point; OpenSim's cylinder is along Y."""
+    """Return a cylinder from point to point; OpenSim's cylinder is along Y."""
     along = end - start
     length = float(np.linalg.norm(along))
     sizes = xml_texts(radius=_numbers([ROD_RADIUS_M]), half_height=_numbers([length / 2.0]))

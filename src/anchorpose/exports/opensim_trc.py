@@ -47,7 +47,7 @@ _ORIGINAL: Final = ("OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")
 
 
 def trc_head(regular: RegularSamples) -> list[list[str]]:
-    """The lines before the frames."""
+    """Return the lines before the frames."""
     rate, count = number_text(regular.rate_hz), len(regular.samples.time_s)
     markers = range(1, len(JOINT_NAMES) + 1)
     return [
@@ -61,7 +61,7 @@ def trc_head(regular: RegularSamples) -> list[list[str]]:
 
 
 def trc_body(samples: Samples) -> Iterator[list[str]]:
-    """One line per frame, times as recorded where they are regular."""
+    """Yield one line per frame, times as recorded where they are regular."""
     for number, (time_s, place) in enumerate(zip(samples.time_s.tolist(), samples.position_m, strict=True), 1):
         yield [str(number), repr(time_s), *(rounded_text(x, DIGITS, MISSING) for x in place.ravel().tolist())]
 
@@ -100,7 +100,7 @@ MODEL_FILE, SCALE_FILE = "model.osim", "scale_setup.xml"
 
 
 def ik_setup_xml(name: str, result: str, markers: Sequence[str], period_s: Iterable[float]) -> str:
-    """A set-up file of OpenSim's inverse kinematics tool for a stretch of frames; markers: those that are used.
+    """Return a set-up file of OpenSim's inverse kinematics tool for a stretch of frames; markers: those that are used.
 
     result: the motion, written beside the set-up file; OpenSim writes marker errors to name_ik_marker_errors.sto.
     period_s: the first and the last time.
@@ -127,7 +127,7 @@ def ik_setup_xml(name: str, result: str, markers: Sequence[str], period_s: Itera
 
 
 def scale_setup_xml(time_s: np.ndarray) -> str:
-    """Scales a model whose markers are named like our joints, by the distances between them in the first of
+    """Return the scales a model whose markers are named like our joints, by the distances between them in the first of
     ``time_s`` (n,), a second at most, in which all of them are known.
 
     The model beside it has the patient's lengths already, so its factors come out near one; name another model in
@@ -168,7 +168,7 @@ _MAY_BE_MISSING: Final = ("Head", "Shoulder", "Elbow", "Wrist", "Hand")
 
 
 def write_osim_files(folder: Path, samples: Samples, model: CoordinateModel) -> tuple[str, ...]:
-    """Writes model.osim, ik_setup.xml and scale_setup.xml as far as the joints allow; returns notes for people.
+    """Write model.osim, ik_setup.xml and scale_setup.xml as far as the joints allow; returns notes for people.
 
     Where trunk or legs are missing for a while there are several set-ups: ik_setup_001.xml and so on.
     """

@@ -47,11 +47,11 @@ class Interpolation:
 
     @property
     def recorded(self) -> np.ndarray:
-        """(g,) bool: the grid frame is a recorded sample, unchanged."""
+        """Return (g,) bool: the grid frame is a recorded sample, unchanged."""
         return self.bridged & ((self.share == 0.0) | (self.share == 1.0))
 
     def values(self, values: np.ndarray, turn: float = np.inf) -> np.ndarray:
-        """(g, ...) linear, NaN in a gap and where a sample that has a weight is NaN.
+        """Return (g, ...) linear, NaN in a gap and where a sample that has a weight is NaN.
 
         turn: a full turn, where values are angles: these go the short way round.
         """
@@ -64,7 +64,7 @@ class Interpolation:
         return np.where(self.bridged[fit], mixed, np.nan)
 
     def worse_state(self, state_code: np.ndarray) -> np.ndarray:
-        """(g, ...) the worse state of the two ends; lost in a gap."""
+        """Return (g, ...) the worse state of the two ends; lost in a gap."""
         share, left, right = self.share[:, None], state_code[self.before], state_code[self.before + 1]
         worst = np.where(share == 0.0, left, np.where(share == 1.0, right, np.maximum(left, right)))
         return np.where(self.bridged[:, None], worst, LOST).astype(np.int8)
@@ -81,7 +81,7 @@ class RegularSamples:
 
 
 def regular_samples(samples: Samples) -> RegularSamples:
-    """The samples at a fixed rate, NaN and lost where there are none.
+    """Return the samples at a fixed rate, NaN and lost where there are none.
 
     Times that lie on a grid stay bit for bit, and grid frames that were not recorded are added without values.
     Otherwise all is resampled: linear between the two neighbours where they are near in time and both have the value;
@@ -101,23 +101,24 @@ def regular_samples(samples: Samples) -> RegularSamples:
 
 
 def nominal_rate_hz(time_s: np.ndarray) -> float:
-    """The rate of times (n,), as round as they allow; raises AnchorposeError for one frame."""
+    """Return the rate of times (n,), as round as they allow; raises AnchorposeError for one frame."""
     return _grid(time_s)[0]
 
 
 def near_in_time(time_s: np.ndarray) -> np.ndarray:
-    """(n - 1,) bool: whether each frame and the next are no further apart than ``LONGEST_STEP``; raises
-    AnchorposeError for one frame."""
+    """Return (n - 1,) bool: whether each frame and the next are no further apart than ``LONGEST_STEP``; raises
+    AnchorposeError for one frame.
+    """
     return np.asarray(np.diff(time_s) <= LONGEST_STEP / nominal_rate_hz(time_s))
 
 
 def without_gaps(time_s: np.ndarray) -> bool:
-    """Whether no two neighbours are further apart than ``LONGEST_STEP``."""
+    """Return whether no two neighbours are further apart than ``LONGEST_STEP``."""
     return bool(near_in_time(time_s).all())
 
 
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
-    """The roundest rate that fits, each sample's index on its grid, and whether all samples lie on that grid."""
+    """Return the roundest rate that fits, each sample's index on its grid, and whether all samples lie on that grid."""
     if len(time_s) < 2:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
     steps_s = np.diff(time_s)
@@ -137,13 +138,13 @@ def _lies_on_grid(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> bool:
 
 
 def _round_rate(rate_hz: float) -> float:
-    """Cameras run at round rates: within a hundredth of one, it is that rate."""
+    """Return the cameras run at round rates: within a hundredth of one, it is that rate."""
     whole = round(rate_hz)
     return float(whole) if whole and abs(rate_hz - whole) <= NEAR_SHARE * rate_hz else round(rate_hz, 3)
 
 
 def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Interpolation]:
-    """Each sample at its own place; the places between are empty."""
+    """Return each sample at its own place; the places between are empty."""
     count = int(slot[-1]) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
     grid_s[slot] = time_s

@@ -76,7 +76,8 @@ class Frame:
 
 
 def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """How many tolerances each extremum is off from each anchor's usual place, and how far it is from each other one.
+    """Return how many tolerances each extremum is off from each anchor's usual place, and how far it is from each other
+    one.
 
     Returns squared tolerances (k, 5), the sum over five measures of which each is bounded, and distances (k, k) over
     the body height along the paths to the centre and across the trunk between them.
@@ -93,7 +94,9 @@ def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Fr
 
 
 def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: float, reach_m: float) -> np.ndarray:
-    """(k, l) int: the nodes of each extremum's path at every step from the centre; the extremum itself beyond it."""
+    """Return (k, l) int: the nodes of each extremum's path at every step from the centre; the extremum itself beyond
+    it.
+    """
     levels = (step_m * np.arange(max(reach_m / step_m, ENTRY / STEP + 1.0))).astype(np.float32)
     nodes = np.empty((len(tips), len(levels)), np.int64)
     for row, tip in enumerate(tips):
@@ -103,7 +106,9 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
-    """(k, k): how far extrema are apart over any two places (k, l, 3) of their paths and straight between these."""
+    """Return (k, k): how far extrema are apart over any two places (k, l, 3) of their paths and straight between
+    these.
+    """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)
     apart: np.ndarray = (left_m[:, None, :, None] + left_m[None, :, None, :] + straight).min(axis=(2, 3))
@@ -111,7 +116,7 @@ def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray)
 
 
 def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded: np.ndarray) -> np.ndarray:
-    """(5,) int: the extremum that each anchor is, -1 where it is missed; the least total cost over all five.
+    """Return (5,) int: the extremum that each anchor is, -1 where it is missed; the least total cost over all five.
 
     off2 (k, 5), apart (k, k): of ``place_costs``. away (k, 5): distance from the anchor's prediction in gates, NaN
     where nothing is predicted. excluded (k, 5) bool: what cannot be that anchor. An anchor costs the root of its
@@ -135,7 +140,7 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
 
 def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """(k, 5): the cost of being so many tolerances (k, 5) and gates (k, 5) off."""
+    """Return (k, 5): the cost of being so many tolerances (k, 5) and gates (k, 5) off."""
     cost = off + np.where(np.isnan(away), UNPREDICTED, PREDICTION * np.minimum(away, 1.0))
     cost = np.where(away < 1.0, np.minimum(cost, AT_PREDICTION), cost)
     unclear = (off > CLEAR) | (off > off.min(axis=1, keepdims=True))
@@ -143,13 +148,15 @@ def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
 
 
 def _off_head2(apart: np.ndarray) -> np.ndarray:
-    """(k, 4) squared tolerances of the distance (k,) from the head."""
+    """Return (k, 4) squared tolerances of the distance (k,) from the head."""
     off: np.ndarray = np.minimum(((apart[:, None] - FROM_HEAD) / FROM_HEAD_TOLERANCE) ** 2, FARTHEST_OFF**2)
     return off
 
 
 def _assign(cost: np.ndarray) -> np.ndarray:
-    """(m,) int: row of cost (k, m) that each column takes, -1 = none, at the least total; no pair above ``MISSED``."""
+    """Return (m,) int: row of cost (k, m) that each column takes, -1 = none, at the least total; no pair above
+    ``MISSED``.
+    """
     bounded = np.minimum(cost, MISSED)
     chosen = np.full(cost.shape[1], -1)
     for row, column in zip(*linear_sum_assignment(bounded), strict=True):
@@ -176,7 +183,7 @@ class Anchors:
 
     @property
     def found(self) -> np.ndarray:
-        """(5,) bool."""
+        """Return (5,) bool."""
         return self.node >= 0
 
 
@@ -203,7 +210,7 @@ def find_anchors(
     config: AnchorConfig | None = None,
     missing: np.ndarray | None = None,
 ) -> Anchors:
-    """The identified anchors: which extremum is the head, which the hands and feet, and which is none of them.
+    """Return the identified anchors: which extremum is the head, which the hands and feet, and which is none of them.
 
     up, facing (3,) unit, world: against gravity, and the way the patient faces; height_m: the subject's. cut (n,) bool:
     nodes at an edge that something else cut (``surface.border``); an extremum there is a stump, not an anchor, unless
@@ -235,7 +242,9 @@ def find_anchors(
 
 
 def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.ndarray:
-    """(k, 5) metres: how far each extremum is from where each anchor is predicted, NaN for one without prediction."""
+    """Return (k, 5) metres: how far each extremum is from where each anchor is predicted, NaN for one without
+    prediction.
+    """
     if predicted_m is None:
         return np.full((len(caps), len(ANCHOR_NAMES)), np.nan)
     centers = np.array([cap.center_m for cap in caps])
@@ -246,7 +255,7 @@ def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.n
 def anchor_descriptor(
     surface: Surface, anchors: Anchors, distance: Callable[[Surface, np.ndarray], np.ndarray] = geodesic_distance
 ) -> np.ndarray:
-    """(n, 5) float32 metres, columns in the order of ``ANCHOR_NAMES``.
+    """Return (n, 5) float32 metres, columns in the order of ``ANCHOR_NAMES``.
 
     NaN in the column of a missed anchor; inf where the node lies on a piece of surface the anchor does not reach.
     """
@@ -256,7 +265,7 @@ def anchor_descriptor(
 
 
 def _named(surface: Surface, caps: Sequence[Cap], chosen: np.ndarray, free: tuple[Cap, ...]) -> Anchors:
-    """The anchors at the chosen caps: chosen (5,) int, -1 = missed."""
+    """Return the anchors at the chosen caps: chosen (5,) int, -1 = missed."""
     anchors = replace(no_anchors(), free=free)
     for name, number in enumerate(chosen):
         if number >= 0:
@@ -267,13 +276,13 @@ def _named(surface: Surface, caps: Sequence[Cap], chosen: np.ndarray, free: tupl
 
 
 def no_anchors() -> Anchors:
-    """All five missed."""
+    """Return all five missed."""
     count = len(ANCHOR_NAMES)
     return Anchors(np.full(count, -1, np.int32), np.full((count, 3), np.nan), np.full(count, np.nan))
 
 
 def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap]) -> np.ndarray:
-    """(k, 5) bool: caps that cannot be that anchor.
+    """Return (k, 5) bool: caps that cannot be that anchor.
 
     Where hidden skin is a part of their piece, it shows whether a hand or foot continues, better than an edge in the
     depth frame does; the head is then judged by its place.

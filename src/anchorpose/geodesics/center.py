@@ -46,7 +46,7 @@ class CenterField:
 
 
 def center_field(surface: Surface) -> CenterField:
-    """The field of geodesic distance from the centre, finite on every piece with enough seen skin.
+    """Return the field of geodesic distance from the centre, finite on every piece with enough seen skin.
 
     The main piece has the most seen nodes; V_c is its node nearest to the average position of all seen nodes. The other
     pieces are joined to it one after the other, always the one with the narrowest gap to those already joined
@@ -108,7 +108,7 @@ def _join(
 
 
 def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
-    """(k,) int32 nodes from ``end`` to the centre, along which the distance from the centre falls.
+    """Return (k,) int32 nodes from ``end`` to the centre, along which the distance from the centre falls.
 
     At every node the path goes on to the neighbour, on the grid or across a link, over which the distance is least; at
     the edge of a piece that is cut off it continues at the gap's other side. It has the nodes of the surface only, so
@@ -126,7 +126,7 @@ def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _descend(mesh: MeshArrays, distance: np.ndarray, start: int) -> np.ndarray:
-    """(k,) int32: from a node to the one of its piece that has no nearer neighbour."""
+    """Return (k,) int32: from a node to the one of its piece that has no nearer neighbour."""
     points, ring, link_start, link_node = mesh.points_m, mesh.ring, mesh.link_start, mesh.link_node
     path = np.empty(len(ring), np.int32)
     count, node = 0, np.int64(start)

@@ -71,7 +71,7 @@ class Stop(NamedTuple):
 
 @njit(cache=True)
 def new_front(count: int) -> Front:
-    """A front on a surface of count nodes that has reached nothing."""
+    """Return a front on a surface of count nodes that has reached nothing."""
     distance, bend = np.full(count + 1, AWAY, np.float32), np.zeros(count + 1, np.float32)
     queued, waiting = np.zeros(count + 1, np.uint8), np.empty(count + LANES + 1, np.uint32)
     size, active = np.zeros(1, np.int64), np.empty(count, np.uint32)
@@ -189,7 +189,7 @@ SAMPLED_EDGES: Final = 128  # for the mean edge, which affects speed only
 
 
 def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """One distance field per source.
+    """Return one distance field per source.
 
     sources (s,) int: nodes. Returns (s, n) float32 metres; inf where the source's piece of surface does not reach, or
     beyond ``max_distance_m``. An isolated source is at 0 and everything else at inf.
@@ -210,7 +210,7 @@ def geodesic_distance_to_set(surface: Surface, sources: np.ndarray) -> np.ndarra
 
 
 def check_sources(surface: Surface, sources: np.ndarray, max_distance_m: float) -> np.ndarray:
-    """(s,) int32 sources; raises ValueError as ``geodesic_distance``."""
+    """Return (s,) int32 sources; raises ValueError as ``geodesic_distance``."""
     nodes = np.atleast_1d(np.asarray(sources))
     if nodes.ndim != 1 or (nodes.dtype.kind not in "iu" and len(nodes)):
         raise ValueError(f"sources must be a list of node numbers, got {nodes.dtype} of shape {nodes.shape}")
@@ -224,12 +224,12 @@ def check_sources(surface: Surface, sources: np.ndarray, max_distance_m: float) 
 
 
 def band_of(mesh: MeshArrays) -> float:
-    """Width in metres of the band of nodes that ``march_on`` takes at once."""
+    """Return the width in metres of the band of nodes that ``march_on`` takes at once."""
     return BAND * mean_edge_m(mesh)
 
 
 def mean_edge_m(mesh: MeshArrays) -> float:
-    """Mean distance of neighbours on the grid, from a sample of them; 1 / ``BAND`` where there are none."""
+    """Return the mean distance of neighbours on the grid, from a sample of them; 1 / ``BAND`` where there are none."""
     points, some = mesh.points_m, np.arange(0, len(mesh.points_m), max(1, len(mesh.points_m) // SAMPLED_EDGES))
     other = mesh.ring[some][:, [0, 2]]
     length = np.linalg.norm(points[other] - points[some][:, None], axis=2)[other >= 0]
@@ -238,7 +238,9 @@ def mean_edge_m(mesh: MeshArrays) -> float:
 
 @njit(cache=True)
 def _fields(mesh: MeshArrays, sets: np.ndarray, max_distance: np.float32, band: float) -> np.ndarray:
-    """(s, n) float32: one field per row of sets (s, k) int32, its sources. Fans are filled once and serve all."""
+    """Return (s, n) float32: one field per row of sets (s, k) int32, its sources. Fans are filled once and serve
+    all.
+    """
     count = len(mesh.points_m)
     fields, front = np.empty((len(sets), count), np.float32), new_front(count)
     everywhere = Stop(np.float64(max_distance), np.empty(0, np.float32), 0.0)

@@ -39,7 +39,7 @@ def surface_center(surface: Surface, among: np.ndarray | None = None) -> int:
 
 
 def seen_mean(surface: Surface) -> np.ndarray:
-    """(3,) float64: the average position of all seen nodes, NaN without any."""
+    """Return (3,) float64: the average position of all seen nodes, NaN without any."""
     return _mean(surface.points_m, surface.seen_count)
 
 
@@ -64,7 +64,7 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
 
 @njit(cache=True, error_model="numpy")
 def _mean(points: np.ndarray, count: int) -> np.ndarray:
-    """(3,) float64 of the first count points (n, 3), summed in double precision without a copy of them."""
+    """Return (3,) float64 of the first count points (n, 3), summed in double precision without a copy of them."""
     total = np.zeros(3)
     for k in range(count):
         for axis in range(3):
@@ -73,7 +73,7 @@ def _mean(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
-    """(k,) int32 nodes that exceed all their neighbours on the grid and across links."""
+    """Return (k,) int32 nodes that exceed all their neighbours on the grid and across links."""
     ring, highest = surface.ring, np.isfinite(field)
     highest &= ((ring < 0) | (field[ring] < field[:, None])).all(axis=1)
     source = np.repeat(np.arange(len(field)), np.diff(surface.link_start))
@@ -113,7 +113,7 @@ class Cap:
 def find_caps(
     surface: Surface, field: np.ndarray, extrema: np.ndarray, depth_m: float, cut: np.ndarray | None = None
 ) -> list[Cap]:
-    """The caps of the extrema (k,), seen nodes, in their order.
+    """Return the caps of the extrema (k,), seen nodes, in their order.
 
     field (n,) float32: distance from the centre; a cap holds what is at most ``depth_m`` nearer to the centre than the
     mean of its ten farthest nodes. cut (n,) bool: nodes at an edge that something else cut (``surface.border``).
@@ -152,7 +152,7 @@ def _cap(
 
 
 def _is_stump(surface: Surface, field: np.ndarray, nodes: np.ndarray, cut: np.ndarray) -> bool:
-    """Whether most of what every camera sees of the outer half of a cap lies at a cut."""
+    """Return whether most of what every camera sees of the outer half of a cap lies at a cut."""
     outer = nodes[field[nodes] >= (field[nodes].max() + field[nodes].min()) / 2.0]
     seen = np.bincount(surface.camera[outer])
     at_cut = np.bincount(surface.camera[outer], weights=cut[outer])

@@ -75,7 +75,7 @@ def empty_fans(count: int) -> Fans:
 
 @njit(cache=True)
 def empty_rows(count: int) -> Rows:
-    """Room for all count nodes, of which a round uses a few rows."""
+    """Return the room for all count nodes, of which a round uses a few rows."""
     table = np.empty((count, ROW), np.float32)
     return Rows(table, table.ravel(), table.view(np.complex128))
 

@@ -18,7 +18,8 @@ def came_from(
     distance: np.ndarray,
     node: int,
 ) -> tuple[int, int, float]:
-    """Where a node's path comes from: the point (1 - share) a + share b on an edge of its ring, or a node, a = b.
+    """Return where a node's path comes from: the point (1 - share) a + share b on an edge of its ring, or a node, a =
+    b.
 
     points (n, 3 or more) float32: places first; ring to link_length: fields of ``MeshArrays``, not as a bundle, since
     this is called for every node; distance (n,) float32: the field.
@@ -50,7 +51,9 @@ def came_from(
 
 @njit(cache=True, error_model="numpy")
 def unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any) -> tuple[float, float]:
-    """Distance by way of edge a-b laid flat, and the share of the edge where the ray crosses; inf where it misses."""
+    """Return the distance by way of edge a-b laid flat, and the share of the edge where the ray crosses; inf where it
+    misses.
+    """
     c2, p2, dot = 0.0, 0.0, 0.0
     for axis in range(3):
         edge = np.float64(points[b, axis]) - points[a, axis]
@@ -85,7 +88,7 @@ def apart(points: np.ndarray, a: Any, b: Any) -> float:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def adjoin(ring: np.ndarray, node: Any, other: int) -> bool:
-    """Whether two nodes are neighbours on the grid."""
+    """Return whether two nodes are neighbours on the grid."""
     for k in range(8):  # noqa: SIM110
         if ring[node, k] == other:
             return True
@@ -94,7 +97,7 @@ def adjoin(ring: np.ndarray, node: Any, other: int) -> bool:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
-    """Whether no triangle holds the edge to a neighbour."""
+    """Return whether no triangle holds the edge to a neighbour."""
     for k in range(8):
         if ring[node, k] == other:
             for way in (1, 2, 6, 7):  # a neighbour of both, one or two places around the ring
@@ -107,7 +110,9 @@ def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def open_nodes(ring: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """(n,) bool: rim nodes around which the triangles do not close; a corner that a triangle cuts off is closed."""
+    """Return (n,) bool: rim nodes around which the triangles do not close; a corner that a triangle cuts off is
+    closed.
+    """
     is_open = np.zeros(len(ring), np.bool_)
     for node in range(len(ring)):
         if rim[node]:
@@ -119,7 +124,9 @@ def open_nodes(ring: np.ndarray, rim: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _across(ring: np.ndarray, node: int, k: int) -> bool:
-    """Whether the ring's neighbours before and after a missing diagonal one are neighbours: a triangle of the node."""
+    """Return whether the ring's neighbours before and after a missing diagonal one are neighbours: a triangle of the
+    node.
+    """
     if k % 2 == 1 or ring[node, k] < 0 or ring[node, (k + 2) % 8] < 0 or ring[node, (k + 1) % 8] >= 0:
         return False
     return ring[ring[node, k], (k + 3) % 8] == ring[node, (k + 2) % 8]
@@ -127,7 +134,7 @@ def _across(ring: np.ndarray, node: int, k: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def by_distance(distance: np.ndarray) -> np.ndarray:
-    """The nodes at a finite distance, nearest first: sorted into as many bins as nodes, then within each."""
+    """Return the nodes at a finite distance, nearest first: sorted into as many bins as nodes, then within each."""
     farthest, count = 0.0, 0
     for value in distance:
         if np.isfinite(value):

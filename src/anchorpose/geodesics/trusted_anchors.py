@@ -37,7 +37,7 @@ is not computed; root: the one around which it bends first, which names the plan
 
 
 def hole_directions(surface: Surface, is_open: np.ndarray) -> np.ndarray:
-    """(n, 3) float64: at an open node, away from the neighbours it has."""
+    """Return (n, 3) float64: at an open node, away from the neighbours it has."""
     points, hole = surface.points_m, np.zeros((len(surface), 3))
     nodes = np.flatnonzero(is_open)
     for k in range(8):
@@ -141,7 +141,7 @@ def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, 
 
 @njit(cache=True, error_model="numpy")
 def _arrival(at: Any, bend: np.ndarray, chain: np.ndarray) -> tuple[float, float]:
-    """The direction in which the path comes to a rim node, in the plane."""
+    """Return the direction in which the path comes to a rim node, in the plane."""
     before = chain[at, CORNER]
     if before < 0:
         return 1.0, 0.0
@@ -154,7 +154,7 @@ def _arrival(at: Any, bend: np.ndarray, chain: np.ndarray) -> tuple[float, float
 def _third_corner(
     a_x: float, a_y: float, b_x: float, b_y: float, from_a: float, from_b: float, side: float
 ) -> tuple[float, float]:
-    """The point at two distances from a and b; left of the way from a to b for side 1, right of it for -1."""
+    """Return the point at two distances from a and b; left of the way from a to b for side 1, right of it for -1."""
     x, y = b_x - a_x, b_y - a_y
     length = max(np.sqrt(x * x + y * y), 1e-9)
     along = (from_a * from_a - from_b * from_b + length * length) / (2.0 * length)
@@ -164,7 +164,9 @@ def _third_corner(
 
 @njit(cache=True, error_model="numpy")
 def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: int) -> float:
-    """The angle between the path's pieces to and from a rim node, seen along the normal; 0 unless towards the hole."""
+    """Return the angle between the path's pieces to and from a rim node, seen along the normal; 0 unless towards the
+    hole.
+    """
     cosine, sine, side, up_in, up_out = 0.0, 0.0, 0.0, 0.0, 0.0
     for axis in range(3):
         out = np.float64(skin[node, POINT + axis]) - skin[at, POINT + axis]
@@ -191,7 +193,7 @@ TOLERANCE_M: Final = 0.010
 def trusted_anchors(
     surface: Surface, descriptor: np.ndarray, rim: np.ndarray, tolerance_m: float = TOLERANCE_M
 ) -> np.ndarray:
-    """(n, k) bool: whether a node's distance to an anchor is what it would be without the occlusions.
+    """Return (n, k) bool: whether a node's distance to an anchor is what it would be without the occlusions.
 
     descriptor (n, k) metres, from ``anchor_descriptor``: the distances as they are on this surface. rim (n,) bool:
     nodes where something else ends the surface, ``surface.border.border(...) == Border.CUT``; a band of some nodes
@@ -207,7 +209,7 @@ def trusted_anchors(
 
 
 def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: float = np.inf) -> np.ndarray:
-    """(n, k) float32 metres: by how much occlusions lengthen each distance, were they filled flat.
+    """Return (n, k) float32 metres: by how much occlusions lengthen each distance, were they filled flat.
 
     Arguments as in ``trusted_anchors``. NaN where the distance is not finite. A detour only grows along a path, so what
     lies behind nodes of more than ``enough_m`` is given a lower bound of its own, which saves half the time; inf where
@@ -227,8 +229,9 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
 
 @njit(cache=True, error_model="numpy")
 def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np.ndarray, enough: float) -> np.ndarray:
-    """(n, k) float32 for fields (k, n). Node by node in the order of distance; only rim nodes and what lies behind them
-    need more than a glance. is_open (n,) bool, hole (n, 3): see ``shadows.cast_shadow``."""
+    """Return (n, k) float32 for fields (k, n). Node by node in the order of distance; only rim nodes and what lies
+    behind them need more than a glance. is_open (n,) bool, hole (n, 3): see ``shadows.cast_shadow``.
+    """
     count, skin = len(mesh.points_m), _skin(mesh)
     ring, link_start, link_node, link_length = mesh.ring, mesh.link_start, mesh.link_node, mesh.link_length_m
     every = np.full((len(fields), count), np.nan, np.float32)
@@ -294,7 +297,7 @@ def _set_heading(
 def _detour_of(
     distance: np.ndarray, found: np.ndarray, bend: np.ndarray, chain: np.ndarray, node: int, before: int
 ) -> np.float32:
-    """The detour of one node, whose path is laid out, from that of the nearer node before it."""
+    """Return the detour of one node, whose path is laid out, from that of the nearer node before it."""
     if chain[node, CORNER] >= 0:
         chord = np.sqrt(bend[node, PLACE] ** 2 + bend[node, PLACE + 1] ** 2)
         return np.float32(max(distance[node] - chord, 0.0))
@@ -305,7 +308,7 @@ def _detour_of(
 def _least_before(
     ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray, distance: np.ndarray, found: np.ndarray, node: int
 ) -> float:
-    """The least detour among the nearer neighbours; the node's path passes between two of them."""
+    """Return the least detour among the nearer neighbours; the node's path passes between two of them."""
     least = np.inf
     for k in range(8):
         other = ring[node, k]

@@ -62,7 +62,7 @@ class BackgroundModel:
 
 
 def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """(depth_m, sigma_m), (height, width) float32 each, of what each reading is compared with at a time.
+    """Return (depth_m, sigma_m), (height, width) float32 each, of what each reading is compared with at a time.
 
     That is the room, or a layer that holds then where the reading is not behind it. time_s None: the room.
     """
@@ -75,7 +75,7 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
 
 
 def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None = None) -> np.ndarray:
-    """(height, width) bool: pixels nearer than the room by more than the noise explains, flying pixels left out.
+    """Return (height, width) bool: pixels nearer than the room by more than the noise explains, flying pixels left out.
 
     time_s: of the frame, reference clock; None: nothing rests before the room.
 
@@ -91,7 +91,7 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
 
 @njit(cache=True, nogil=True)
 def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """How many sigmas each reading is before the room; 1e3 where the room is unknown, -1e3 without a reading."""
+    """Return how many sigmas each reading is before the room; 1e3 where the room is unknown, -1e3 without a reading."""
     nearer = np.empty_like(depth)
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):
@@ -120,7 +120,9 @@ class ExpectedEquipment:
 
 
 def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
-    """(height, width) float32 depth of the equipment alone, 0 = none; raises ValueError where the pose is unknown."""
+    """Return (height, width) float32 depth of the equipment alone, 0 = none; raises ValueError where the pose is
+    unknown.
+    """
     depth = np.zeros((camera.height, camera.width), np.float32)
     rendering = EquipmentCaster(equipment).render(camera, invert_rigid(camera.require_pose()))
     if rendering is not None:
@@ -129,7 +131,7 @@ def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
 
 
 def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> ExpectedEquipment:
-    """Which readings are the equipment, once per camera, since it does not move.
+    """Return which readings are the equipment, once per camera, since it does not move.
 
     drawn_m: ``equipment_depth``. The silhouette is one pixel wider than drawn: a pixel that is half bar reads as bar.
     """
@@ -144,7 +146,7 @@ def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> Expect
 
 
 def equipment_mask(depth_m: np.ndarray, nearer: np.ndarray, expected: ExpectedEquipment) -> np.ndarray:
-    """(height, width) bool: pixels whose view ends at the equipment, so that the patient may be behind it.
+    """Return (height, width) bool: pixels whose view ends at the equipment, so that the patient may be behind it.
 
     Those that read as the equipment, and those that read nothing where it is drawn; what is nearer is in front of it.
     nearer (height, width) bool: ``background.foreground``. Where the empty equipment was measured, that decides alone:

@@ -39,11 +39,11 @@ class BystanderMemory:
 
     @property
     def without_patient(self) -> BystanderMemory:
-        """Everybody but the patient."""
+        """Return everybody but the patient."""
         return self.without(np.array([PixelLabel.PATIENT]))
 
     def without(self, labels: np.ndarray) -> BystanderMemory:
-        """Everybody but the people with the labels (k,)."""
+        """Return everybody but the people with the labels (k,)."""
         return self._of(~np.isin(self.owner, labels))
 
     def _of(self, kept: np.ndarray) -> BystanderMemory:
@@ -51,7 +51,7 @@ class BystanderMemory:
 
     @property
     def seen_last(self) -> dict[int, np.ndarray]:
-        """Label to the points (n, 3) of each person that the last frame showed."""
+        """Return the label to the points (n, 3) of each person that the last frame showed."""
         seen = self.age_s == 0.0
         return {
             int(label): self.points_m[seen & (self.owner == label)]
@@ -68,7 +68,7 @@ class BystanderMemory:
         return replace(self, points_m=points)
 
     def likelihood(self, elapsed_s: float, doubt_m: float = 0.0) -> OwnershipLikelihood:
-        """Where skin is likely ``elapsed_s`` after the last frame: it moves, and what was hidden longest most.
+        """Return where skin is likely ``elapsed_s`` after the last frame: it moves, and what was hidden longest most.
 
         doubt_m: added to its deviation, since who was seen there may have been mistaken.
         """
@@ -77,7 +77,7 @@ class BystanderMemory:
 
 
 def empty_memory() -> BystanderMemory:
-    """An empty room."""
+    """Return an empty room."""
     return BystanderMemory(
         np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.float32), PixelLabel.OTHER_PERSON
     )
@@ -90,7 +90,7 @@ def update_memory(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> BystanderMemory:
-    """The memory after one more frame.
+    """Return the memory after one more frame.
 
     Skin that no camera can see now, because something stands before it, is remembered for ``MEMORY_S``; where a camera
     looks past it, it has gone. Clusters too small to be a person are left out: an arm of the patient that was once
@@ -129,7 +129,7 @@ def _hidden_since(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> BystanderMemory:
-    """What was seen before, is not seen now, and may still be where it was."""
+    """Return what was seen before, is not seen now, and may still be where it was."""
     age = before.age_s + np.float32(abs(elapsed_s))
     kept = np.flatnonzero((age < MEMORY_S) & ~_near(before.points_m, seen_m))
     points = before.points_m[kept]
@@ -144,7 +144,7 @@ def _hidden_since(
 
 
 def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
-    """(n,) bool: whether any skin was seen in a point's cell or beside it."""
+    """Return (n,) bool: whether any skin was seen in a point's cell or beside it."""
     if not len(points_m) or not len(seen_m):
         return np.zeros(len(points_m), dtype=bool)
     low = np.minimum(points_m.min(axis=0), seen_m.min(axis=0)) - CELL_M
@@ -156,7 +156,7 @@ def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
 
 
 def _in_large_clusters(memory: BystanderMemory) -> np.ndarray:
-    """(n,) bool: points connected to enough skin of the same person to be a person."""
+    """Return (n,) bool: points connected to enough skin of the same person to be a person."""
     large = np.zeros(len(memory.owner), dtype=bool)
     for label in np.flatnonzero(np.bincount(memory.owner)):
         own = np.flatnonzero(memory.owner == label)

@@ -24,17 +24,20 @@ class JumpLimit:
     slope: float
 
     def at(self, depth_m: np.ndarray) -> np.ndarray:
-        """The limit of every pixel, in the shape of ``depth_m``."""
+        """Return the limit of every pixel, in the shape of ``depth_m``."""
         return self.square * depth_m**2 + self.slope * depth_m
 
 
 def jump_limit(noise_per_m: float, focal_px: float) -> JumpLimit:
-    """The limit for a sensor of noise ``noise_per_m z^2``: ``JUMP_GATE`` deviations of a difference above the slope."""
+    """Return the limit for a sensor of noise ``noise_per_m z^2``: ``JUMP_GATE`` deviations of a difference above the
+    slope.
+    """
     return JumpLimit(float(JUMP_GATE * np.sqrt(2.0) * noise_per_m), float(np.tan(STEEPEST_SLOPE_RAD) / focal_px))
 
 
 def label_components(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> tuple[np.ndarray, int]:
-    """Pieces of ``mask`` whose neighbouring pixels (8-neighbourhood) differ in depth by no more than the limit.
+    """Return the pieces of ``mask`` whose neighbouring pixels (8-neighbourhood) differ in depth by no more than the
+    limit.
 
     depth_m (height, width) float32 metres; mask (height, width) bool. Of two pixels the farther one's limit counts.
     Returns labels (height, width) int32, 0 = outside the mask, 1... in the order of the first pixel, and their number.

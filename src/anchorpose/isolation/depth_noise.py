@@ -37,20 +37,20 @@ class DepthDetail:
 
     @property
     def filtered(self) -> bool:
-        """Whether filters have drawn the edges out."""
+        """Return whether filters have drawn the edges out."""
         return self.edge_px > SHARP_EDGE_PX
 
     def edge_m(self, distance_m: float) -> float:
-        """Width of a depth edge at a distance, metres."""
+        """Return the width of a depth edge at a distance, metres."""
         return self.edge_px * distance_m / self.focal_px
 
     def step_m(self, distance_m: float) -> float:
-        """Step between neighbouring readings at a distance, metres."""
+        """Return the step between neighbouring readings at a distance, metres."""
         return self.step_per_m * distance_m**2
 
     @property
     def limbs_until_m(self) -> float:
-        """The distance beyond which edges are wider than a limb: no pixel shows a limb's own depth there."""
+        """Return the distance beyond which edges are wider than a limb: no pixel shows a limb's own depth there."""
         return LIMB_M * self.focal_px / self.edge_px
 
 
@@ -65,7 +65,7 @@ ON_RAMP: Final = 0.15  # of the jump, from either side
 
 
 def smear_px(frames_m: Sequence[np.ndarray]) -> int:
-    """How many pixels wide this camera's depth edges are; 0 where they are sharp, or too few to tell.
+    """Return how many pixels wide this camera's depth edges are; 0 where they are sharp, or too few to tell.
 
     frames_m: (height, width) float32 metres, 0 = no reading.
     """
@@ -78,7 +78,7 @@ def smear_px(frames_m: Sequence[np.ndarray]) -> int:
 
 
 def _middles(depth_m: np.ndarray) -> np.ndarray:
-    """(e,) pixels in the middle of each ramp along the rows: between two even sides that differ by a jump."""
+    """Return (e,) pixels in the middle of each ramp along the rows: between two even sides that differ by a jump."""
     beside, width = 4, depth_m.shape[1]
     span = width - WIDEST_PX - 2 * beside
     if span <= 0:
@@ -95,7 +95,9 @@ def _middles(depth_m: np.ndarray) -> np.ndarray:
 
 
 def smeared(depth_m: np.ndarray, width_px: int) -> np.ndarray:
-    """(height, width) bool: pixels on a ramp between two surfaces that differ by a jump; width_px: ``smear_px``."""
+    """Return (height, width) bool: pixels on a ramp between two surfaces that differ by a jump; width_px:
+    ``smear_px``.
+    """
     square = np.ones((2 * width_px + 1, 2 * width_px + 1), np.uint8)
     seen = depth_m > 0
     near = cv2.erode(np.where(seen, depth_m, np.float32(1e3)), square)
@@ -139,7 +141,7 @@ class DepthNoise:
     measured: bool = True
 
     def sigma_m(self, depth_m: np.ndarray, slant_deg: np.ndarray | None = None) -> np.ndarray:
-        """One sigma, metres, at depths of any shape; slant_deg of the same shape, None: of facing surfaces.
+        """Return one sigma, metres, at depths of any shape; slant_deg of the same shape, None: of facing surfaces.
 
         sigma / z^2 is linear between measured depths and stays as it is beyond them.
         """
@@ -148,7 +150,7 @@ class DepthNoise:
         return np.asarray(per_square * depth**2 * (1.0 if slant_deg is None else self._times(slant_deg)))
 
     def _times(self, slant_deg: np.ndarray) -> np.ndarray:
-        """What was not measured at a slant is taken from the next smaller one."""
+        """Return what was not measured at a slant is taken from the next smaller one."""
         times = [1.0]
         for slant in self.slants:
             times.append(times[-1] if slant is None else slant)
@@ -156,7 +158,9 @@ class DepthNoise:
 
 
 def neighbour_noise(neighbours_per_m: float) -> DepthNoise:
-    """Where no still background is seen: ``noise_per_m z^2`` of ``calibration.first_frames``, every pixel by itself."""
+    """Return where no still background is seen: ``noise_per_m z^2`` of ``calibration.first_frames``, every pixel by
+    itself.
+    """
     return DepthNoise((1.0,), (neighbours_per_m,), measured=False)
 
 
@@ -173,7 +177,7 @@ class Sensor(DepthDetail):
 
     @property
     def jump_limit(self) -> JumpLimit:
-        """How far neighbours on one surface may differ in this camera's frames."""
+        """Return how far neighbours on one surface may differ in this camera's frames."""
         return jump_limit(self.noise_per_m, self.focal_px)
 
     def without_ramps(self, depth_m: np.ndarray) -> np.ndarray:
@@ -189,7 +193,7 @@ def measure_detail(frames_m: Sequence[np.ndarray], camera: Camera) -> DepthDetai
 def measure_noise(
     room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera, neighbours_per_m: float
 ) -> DepthNoise:
-    """The noise of a camera from frames (height, width) of one recording, 0 = no reading.
+    """Return the noise of a camera from frames (height, width) of one recording, 0 = no reading.
 
     room_m, sigma_m (height, width): the empty room, 0 = unknown, and the deviation of readings from it
     (``BackgroundModel``). neighbours_per_m: for where too little of the room is seen twice (``neighbour_noise``).
@@ -217,14 +221,16 @@ def measure_noise(
 
 
 def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(height, width) each: nearest and farthest of the room around a pixel; 0 and inf where not all of it is known."""
+    """Return (height, width) each: nearest and farthest of the room around a pixel; 0 and inf where not all of it is
+    known.
+    """
     square = np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
     near, far = cv2.erode(room_m, square), cv2.dilate(room_m, square)
     return near, np.where(near > 0, far, np.float32(np.inf))
 
 
 def _slant_deg(room_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """(height, width) degrees between ray and surface normal of the smoothed room; 0 where that is unknown."""
+    """Return (height, width) degrees between ray and surface normal of the smoothed room; 0 where that is unknown."""
     size = (SMOOTH_PX, SMOOTH_PX)
     share = cv2.blur((room_m > 0).astype(np.float32), size)
     smooth_m = np.where(room_m > 0, cv2.blur(room_m, size) / np.maximum(share, 1e-6), np.float32(0.0))
@@ -236,7 +242,7 @@ def _slant_deg(room_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNoise | None:
-    """Sigma by depth times a factor by slant, fitted to the logarithms of all cells; None without one.
+    """Return the sigma by depth times a factor by slant, fitted to the logarithms of all cells; None without one.
 
     change_m (n, height, width) with NaN: a reading's noise; slant (height, width): 0 facing, 1 slanted, 2 steep.
     """
@@ -257,7 +263,7 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
 
 
 def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[tuple[int, int], tuple[float, float]]:
-    """Sigma and median depth, metres, of each depth bin and slant that has enough readings and any noise."""
+    """Return the sigma and median depth, metres, of each depth bin and slant that has enough readings and any noise."""
     _, row, column = np.nonzero(np.isfinite(change_m))
     value, depth_m = change_m[np.isfinite(change_m)], room_m[row, column]
     level, kind = (depth_m / BIN_M).astype(np.int64), slant[row, column]
@@ -271,7 +277,7 @@ def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[
 
 
 def _deviation(values: np.ndarray) -> float:
-    """Root mean square without outliers. Medians would be 0 where most readings of a coarse scale repeat."""
+    """Return the root mean square without outliers. Medians would be 0 where most readings of a coarse scale repeat."""
     sigma = float(np.sqrt(np.mean(values**2)))
     for _ in range(ROUNDS):
         sigma = float(np.sqrt(np.mean(values[np.abs(values) <= OUTLIER_GATE * sigma] ** 2)))
@@ -279,7 +285,8 @@ def _deviation(values: np.ndarray) -> float:
 
 
 def _shared(in_sigmas: np.ndarray) -> float:
-    """How many pixels have one error in common: the sum of a pixel's correlations with all around it, itself included.
+    """Return how many pixels have one error in common: the sum of a pixel's correlations with all around it, itself
+    included.
 
     in_sigmas (n, height, width): noise in its own sigmas, NaN where unknown. Summed ring by ring until a ring is
     ``UNRELATED``; by Fourier transforms, since the correlation may be a narrow peak on a broad hill.
@@ -297,7 +304,9 @@ def _shared(in_sigmas: np.ndarray) -> float:
 
 
 def _at_lags(images: np.ndarray) -> np.ndarray:
-    """(LONGEST_PX + 1, 2 LONGEST_PX + 1) sums of products of pixels so many rows and columns (from minus) apart."""
+    """Return (LONGEST_PX + 1, 2 LONGEST_PX + 1) sums of products of pixels so many rows and columns (from minus)
+    apart.
+    """
     size = tuple(cv2.getOptimalDFTSize(side + LONGEST_PX) for side in images.shape[1:])
     power = sum(np.abs(np.fft.rfft2(image, size)) ** 2 for image in images)
     lags = np.fft.irfft2(power, size)
@@ -307,7 +316,7 @@ def _at_lags(images: np.ndarray) -> np.ndarray:
 def _flying(
     frames_m: Sequence[np.ndarray], near_m: np.ndarray, far_m: np.ndarray, gate_m: np.ndarray, edge: np.ndarray
 ) -> float | None:
-    """Share of the readings beside edges of the room, from its near to its far side, that show neither."""
+    """Return the share of the readings beside edges of the room, from its near to its far side, that show neither."""
     beside = edge & np.isfinite(far_m) & (far_m - near_m > 2.0 * gate_m + EDGE_M)
     read = [beside & (frame > near_m - gate_m) & (frame < far_m + gate_m) for frame in frames_m]
     between = [(frame > near_m + gate_m) & (frame < far_m - gate_m) for frame in frames_m]
@@ -317,7 +326,9 @@ def _flying(
 
 
 def _holes(frames_m: Sequence[np.ndarray], still: Sequence[np.ndarray], surface: np.ndarray) -> float | None:
-    """Share of the pixels on surfaces of the room without a reading; people in front of them do not count."""
+    """Return the share of the pixels on surfaces of the room without a reading; people in front of them do not
+    count.
+    """
     lost = sum(int(np.count_nonzero(surface & (frame <= 0))) for frame in frames_m)
     count = lost + sum(int(np.count_nonzero(one)) for one in still)
     return lost / count if count >= LEAST_READINGS else None

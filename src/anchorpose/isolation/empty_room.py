@@ -58,7 +58,7 @@ def learn_background(
     floor_height_m: float | None,
     equipment: EquipmentModel | None = None,
 ) -> BackgroundModel:
-    """The background of one camera from a frame of the empty room or, without one, from sampled frames.
+    """Return the background of one camera from a frame of the empty room or, without one, from sampled frames.
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
     has a pose. Without an empty frame the background is what is farthest most of the time, of what the learnt
@@ -95,7 +95,9 @@ def _from_recording(
     equipment: EquipmentModel | None,
     noise: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(depth_m, sigma_m) of what stays in place, without people; behind those who stay, floor and walls are known."""
+    """Return (depth_m, sigma_m) of what stays in place, without people; behind those who stay, floor and walls are
+    known.
+    """
     people = np.stack(each(lambda frame: people_mask(frame, camera), frames_m))
     depth, sigma = _what_stays(np.where(people, np.float32(0.0), np.stack(frames_m)), noise)
     behind, hidden = depth_of_room(depth, camera, noise), people.any(axis=0) & (depth <= 0)
@@ -112,7 +114,7 @@ def _from_recording(
 def in_equipment(
     room_m: np.ndarray, camera: Camera, equipment: EquipmentModel, floor_height_m: float | None, noise_per_m: float
 ) -> np.ndarray:
-    """(height, width) bool: what is above the floor and within the equipment's outline, itself included."""
+    """Return (height, width) bool: what is above the floor and within the equipment's outline, itself included."""
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
     lowest = float(equipment.triangles()[0][:, 1].min()) if floor_height_m is None else floor_height_m
     above = points[..., 1] - lowest
@@ -122,7 +124,9 @@ def in_equipment(
 
 
 def _outside_m(points_m: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
-    """(height, width): how far points (height, width, 3) are outside the outline on the ground; negative inside."""
+    """Return (height, width): how far points (height, width, 3) are outside the outline on the ground; negative
+    inside.
+    """
     hull = ConvexHull(equipment.triangles()[0][:, [0, 2]])
     sides = points_m[..., [0, 2]] @ hull.equations[:, :2].T + hull.equations[:, 2]
     distance: np.ndarray = np.where(np.isfinite(points_m[..., 0]), sides.max(axis=-1), np.inf)
@@ -137,7 +141,7 @@ def _fill_specks(depth_m: np.ndarray) -> np.ndarray:
 
 
 def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: float) -> np.ndarray:
-    """Deviation of live readings from the background, block by block.
+    """Return the deviation of live readings from the background, block by block.
 
     Only readings *behind* the background are used: nobody can stand there, so they are noise, and the median of their
     size is that of a half normal distribution. Blocks that are always covered take the picture's typical z^2 law.
@@ -150,7 +154,7 @@ def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: fl
 
 
 def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """(depth_m, sigma_m) of what is farthest most of the time, from (n, height, width) frames."""
+    """Return (depth_m, sigma_m) of what is farthest most of the time, from (n, height, width) frames."""
     count = (frames_m > 0).sum(axis=0)
     rising = np.sort(frames_m, axis=0)  # lost readings are 0 and come first
     if len(frames_m) < FRAMES_NEEDED:  # a single reading may be anybody; of several the farthest is the room
@@ -169,13 +173,16 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
 
 
 def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -> np.ndarray:
-    """Percentile along the first axis of the last ``count`` sorted values of each pixel; 0 where count is 0."""
+    """Return the percentile along the first axis of the last ``count`` sorted values of each pixel; 0 where count is
+    0.
+    """
     place = len(rising) - count + np.rint((np.maximum(count, 1) - 1) * percent / 100.0).astype(np.int64)
     return np.take_along_axis(rising, np.minimum(place, len(rising) - 1)[None], axis=0)[0]
 
 
 def _at_least_a_step(sigma_m: np.ndarray, depth_m: np.ndarray, step_per_m: float) -> np.ndarray:
-    """Sigma by which a reading is before the room only when it is more than a step of the grey values nearer.
+    """Return the sigma by which a reading is before the room only when it is more than a step of the grey values
+    nearer.
 
     Room and reading are each rounded by half a step: of two neighbouring values neither is nearer.
     """
@@ -183,7 +190,7 @@ def _at_least_a_step(sigma_m: np.ndarray, depth_m: np.ndarray, step_per_m: float
 
 
 def _block_median(values: np.ndarray) -> np.ndarray:
-    """(n, height, width) with NaN to (rows, columns) of block medians; NaN where a block has too few values."""
+    """Return (n, height, width) with NaN to (rows, columns) of block medians; NaN where a block has too few values."""
     rows, columns = (-(-size // BLOCK_PX) for size in values.shape[1:])
     medians = np.full((rows, columns), np.nan)
     for row in range(rows):

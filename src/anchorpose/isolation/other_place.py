@@ -28,7 +28,7 @@ MOST_BEHIND: Final = 0.05  # of the room's pixels: 0.002 where people walk, 0.04
 
 
 def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray]) -> float:
-    """The median share of the room's pixels that read the room, of frames (height, width) float32; 0: not known.
+    """Return the median share of the room's pixels that read the room, of frames (height, width) float32; 0: not known.
 
     room_m, sigma_m (height, width) float32: as in ``BackgroundModel``.
     """
@@ -38,7 +38,7 @@ def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.n
 
 
 def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
-    """Whether a depth image (height, width) float32 cannot be of the room that the camera saw all the time.
+    """Return whether a depth image (height, width) float32 cannot be of the room that the camera saw all the time.
 
     False where too little of the room is known, as where a recorder has removed it.
     """
@@ -51,7 +51,9 @@ def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
 
 
 def without_other_places(frame_set: FrameSet, scenes: Sequence[Scene]) -> FrameSet:
-    """The frame set without images of another place, each with a sentence in its problems; scenes: one per camera."""
+    """Return the frame set without images of another place, each with a sentence in its problems; scenes: one per
+    camera.
+    """
     other = [
         depth is not None and is_of_other_place(depth, scene.background)
         for depth, scene in zip(frame_set.depths_m, scenes, strict=True)

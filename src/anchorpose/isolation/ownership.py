@@ -50,7 +50,7 @@ class LikelihoodGrid(NamedTuple):
 
 
 def join_likelihoods(parts: Sequence[OwnershipLikelihood]) -> OwnershipLikelihood:
-    """Everybody's expected skin in one."""
+    """Return everybody's expected skin in one."""
     if not parts:
         return OwnershipLikelihood(np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.float32))
     return OwnershipLikelihood(
@@ -99,7 +99,7 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
 def decide_ownership(
     grid: LikelihoodGrid, places_m: np.ndarray, compared: np.ndarray, gate: float = GATE, least_lead: float = LEAST_LEAD
 ) -> np.ndarray:
-    """(m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` where there is none.
+    """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` where there is none.
 
     Where all skin around is one person's, so is the place. Elsewhere, and only where ``compared`` (m,) bool, the most
     likely owner wins: the one of least (d / sigma)^2 + 2 log(sigma), d being the distance to the skin, which is the

@@ -24,7 +24,8 @@ LARGEST_M2: Final = 0.03  # a head; a leg below a bar is larger, and those who k
 
 
 def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Owners (n,) uint8 of each camera, with stray pieces of the patient's pixels given to the person they continue.
+    """Return the owners (n,) uint8 of each camera, with stray pieces of the patient's pixels given to the person they
+    continue.
 
     A stray piece is no larger than a head, connected to nothing else of the patient's in this camera, and goes on
     without a crease as another person's surface: half a therapist's head where the patient's hand was expected. A
@@ -63,7 +64,7 @@ LAST_LABEL: Final = 254
 
 
 def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood) -> list[np.ndarray]:
-    """Owners, with the patient's own parts given back that have the label of another person.
+    """Return the owners, with the patient's own parts given back that have the label of another person.
 
     Another person has a body, or is a person by size without what lies on the patient's expected skin. What has
     neither, and is connected to the patient, is a part of the patient.
@@ -80,8 +81,9 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
 
 def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
-    """Whether a label's pixels lie mostly on the patient's skin (a tree of it), are connected to the patient's, and
-    leave too little elsewhere for a person."""
+    """Return whether a label's pixels lie mostly on the patient's skin (a tree of it), are connected to the patient's,
+    and leave too little elsewhere for a person.
+    """
     on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
     for pixels, owner in zip(shown, owners, strict=True):
         points, _, area = sampled(pixels, owner, owner == label)
@@ -102,7 +104,7 @@ def one_patient(
     expected: OwnershipLikelihood | None,
     free: int,
 ) -> list[np.ndarray]:
-    """Owners with other people who were taken for a part of the patient split off.
+    """Return the owners with other people who were taken for a part of the patient split off.
 
     Asked only where much of the patient lies off the expected skin: the learnt descriptor then says whether several
     people share the pixels. The patient is the one with most of them, and whoever lies mostly on the expected skin: a
@@ -129,7 +131,9 @@ def one_patient(
 
 
 def _off_skin_m2(shown: Sequence[Pieces], owners: Sequence[np.ndarray], skin: cKDTree | None) -> float:
-    """Area of the patient's pixels that are farther than ``OFF_SKIN_M`` from the expected skin; all without one."""
+    """Return the area of the patient's pixels that are farther than ``OFF_SKIN_M`` from the expected skin; all without
+    one.
+    """
     area_m2 = 0.0
     for pixels, owner in zip(shown, owners, strict=True):
         points, _, area = sampled(pixels, owner, owner == PixelLabel.PATIENT)
@@ -140,14 +144,14 @@ def _off_skin_m2(shown: Sequence[Pieces], owners: Sequence[np.ndarray], skin: cK
 
 
 def _away_m(skin: cKDTree, points_m: np.ndarray, reach_m: float) -> np.ndarray:
-    """(n,) distance of points from the skin, inf beyond the reach."""
+    """Return (n,) distance of points from the skin, inf beyond the reach."""
     return np.asarray(skin.query(points_m, distance_upper_bound=reach_m)[0])
 
 
 def _share_on_skin(
     theirs: Sequence[Pieces], people: Sequence[np.ndarray | None], skin: cKDTree | None, count: int
 ) -> np.ndarray:
-    """(k,) share of each person's pixels, among the patient's, that lie on the patient's expected skin."""
+    """Return (k,) share of each person's pixels, among the patient's, that lie on the patient's expected skin."""
     own, every = np.zeros(count + 1), np.zeros(count + 1)
     for pixels, of in zip(theirs, people, strict=True):
         if of is None or skin is None or not len(of):
@@ -159,7 +163,9 @@ def _share_on_skin(
 
 
 def _split(pixels: Pieces, owner: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-    """(n,) uint8 owners after the patient's pixels were divided by growth from their seeds, labels or ``NOBODY``."""
+    """Return (n,) uint8 owners after the patient's pixels were divided by growth from their seeds, labels or
+    ``NOBODY``.
+    """
     patient = owner == PixelLabel.PATIENT
     grown = grow_regions(pixels.only(patient), seeds.astype(np.uint8))
     split = owner.copy()

@@ -50,7 +50,7 @@ class People:
     of: tuple[np.ndarray | None, ...]
 
     def points_m(self, pieces: Sequence[Pieces | None], number: int) -> np.ndarray:
-        """(n, 3) the places of a person's pixels in all cameras."""
+        """Return (n, 3) the places of a person's pixels in all cameras."""
         shown = [(pixels, own) for pixels, own in zip(pieces, self.of, strict=True) if pixels is not None]
         return np.concatenate([pixels.points_m[own == number] for pixels, own in shown])
 
@@ -109,7 +109,7 @@ def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> Pe
 
 
 def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray | None]) -> np.ndarray:
-    """(n,) int32 the person of each foreground pixel, -1 where no person's ray is near it at the same depth."""
+    """Return (n,) int32 the person of each foreground pixel, -1 where no person's ray is near it at the same depth."""
     said = described(pixels.depth_m, camera)
     owner = np.full(said.person.shape, -1, np.int32)
     for number, own in enumerate(rays):
@@ -122,7 +122,7 @@ def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray 
 
 
 def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, np.ndarray]]) -> Person | None:
-    """The person with a number, as the foreground pixels show them; None where too few do."""
+    """Return the person with a number, as the foreground pixels show them; None where too few do."""
     heights = np.concatenate([pixels.points_m[own == number, 1] for pixels, own in shown])
     area_m2 = sum(float(pixels.area_m2[own == number].sum()) for pixels, own in shown)
     if area_m2 < LEAST_AREA_M2:

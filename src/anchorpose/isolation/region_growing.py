@@ -32,7 +32,8 @@ def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_
 
 
 def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarray:
-    """(count, count) metres: how long the border is at which one owner's surface goes on as another's without a crease.
+    """Return (count, count) metres: how long the border is at which one owner's surface goes on as another's without a
+    crease.
 
     owner (n,) int: 0 to count - 1 for each foreground pixel, -1 = nobody. Two bodies that touch meet in a crease; one
     body that was divided goes on.
@@ -111,7 +112,7 @@ def _grow(surface: _Surface, owner: np.ndarray, crease_cost: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
-    """Whether any of a pixel's four neighbours is foreground without an owner."""
+    """Return whether any of a pixel's four neighbours is foreground without an owner."""
     height, width = surface.number.shape
     for d_r, d_c in ((0, -1), (-1, 0), (0, 1), (1, 0)):
         r, c = surface.row[pixel] + d_r, surface.column[pixel] + d_c
@@ -124,7 +125,7 @@ def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, crease_cost: float) -> tuple[int, int]:
-    """The pixel beside one in a direction, -1 where growing cannot go there, and the cost in steps."""
+    """Return the pixel beside one in a direction, -1 where growing cannot go there, and the cost in steps."""
     depth = surface.depth
     r, c = surface.row[pixel], surface.column[pixel]
     nr, nc = r + d_r, c + d_c
@@ -142,7 +143,7 @@ def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, 
 
 @njit(cache=True, nogil=True)
 def _valley(index: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c: int) -> float:
-    """How far the surface at a pixel lies behind the middle of its two neighbours along a direction, metres."""
+    """Return how far the surface at a pixel lies behind the middle of its two neighbours along a direction, metres."""
     height, width = index.shape
     r1, c1, r2, c2 = r - CREASE_PX * d_r, c - CREASE_PX * d_c, r + CREASE_PX * d_r, c + CREASE_PX * d_c
     if min(r1, r2, c1, c2) < 0 or max(r1, r2) >= height or max(c1, c2) >= width:

@@ -24,7 +24,7 @@ MOST_BEYOND: Final = 0.02  # of the readings on the far side: nothing is behind 
 
 
 def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.ndarray:
-    """(height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 where none is met.
+    """Return (height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 where none is met.
 
     room_m (height, width) float32: what is known of the room, 0 = nothing. Walls are planes with many readings on them
     and none behind them. A room is convex, so that of several planes the nearest is the one that is seen.
@@ -36,7 +36,9 @@ def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.
 
 
 def depth_of_plane(plane: np.ndarray, camera: Camera) -> np.ndarray:
-    """(height, width) float32 depth of a plane (4,) of ``find_planes`` along each ray; inf where it is not met."""
+    """Return (height, width) float32 depth of a plane (4,) of ``find_planes`` along each ray; inf where it is not
+    met.
+    """
     rays = np.concatenate([camera.pixel_rays(), np.ones((camera.height, camera.width, 1), np.float32)], axis=-1)
     towards = rays @ plane[:3].astype(np.float32)
     depth = np.where(towards > 1e-3, plane[3] / np.maximum(towards, 1e-3), np.inf)
@@ -46,7 +48,8 @@ def depth_of_plane(plane: np.ndarray, camera: Camera) -> np.ndarray:
 def find_planes(
     room_m: np.ndarray, camera: Camera, noise_per_m: float, most_beyond: float = MOST_BEYOND
 ) -> list[np.ndarray]:
-    """(4,) each, camera frame: unit normal away from the camera and offset, ``normal @ p = offset``; largest first.
+    """Return (4,) each, camera frame: unit normal away from the camera and offset, ``normal @ p = offset``; largest
+    first.
 
     room_m: as in ``depth_of_room``; most_beyond: share of the readings that may be on the far side of a plane.
     """
@@ -61,7 +64,7 @@ def find_planes(
 def _planes(
     points_m: np.ndarray, least: float, noise_per_m: float, most_beyond: float, rng: np.random.Generator
 ) -> list[np.ndarray]:
-    """The planes with more than ``least`` of the points (n, 3)."""
+    """Return the planes with more than ``least`` of the points (n, 3)."""
     found, left = list[np.ndarray](), points_m
     while len(found) < PLANES and len(left) > max(least, 3):
         plane = _best(left, points_m, least, noise_per_m, most_beyond, rng)
@@ -80,7 +83,9 @@ def _best(
     most_beyond: float,
     rng: np.random.Generator,
 ) -> np.ndarray | None:
-    """The plane through three of the points ``left_m`` with most of them on it and few beyond, None if too few."""
+    """Return the plane through three of the points ``left_m`` with most of them on it and few beyond, None if too
+    few.
+    """
     normals, offsets = drawn_planes(left_m, TRIALS, rng)
     sign = np.where(offsets < 0, -1.0, 1.0)
     best, best_votes = None, least
@@ -94,7 +99,7 @@ def _best(
 
 
 def off_plane_m(depth_m: np.ndarray, noise_per_m: float) -> np.ndarray:
-    """How far readings at a depth may be from the plane that they show."""
+    """Return how far readings at a depth may be from the plane that they show."""
     return np.asarray(TOLERANCES_M[0] + NOISE_GATE * noise_per_m * depth_m**2)
 
 
@@ -136,19 +141,21 @@ class Wall:
         return np.asarray(points_m - 2.0 * self.beyond_m(points_m)[..., None] * self.normal)
 
     def gap_before(self, point_m: np.ndarray) -> np.ndarray | None:
-        """(height, width) bool: the connected gap through which a point (3,) is seen, None where it is in none."""
+        """Return (height, width) bool: the connected gap through which a point (3,) is seen, None where it is in
+        none.
+        """
         _, piece = cv2.connectedComponents(self.gap.astype(np.uint8), connectivity=4)
         _, [own], [inside] = self.camera.look(point_m[None], piece)
         return np.asarray(piece == own) if inside and own else None
 
     def frames(self, gap: np.ndarray) -> bool:
-        """Whether the plane is around a gap (height, width), not only beside it."""
+        """Return whether the plane is around a gap (height, width), not only beside it."""
         border = cv2.dilate(gap.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool) & ~gap
         return bool(border.any() and self.on_it[border].mean() > FRAMED)
 
 
 def find_walls(scene: Scene) -> list[Wall]:
-    """The upright planes of a camera's empty room, largest first; also fronts of furniture."""
+    """Return the upright planes of a camera's empty room, largest first; also fronts of furniture."""
     camera, room_m, noise = scene.camera, scene.background.depth_m, scene.background.sensor.noise_per_m
     T_world_camera, found = camera.require_pose(), list[Wall]()
     for plane in find_planes(room_m, camera, noise, most_beyond=1.0):
@@ -165,14 +172,14 @@ def find_walls(scene: Scene) -> list[Wall]:
 
 
 def _within(mask: np.ndarray) -> np.ndarray:
-    """(height, width) bool: the convex hull of the pixels of a mask."""
+    """Return (height, width) bool: the convex hull of the pixels of a mask."""
     filled = np.zeros(mask.shape, np.uint8)
     hull = cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32))
     return cv2.fillConvexPoly(filled, hull, 1).astype(bool)
 
 
 def with_wall(scene: Scene, wall: Wall, gap: np.ndarray) -> Scene:
-    """The scene with the wall where the gap (height, width) is: nobody is seen beyond it."""
+    """Return the scene with the wall where the gap (height, width) is: nobody is seen beyond it."""
     model = scene.background
     depth_m = np.where(gap, wall.depth_m, model.depth_m)
     sigma_m = np.where(gap, model.sensor.noise.sigma_m(wall.depth_m).astype(np.float32), model.sigma_m)

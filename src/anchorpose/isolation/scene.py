@@ -39,7 +39,8 @@ SAMPLE: Final = 500  # points of a piece that are tested
 def flat_pieces(
     points_m: np.ndarray, depth_m: np.ndarray, piece: np.ndarray, area_m2: np.ndarray, noise_per_m: float
 ) -> np.ndarray:
-    """(n,) bool: pixels of pieces that are planes within the noise and ``FLATTEST`` of their width, and rectangles.
+    """Return (n,) bool: pixels of pieces that are planes within the noise and ``FLATTEST`` of their width, and
+    rectangles.
 
     points_m (n, 3), depth_m (n,), piece (n,) from 1, area_m2 (n,): the foreground pixels of one camera.
     """
@@ -101,7 +102,7 @@ class Pieces:
     sensor: Sensor
 
     def only(self, kept: np.ndarray) -> Pieces:
-        """The same frame with some of the foreground pixels, kept (n,) bool."""
+        """Return the same frame with some of the foreground pixels, kept (n,) bool."""
         index = np.full_like(self.index, -1)
         row, column = self.row[kept], self.column[kept]
         index[row, column] = np.arange(len(row), dtype=np.int32)
@@ -126,7 +127,7 @@ def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentM
 
 
 def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces | None]:
-    """The pieces of all cameras at one moment; None where a camera has no frame."""
+    """Return the pieces of all cameras at one moment; None where a camera has no frame."""
 
     def pieces_of(depth_m: np.ndarray | None, scene: Scene) -> Pieces | None:
         return None if depth_m is None else find_pieces(depth_m, scene, frame_set.time_s)
@@ -161,7 +162,7 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) 
 def _first_labels(
     depth_m: np.ndarray, time_s: float | None, people: np.ndarray, scene: Scene, equipment: np.ndarray | None
 ) -> np.ndarray:
-    """(height, width) uint8 of ``PixelLabel`` before people are separated."""
+    """Return (height, width) uint8 of ``PixelLabel`` before people are separated."""
     model = scene.background
     labels = _nearness(depth_m, *room_at(depth_m, model, time_s), JUMP_GATE)
     if equipment is not None:
@@ -186,7 +187,7 @@ def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: floa
 
 
 def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
-    """(height, width) bool: pixels without reading that were certainly removed as room, so nobody is there.
+    """Return (height, width) bool: pixels without reading that were certainly removed as room, so nobody is there.
 
     Recorders that remove the room remove feet with the floor: near the lowest pixel, nothing is certain.
     """
@@ -199,7 +200,7 @@ def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np
 
 @njit(cache=True, nogil=True)
 def _areas(depth: np.ndarray, piece: np.ndarray, count: int, focal: float) -> np.ndarray:
-    """(count + 1,) square metres of each piece, if it faces the camera."""
+    """Return (count + 1,) square metres of each piece, if it faces the camera."""
     area = np.zeros(count + 1)
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):
@@ -212,7 +213,7 @@ def _areas(depth: np.ndarray, piece: np.ndarray, count: int, focal: float) -> np
 def _listed(
     depth: np.ndarray, piece_of: np.ndarray, renumbered: np.ndarray, rays: np.ndarray, T: np.ndarray, focal: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The pixels of the pieces that are kept: index, row, column, piece, points_m, area_m2 of ``Pieces``."""
+    """Return the pixels of the pieces that are kept: index, row, column, piece, points_m, area_m2 of ``Pieces``."""
     height, width = depth.shape
     index = np.full((height, width), -1, np.int32)
     count = 0

@@ -47,13 +47,14 @@ def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: Pa
 
 
 def by_distance(people: People, ground_xz_m: np.ndarray) -> np.ndarray:
-    """(k,) int: the numbers of the people, the nearest to a place (2,) first."""
+    """Return (k,) int: the numbers of the people, the nearest to a place (2,) first."""
     axes = np.array([person.ground_xz_m for person in people.people]).reshape(-1, 2)
     return np.argsort(np.linalg.norm(axes - ground_xz_m, axis=1), kind="stable")
 
 
 def label_people(pieces: Sequence[Pieces | None], people: People, order: np.ndarray) -> tuple[View | None, ...]:
-    """Label each camera's pixels by person; order (k,): numbers of the people, of whom the first is labelled patient.
+    """Label each camera's pixels by person; order (k,): numbers of the people, of whom the first is labelled
+    patient.
 
     What the descriptor gives to nobody joins the person it is connected to, up to the creases between people who touch.
     """
@@ -98,14 +99,14 @@ def separate(
 
 
 def _decided(pixels: Pieces, grid: LikelihoodGrid | None) -> np.ndarray:
-    """(n,) uint8 owner of each foreground pixel by likelihood alone."""
+    """Return (n,) uint8 owner of each foreground pixel by likelihood alone."""
     if grid is None:
         return np.zeros(len(pixels.row), np.uint8)
     return decide_ownership(grid, pixels.points_m, _decision_pixels(pixels))
 
 
 def _decision_pixels(pixels: Pieces) -> np.ndarray:
-    """(n,) bool: the pixels at which several people's likelihoods are compared."""
+    """Return (n,) bool: the pixels at which several people's likelihoods are compared."""
     return np.asarray((pixels.row % DECISION_PX == 0) & (pixels.column % DECISION_PX == 0))
 
 
@@ -114,7 +115,7 @@ def _grown(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.nda
 
 
 def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np.ndarray]:
-    """Owners, with pieces that nobody owns assigned to the person they nearly touch, in any camera."""
+    """Return the owners, with pieces that nobody owns assigned to the person they nearly touch, in any camera."""
     cameras = list(zip(shown, owners, strict=True))
     if not any(pixels.area_m2[owner == NOBODY].sum() >= SMALLEST_PIECE_M2 for pixels, owner in cameras):
         return owners
@@ -130,7 +131,9 @@ def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np
 
 
 def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.ndarray) -> np.ndarray:
-    """(n,) uint8 owners; each piece with unowned pixels gives these to the nearest person within ``DETACHED_M``."""
+    """Return (n,) uint8 owners; each piece with unowned pixels gives these to the nearest person within
+    ``DETACHED_M``.
+    """
     unowned = np.flatnonzero(owner == NOBODY)
     if not len(unowned):
         return owner
@@ -146,7 +149,8 @@ def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.nd
 
 
 def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], skin_m: np.ndarray) -> list[np.ndarray]:
-    """Owners, with what nobody owns given to the patient where the patient's skin (p, 3) was in the last frame.
+    """Return the owners, with what nobody owns given to the patient where the patient's skin (p, 3) was in the last
+    frame.
 
     The prediction may be wrong; then the patient must not become a new person, nor what is connected to that skin and
     was hidden before. Other people's pixels stay theirs.
@@ -166,7 +170,7 @@ def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], 
 def _with_newcomers(
     shown: Sequence[Pieces], cameras: Sequence[Camera], owners: list[np.ndarray], next_label: int
 ) -> list[np.ndarray]:
-    """Owners with new labels for the people of whose pixels nobody owns most."""
+    """Return the owners with new labels for the people of whose pixels nobody owns most."""
     free = [owner == NOBODY for owner in owners]
     if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, free, strict=True)) < PERSON_AREA_M2:
         return owners
@@ -188,13 +192,13 @@ def _with_newcomers(
 
 
 def _views(pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray]) -> tuple[View | None, ...]:
-    """One view per camera, None where it has no frame; owners: of the cameras that have one."""
+    """Return one view per camera, None where it has no frame; owners: of the cameras that have one."""
     left = iter(owners)
     return tuple(None if pixels is None else view_of(pixels, next(left)) for pixels in pieces)
 
 
 def view_of(pixels: Pieces, owner: np.ndarray) -> View:
-    """The camera's view with the owner (n,) uint8 of each foreground pixel, ``NOBODY`` where it has none."""
+    """Return the camera's view with the owner (n,) uint8 of each foreground pixel, ``NOBODY`` where it has none."""
     labels = pixels.labels.copy()
     labels[pixels.row, pixels.column] = np.where(owner == NOBODY, np.uint8(PixelLabel.CLUTTER), owner)
     return View(pixels.depth_m, labels)

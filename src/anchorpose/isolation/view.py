@@ -31,10 +31,12 @@ class View:
 
     @property
     def patient(self) -> np.ndarray:
-        """(height, width) bool: pixels on the patient."""
+        """Return (height, width) bool: pixels on the patient."""
         return self.labels == np.uint8(PixelLabel.PATIENT)
 
     @property
     def hidden_by_equipment(self) -> np.ndarray:
-        """(height, width) bool: pixels whose view ends at the equipment, so that the patient may be behind it."""
+        """Return (height, width) bool: pixels whose view ends at the equipment, so that the patient may be behind
+        it.
+        """
         return self.labels == np.uint8(PixelLabel.EQUIPMENT)

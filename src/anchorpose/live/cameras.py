@@ -63,7 +63,7 @@ class RealSense:
 
 
 def open_realsense(serial: str, about: Recording | None) -> RealSense:
-    """The camera with this serial number, the first one where it is empty.
+    """Return the camera with this serial number, the first one where it is empty.
 
     about: see ``LiveSource``. Raises MissingPackage without pyrealsense2 or the system's libusb, AnchorposeError where
     there is no such camera.
@@ -80,7 +80,7 @@ def open_realsense(serial: str, about: Recording | None) -> RealSense:
 
 
 def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> RealSense:
-    """Starts what ``config`` selects, which may be a file that librealsense plays; rs: the module pyrealsense2."""
+    """Start what ``config`` selects, which may be a file that librealsense plays; rs: the module pyrealsense2."""
     pipeline = rs.pipeline()
     try:
         profile = pipeline.start(config)
@@ -103,7 +103,7 @@ def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> Re
 
 
 def _lens(rs: Any, found: Any) -> Intrinsics:
-    """Depth images have no distortion left in all cameras of this maker that are sold."""
+    """Return the depth images have no distortion left in all cameras of this maker that are sold."""
     if any(found.coeffs) and found.model != rs.distortion.brown_conrady:
         raise AnchorposeError(f"The camera's lens model ({found.model}) is not known: record with its own program.")
     coefficients = tuple(float(value) for value in found.coeffs)
@@ -111,7 +111,7 @@ def _lens(rs: Any, found: Any) -> Intrinsics:
 
 
 def _taken(depth: Any) -> float:
-    """When an image was taken, by ``time.monotonic``; when it arrived, where the device's clock is its own."""
+    """Return when an image was taken, by ``time.monotonic``; when it arrived, where the device's clock is its own."""
     now_s = time.monotonic()
     if str(depth.get_frame_timestamp_domain()) not in GLOBAL_CLOCKS:
         return now_s
@@ -154,7 +154,7 @@ class Orbbec:
 
 
 def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = ()) -> Orbbec:
-    """The camera with this serial number, the first one where it is empty.
+    """Return the camera with this serial number, the first one where it is empty.
 
     about: see ``LiveSource``; command: instead of the process that reads the camera. Raises AnchorposeError where there
     is no such camera, or that Python has no pyorbbecsdk2.
@@ -194,7 +194,7 @@ def _out(process: subprocess.Popen[bytes]) -> IO[bytes]:
 
 
 def _why_ended(process: subprocess.Popen[bytes]) -> str:
-    """What the process said last; it ends by itself."""
+    """Return what the process said last; it ends by itself."""
     process.wait(timeout=10.0)
     said = b"" if process.stderr is None else process.stderr.read()
     last = said.decode(errors="replace").strip().splitlines()[-1:] or ["the process that reads it ended"]

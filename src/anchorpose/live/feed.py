@@ -52,7 +52,7 @@ class LiveSource(Protocol):
 
 
 def about_folder(sources: Sequence[LiveSource]) -> Path | None:
-    """The folder of the first recording that holds for one of the sources, None where there is none."""
+    """Return the folder of the first recording that holds for one of the sources, None where there is none."""
     return next((source.about.folder for source in sources if source.about is not None), None)
 
 
@@ -88,7 +88,7 @@ class Intake:
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """What failed so far, and how many images could not be recorded, by reason."""
+        """Return what failed so far, and how many images could not be recorded, by reason."""
         lost = (f"{count} depth images could not be recorded ({why})" for why, count in self._not_kept.items())
         return (*self.failures, *lost)
 
@@ -102,7 +102,7 @@ class Intake:
 
     @property
     def running(self) -> bool:
-        """Whether any source still gives images."""
+        """Return whether any source still gives images."""
         return self._left > 0
 
     def stop(self) -> None:
@@ -195,7 +195,7 @@ class Feed:
             self._changed.notify_all()
 
     def take(self, patience_s: float) -> LiveSet | None:
-        """The newest complete set that is newer than the one taken before; waits for it.
+        """Return the newest complete set that is newer than the one taken before; waits for it.
 
         None where no more images come, or none within ``patience_s``.
         """
@@ -210,14 +210,14 @@ class Feed:
         return found
 
     def silent(self) -> tuple[int, ...]:
-        """Cameras (indices) without an image for half a second."""
+        """Return the cameras (indices) without an image for half a second."""
         now_s = time.monotonic()
         with self._changed:
             return tuple(k for k in range(len(self._images)) if self._is_silent(k, now_s))
 
     @property
     def is_open(self) -> bool:
-        """Whether more images may come."""
+        """Return whether more images may come."""
         return self._open
 
     @property
@@ -228,7 +228,9 @@ class Feed:
         return all(not images or images[-1].taken_s <= self._last_s for images in self._images)
 
     def _skipped(self, reference: int, main: LiveImage) -> int:
-        """Images of the reference that nobody took since the set before; 0 where that had another reference."""
+        """Return the images of the reference that nobody took since the set before; 0 where that had another
+        reference.
+        """
         before = None if self._last is None else self._last.images[reference]
         if self._last is None or before is None or self._last.reference != reference:
             return 0
@@ -239,7 +241,7 @@ class Feed:
         return not images or now_s - images[-1].taken_s > SILENT_S
 
     def _newest(self, now_s: float) -> LiveSet | None:
-        """The newest set that is complete, None where none is that was not given before."""
+        """Return the newest set that is complete, None where none is that was not given before."""
         awake = [k for k in range(len(self._images)) if not self._is_silent(k, now_s)]
         if not awake:
             return None

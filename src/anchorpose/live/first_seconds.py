@@ -55,7 +55,7 @@ class LiveOptions:
     markers: str | None = None
 
     def live(self, config: TrackConfig) -> TrackConfig:
-        """Settings with the look-ahead that live tracking waits for."""
+        """Return the settings with the look-ahead that live tracking waits for."""
         return replace(config, follow=replace(config.follow, look_ahead=1 + self.wait_frames))
 
 
@@ -91,7 +91,7 @@ class FirstSeconds:
     user: User
 
     def record(self, name: str, whom: str) -> Recording:
-        """The next seconds as a recording; whom: looked at, for the user.
+        """Return the next seconds as a recording; whom: looked at, for the user.
 
         Raises AnchorposeError where none can be made.
         """
@@ -117,7 +117,7 @@ class FirstSeconds:
                 raise AnchorposeError("Stopped before a patient was found; nothing was written.")
 
     def learn(self, recording: Recording) -> Prepared | None:
-        """What the first seconds show; None where nobody is found in them. Raises where no more images come."""
+        """Return what the first seconds show; None where nobody is found in them. Raises where no more images come."""
         inputs, room = new_room(recording, self.options)
         found = self._learn_in(room, inputs)
         if found is None and (not self.intake.running or self.user.stop.is_set()):
@@ -127,7 +127,7 @@ class FirstSeconds:
     def learn_named(
         self, recording: Recording, room: Room, place_xz_m: tuple[float, float], before_xz_m: np.ndarray | None
     ) -> Prepared | None:
-        """The person nearest to a place when a person is first seen there, in a room that is known.
+        """Return the person nearest to a place when a person is first seen there, in a room that is known.
 
         before_xz_m (2,): where the patient so far stands, None where that is not known. Returns None where nobody
         stands there, who does is the patient so far, or no human body explains who does.
@@ -151,7 +151,7 @@ class FirstSeconds:
 
 
 def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
-    """The patient of a room, with the body; None where nobody is found."""
+    """Return the patient of a room, with the body; None where nobody is found."""
     config = inputs.config
     run = Run(room, config, load_motions(config.motion_file, room.recording.rate_hz, config.motion))
     learnt = learn_patient(run, plan_route(room, config, lambda: None).stretches()) if room.initial_frames else None
@@ -161,13 +161,13 @@ def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
 
 
 def latest_good(frames: Sequence[InitialFrame]) -> InitialFrame:
-    """The latest of those that show the patient nearly as well as the best."""
+    """Return the latest of those that show the patient nearly as well as the best."""
     best = max(one.score for one in frames)
     return max((one for one in frames if one.score >= NEARLY_AS_GOOD * best), key=lambda one: one.frame)
 
 
 def new_room(recording: Recording, options: LiveOptions) -> tuple[TrackInputs, Room]:
-    """The room that the first seconds of the first patient show, with this patient in it."""
+    """Return the room that the first seconds of the first patient show, with this patient in it."""
     inputs = read_inputs(recording.folder, options.config, UserInputs(options.calibration))
     return inputs, prepare_room(inputs.recording, options.config, inputs.review)
 
@@ -175,8 +175,9 @@ def new_room(recording: Recording, options: LiveOptions) -> tuple[TrackInputs, R
 def known_room(
     recording: Recording, options: LiveOptions, room: Room, place_xz_m: tuple[float, float]
 ) -> tuple[TrackInputs, Room]:
-    """A known room in the first seconds of another patient, who stands at a place; without initial frames where nobody
-    is found there."""
+    """Return a known room in the first seconds of another patient, who stands at a place; without initial frames where
+    nobody is found there.
+    """
     config = replace(options.config, patient_xz_m=place_xz_m, height_m=None)
     inputs = read_inputs(recording.folder, config, UserInputs(options.calibration))
     theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)  # what is known is of the patient before
@@ -209,7 +210,7 @@ class Backlog:
         self._thread.start()
 
     def take(self) -> LiveSet | None:
-        """The oldest set that waits; None, and from then on nothing more is collected, when none does.
+        """Return the oldest set that waits; None, and from then on nothing more is collected, when none does.
 
         Where following takes longer than sets are apart, some are left out: the next one is later by twice the time
         that was spent on the one before, but by no more than ``MOST_STEP_S``.

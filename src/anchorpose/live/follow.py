@@ -97,7 +97,7 @@ class LiveFollower:
 
     @property
     def patient_xz_m(self) -> np.ndarray | None:
-        """(2,) where the patient was last seen; None where the patient is lost."""
+        """Return (2,) where the patient was last seen; None where the patient is lost."""
         tracker = self.follower.tracker
         return None if tracker is None else tracker.last.belief.pose.root_m[[0, 2]]
 
@@ -154,7 +154,7 @@ class LiveFollower:
         self._holding = None if record.gaps is None else self._contacts.touched_now(by_equipment=True)
 
     def store(self) -> None:
-        """Stores what was tracked since; raises InputError where the disk takes no more."""
+        """Store what was tracked since; raises InputError where the disk takes no more."""
         if self._kept:
             with on_this_disk():
                 self.blocks.write(self._stored, self._kept)

@@ -50,12 +50,12 @@ class Trial:
 
 
 def plain_text(text: str) -> str:
-    """A marker as one cell of a table: spaces in place of line breaks, tabs and what cannot be printed."""
+    """Return a marker as one cell of a table: spaces in place of line breaks, tabs and what cannot be printed."""
     return " ".join("".join(each if each.isprintable() else " " for each in text).split())[:LONGEST_TEXT]
 
 
 def trials_of(markers: Sequence[tuple[float, str]], end_s: float) -> list[Trial]:
-    """The trials of markers (onset, text), in the order of time; a trial that still runs ends at ``end_s``."""
+    """Return the trials of markers (onset, text), in the order of time; a trial that still runs ends at ``end_s``."""
     found, running = list[Trial](), False
     for onset_s, text in sorted((each for each in markers if each[0] < end_s), key=lambda each: each[0]):
         word, _, rest = text.partition(" ")
@@ -105,7 +105,7 @@ class MarkerInlet:
     """Reads a stream of markers in a thread of its own, from ``start`` to ``stop``."""
 
     def __init__(self, name: str) -> None:
-        """Raises MissingPackage without pylsl, AnchorposeError where no stream has this name within ``FIND_S``."""
+        """Raise MissingPackage without pylsl, AnchorposeError where no stream has this name within ``FIND_S``."""
         try:
             import pylsl
         except (ImportError, RuntimeError):  # the second: its library does not load on this system

@@ -41,7 +41,7 @@ def main() -> int:
 
 
 def stream(pipeline, profile, info) -> int:  # type: ignore[no-untyped-def]
-    """Writes the lens, then images; 2 where the camera gives no more."""
+    """Write the lens, then images; 2 where the camera gives no more."""
     out = sys.stdout.buffer
     lens, bent = profile.get_intrinsic(), profile.get_distortion()
     about = {

@@ -81,7 +81,7 @@ class LiveFrame:
 
     @property
     def joint_table(self) -> JointTable:
-        """A table of this frame alone."""
+        """Return a table of this frame alone."""
         return JointTable(
             frame=np.array([self.frame], np.int32),
             time_s=np.array([self.time_s]),
@@ -93,7 +93,9 @@ class LiveFrame:
 
 @lru_cache(maxsize=2)  # several outputs ask for the same
 def angles_of(frame: LiveFrame) -> AngleTable:
-    """The angles of a frame, a table of one row; computed when they are asked for, so that joints are sent first."""
+    """Return the angles of a frame, a table of one row; computed when they are asked for, so that joints are sent
+    first.
+    """
     return joint_angles(frame.joint_table)
 
 
@@ -112,7 +114,7 @@ class Output(Protocol):
 
 
 def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
-    """What is sent of an estimate; taken_s as in ``LiveFrame``."""
+    """Return what is sent of an estimate; taken_s as in ``LiveFrame``."""
     frame_set = estimate.frame_set
     codes = np.array([_CODES[state] for state in estimate.states], np.int8)
     return LiveFrame(
@@ -166,7 +168,7 @@ class LslOutput:
     name = "LSL"
 
     def __init__(self) -> None:
-        """Raises MissingPackage without pylsl."""
+        """Raise MissingPackage without pylsl."""
         try:
             import pylsl
         except (ImportError, RuntimeError):
@@ -218,7 +220,7 @@ class OscOutput:
     degrees sigma state. A lost joint, or an angle without a value, has its name and the state only."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Raises MissingPackage without python-osc, OSError where there is no such host."""
+        """Raise MissingPackage without python-osc, OSError where there is no such host."""
         try:
             from pythonosc import osc_bundle_builder, osc_message_builder
             from pythonosc.udp_client import UDPClient

@@ -122,7 +122,7 @@ class PageOutput:
         self._newest.put_sentence(sentence)
 
     def asked(self) -> int | None:
-        """The person who is to be the patient from now on, by number (``PersonInView``); given once."""
+        """Return the person who is to be the patient from now on, by number (``PersonInView``); given once."""
         return self._newest.take_asked()
 
     def keep_markers(self, take: TakeMarker) -> None:
@@ -138,7 +138,7 @@ class PageOutput:
 
 
 def describe_live(has_markers: bool = False) -> dict[str, Any]:
-    """What the page must know before it shows a frame, as values for JSON; has_markers: as of ``PageOutput``."""
+    """Return what the page must know before it shows a frame, as values for JSON; has_markers: as of ``PageOutput``."""
     return {
         "markers": has_markers,
         "joints": list(JOINT_NAMES),
@@ -149,7 +149,9 @@ def describe_live(has_markers: bool = False) -> dict[str, Any]:
 
 
 def frame_message(frame: LiveFrame, standing: Standing) -> dict[str, Any]:
-    """A frame as values for JSON: metres, degrees, seconds; states as places in ``JointState``; None is not known."""
+    """Return a frame as values for JSON: metres, degrees, seconds; states as places in ``JointState``; None is not
+    known.
+    """
     angles = angles_of(frame)
     return {
         "frame": frame.frame,
@@ -234,7 +236,7 @@ class _Newest:
             return self._count, _event("sentence", self._sentence[1])
 
     def take(self, after: int, patience_s: float) -> tuple[int, bytes]:
-        """What is newer than ``after``, as events, and its number; no events where nothing is in time."""
+        """Return what is newer than ``after``, as events, and its number; no events where nothing is in time."""
         with self._changed:
             self._changed.wait_for(lambda: self.ended or self._count > after, patience_s)
             count, frame, sentence = self._count, self._frame, self._sentence

@@ -108,7 +108,7 @@ class Recorder:
         partial.replace(folder / EMPTY_ROOM_FILE)
 
     def finish(self) -> Path:
-        """The recording, whole and on disk; may be called twice."""
+        """Return the recording, whole and on disk; may be called twice."""
         if self.finished:
             return self.folder
         self.abandon()
@@ -118,7 +118,7 @@ class Recorder:
         return self.folder
 
     def abandon(self) -> None:
-        """Writes no more, once the images under way are written; the folder stays as it is."""
+        """Write no more, once the images under way are written; the folder stays as it is."""
         self._done.set()
         self._syncing.join()
         for camera in self._writing:
@@ -147,7 +147,7 @@ class Recorder:
 
 
 def start_of(taken_s: float) -> dict[str, Any]:
-    """What recording.json says of the start; taken_s: of the first image, by ``time.monotonic``.
+    """Return what recording.json says of the start; taken_s: of the first image, by ``time.monotonic``.
 
     The clock of the Lab Streaming Layer is left out where pylsl is not installed.
     """
@@ -162,7 +162,7 @@ def start_of(taken_s: float) -> dict[str, Any]:
 
 
 def finish_recording(folder: Path) -> Path:
-    """Makes a recording of a folder that ``Recorder`` has written; where it was cut off, of all that is whole in it.
+    """Make a recording of a folder that ``Recorder`` has written; where it was cut off, of all that is whole in it.
 
     Raises InputError where the folder is none of these, or no camera has an image.
     """
@@ -193,7 +193,7 @@ def _make_room(folder: Path) -> None:
 
 
 def _copy_about(about: Path, folder: Path) -> dict[str, Any]:
-    """Copies equipment and empty rooms of a recording; returns what recording.json says about equipment and patient."""
+    """Copy equipment and empty rooms of a recording; returns what recording.json says about equipment and patient."""
     found = read_json(about / RECORDING_FILE)
     if equipment := found.get("equipment"):
         copy_equipment(about / equipment, about, folder)
@@ -205,8 +205,9 @@ def _copy_about(about: Path, folder: Path) -> dict[str, Any]:
 
 
 def copy_equipment(file: Path, about: Path, folder: Path) -> None:
-    """Copies an equipment.json, which lies somewhere in ``about``, and the meshes that it names to the same places in a
-    folder."""
+    """Copy an equipment.json, which lies somewhere in ``about``, and the meshes that it names to the same places in a
+    folder.
+    """
     for path in equipment_files(file):
         require_regular(path)
         target = folder / path.relative_to(about)
@@ -215,7 +216,7 @@ def copy_equipment(file: Path, about: Path, folder: Path) -> None:
 
 
 def _remove_without_row(folder: Path) -> None:
-    """Removes the images that were cut off before their row was written; files with other names are the user's."""
+    """Remove the images that were cut off before their row was written; files with other names are the user's."""
     lines = read_text(folder / "timestamps.csv").split()[1:]
     known = {f"{int(line.partition(',')[0]):06d}.png" for line in lines}
     for file in (folder / "depth").iterdir():
@@ -236,7 +237,7 @@ def record_live(
     stop: Event,
     markers: str | None = None,
 ) -> Path:
-    """The finished recording ``out`` of all sources, until they end, ``stop`` is set or ``seconds`` have passed.
+    """Return the finished recording ``out`` of all sources, until they end, ``stop`` is set or ``seconds`` have passed.
 
     empty_room_s: first the empty room is looked at for so long; 0: it is not. markers: the stream whose markers are
     kept. Raises AnchorposeError where no camera gives an image, or there is no such stream.
@@ -302,8 +303,9 @@ def _record_empty_room(
 
 
 def median_reading(grey: np.ndarray) -> np.ndarray:
-    """(height, width) uint16 of images (n, height, width) uint16: the median of the readings; 0 where less than half of
-    the images have one."""
+    """Return (height, width) uint16 of images (n, height, width) uint16: the median of the readings; 0 where less than
+    half of the images have one.
+    """
     ordered = np.sort(grey, axis=0)  # without a reading: 0, first
     empty = (grey == 0).sum(axis=0)
     middle = np.minimum((empty + len(grey)) // 2, len(grey) - 1)

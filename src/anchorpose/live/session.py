@@ -91,7 +91,9 @@ def _stop(inlet: MarkerInlet | None) -> None:
 
 
 def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
-    """The finished recording; None without one, or where it cannot be finished, and then the session knows why."""
+    """Return the finished recording; None without one, or where it cannot be finished, and then the session knows
+    why.
+    """
     try:
         return None if recorder is None else recorder.finish()
     except (AnchorposeError, OSError) as error:
@@ -113,7 +115,7 @@ class _Session:
     latency: LatencyMeter = field(default_factory=LatencyMeter)
 
     def prepare(self) -> tuple[Prepared, Backlog]:
-        """The first seconds in which a patient is found, and what the cameras see from then on."""
+        """Return the first seconds in which a patient is found, and what the cameras see from then on."""
         self.intake.start()
         for attempt in count(1):
             recording = self.first_seconds.record(f"start-{attempt}", "the room and the patient")
@@ -139,7 +141,7 @@ class _Session:
         return Followed(patient, follower)
 
     def follow(self, first: Followed, backlog: Backlog) -> list[Followed]:
-        """Tracks every newest frame until the end; returns everybody who was the patient, in order."""
+        """Track every newest frame until the end; returns everybody who was the patient, in order."""
         patients = [first]
         self._catch_up(first.follower, backlog)
         began_s = reported_s = time.monotonic()
@@ -167,14 +169,16 @@ class _Session:
         write_patients(results, [one.patient for one in patients], recorded, notes)
 
     def _catch_up(self, follower: LiveFollower, backlog: Backlog) -> None:
-        """Tracks what was seen meanwhile."""
+        """Track what was seen meanwhile."""
         while not self.user.stop.is_set() and (waiting := backlog.take()) is not None:
             follower.take(waiting, live=False)
         backlog.drop()
         self.user.say("Tracking live.")
 
     def _change_patient(self, now: Followed, number: int) -> Followed | None:
-        """The person with a number, learnt in new first seconds; None where that fails: all is as before then."""
+        """Return the person with a number, learnt in new first seconds; None where that fails: all is as before
+        then.
+        """
         before, patient = now.follower, now.patient.number + 1
         places = {one.number: one.place_xz_m for one in people_in(before.follower.memory)}
         try:

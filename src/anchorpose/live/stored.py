@@ -49,7 +49,7 @@ class LivePatient:
 
     @property
     def first_frame(self) -> int | None:
-        """Number of the first frame that is stored, None where none is."""
+        """Return the number of the first frame that is stored, None where none is."""
         return next((one.record.joints.frame for one in self.blocks.read()), None)
 
 
@@ -110,7 +110,7 @@ class SessionStore:
         self._session = StoredSession(options=_with_own_files(options, self.first_seconds))
 
     def add(self, prepared: Prepared) -> LivePatient:
-        """One more patient, with an empty store of frames."""
+        """Add one more patient, with an empty store of frames."""
         place_xz_m, folder = prepared.inputs.config.patient_xz_m, prepared.inputs.recording.folder
         number = len(self._session.patients) + 1
         journal = self._journal.inside(f"patient-{number}")
@@ -122,7 +122,7 @@ class SessionStore:
         return LivePatient(number, prepared, Blocks(journal, TrackedFrame))
 
     def end_early(self, why: str) -> None:
-        """Notes why, if a patient is stored and the disk has room for it."""
+        """Note why, if a patient is stored and the disk has room for it."""
         if self._session.patients:
             with suppress(OSError):
                 self._write(replace(self._session, ended=why))
@@ -134,7 +134,7 @@ class SessionStore:
 
 @contextmanager
 def on_this_disk() -> Iterator[None]:
-    """Gives an error of the journal a remedy that holds for a live session, which cannot be resumed."""
+    """Give an error of the journal a remedy that holds for a live session, which cannot be resumed."""
     try:
         yield
     except InputError as error:
@@ -142,7 +142,7 @@ def on_this_disk() -> Iterator[None]:
 
 
 def read_session(results: Path) -> StoredSession:
-    """The session that an unfinished results folder holds; raises InputError where none came so far."""
+    """Return the session that an unfinished results folder holds; raises InputError where none came so far."""
     path = results / JOURNAL / SESSION_FILE
     if not is_there(path):
         if any(path.parent.glob("patient-*/*.frames")):
@@ -152,7 +152,7 @@ def read_session(results: Path) -> StoredSession:
 
 
 def read_patients(results: Path, session: StoredSession) -> Iterator[LivePatient]:
-    """The patients of a stored session: rooms found again in their first seconds, bodies and frames as stored."""
+    """Yield the patients of a stored session: rooms found again in their first seconds, bodies and frames as stored."""
     journal = _journal(results / JOURNAL)
     journal.require_whole((BEGUN_FILE, SESSION_FILE, FIRST_SECONDS))
     calibration = session.options.calibration
@@ -178,7 +178,7 @@ def _journal(folder: Path) -> Journal:
 
 
 def _with_own_files(options: LiveOptions, folder: Path) -> LiveOptions:
-    """The options with a copy of the calibration, named from ``folder``, and other paths from the root.
+    """Return the options with a copy of the calibration, named from ``folder``, and other paths from the root.
 
     Raises InputError where the calibration cannot be used.
     """
@@ -221,7 +221,7 @@ def finish_session(results: Path, overwrite: bool) -> None:
 
 @contextmanager
 def _remedy_of_live(folder: Path) -> Iterator[None]:
-    """Gives a refusal of what is stored a remedy that holds for a live session, which cannot be tracked again."""
+    """Give a refusal of what is stored a remedy that holds for a live session, which cannot be tracked again."""
     try:
         yield
     except InputError as error:
@@ -231,7 +231,7 @@ def _remedy_of_live(folder: Path) -> Iterator[None]:
 
 
 def _recorded(folder: Path | None) -> Path | None:
-    """The recording of the session, whole; None where there is none, or no more."""
+    """Return the recording of the session, whole; None where there is none, or no more."""
     if folder is None:
         return None
     with suppress(InputError, OSError):

@@ -72,7 +72,7 @@ class MotionDatabase:
 
 
 def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
-    """(t, 67) float64 pose vectors of consecutive frames of joints (t, 21, 3) world metres; NaN is kept."""
+    """Return (t, 67) float64 pose vectors of consecutive frames of joints (t, 21, 3) world metres; NaN is kept."""
     heading = heading_rad(joints_m)
     root = joints_m[:, _ROOT]
     relative = _turned(joints_m - root[:, None], -heading)
@@ -85,7 +85,7 @@ def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
 
 
 def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """(steps, 21, 3) world joints of pose vectors (steps, 67) that follow the frame ``last_m`` (21, 3)."""
+    """Return (steps, 21, 3) world joints of pose vectors (steps, 67) that follow the frame ``last_m`` (21, 3)."""
     headings = theta[:, -1]
     before = np.concatenate([last_theta[-1:], headings[:-1]])
     steps = np.diff(np.concatenate([last_theta[None, -4:-1], theta[:, -4:-1]]), axis=0)
@@ -95,7 +95,9 @@ def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) 
 
 
 def heading_rad(joints_m: np.ndarray) -> np.ndarray:
-    """(t,) turn about Y from world X to where the trunk faces: across hips and shoulders, whichever are known."""
+    """Return (t,) turn about Y from world X to where the trunk faces: across hips and shoulders, whichever are
+    known.
+    """
     across = joints_m[:, _RIGHT] - joints_m[:, _LEFT]
     across = np.where(np.isfinite(across).all(axis=(2,), keepdims=True), across, 0.0).sum(axis=1)
     unknown = np.linalg.norm(across[:, [0, 2]], axis=1) == 0.0
@@ -103,7 +105,7 @@ def heading_rad(joints_m: np.ndarray) -> np.ndarray:
 
 
 def _turned(vectors: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
-    """(t, n, 3) vectors turned about Y by one angle (t,) per frame."""
+    """Return (t, n, 3) vectors turned about Y by one angle (t,) per frame."""
     cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     return np.stack([cos * x + sin * z, y, cos * z - sin * x], axis=-1)
@@ -149,7 +151,9 @@ def poses_at(theta: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def summarise(turned: np.ndarray, place: np.ndarray, stride: np.ndarray, history: int) -> np.ndarray:
-    """(w, 2, COLUMNS) float32: mean pose and displacement of sub-lists of ``history`` poses, in the leading columns."""
+    """Return (w, 2, COLUMNS) float32: mean pose and displacement of sub-lists of ``history`` poses, in the leading
+    columns.
+    """
     leading = turned[:, :COLUMNS].astype(np.float32)
     total = poses_at(leading, place)
     moved = total.copy()
@@ -160,14 +164,14 @@ def summarise(turned: np.ndarray, place: np.ndarray, stride: np.ndarray, history
 
 
 def _principal(poses: np.ndarray) -> np.ndarray:
-    """(d, d) float32 orthonormal, the direction in which poses differ most first."""
+    """Return (d, d) float32 orthonormal, the direction in which poses differ most first."""
     some = poses[:: max(1, len(poses) // _SAMPLES)].astype(np.float64)
     apart = some - some.mean(axis=0)
     return np.linalg.eigh(apart.T @ apart)[1][:, ::-1].astype(np.float32)
 
 
 def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: int, past: int) -> SubLists:
-    """The sub-lists of runs: first row of a clip, rows per frame, and how many frames it holds."""
+    """Return the sub-lists of runs: first row of a clip, rows per frame, and how many frames it holds."""
     place, stride, followed, segment = [], [], [], [np.zeros(1, dtype=np.int64)]
     listed = 0
     for first, rows, frames in runs:
@@ -184,7 +188,7 @@ def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: i
 
 
 def _enclose(summary: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centre and radius of the summaries of each segment."""
+    """Return the centre and radius of the summaries of each segment."""
     size = np.diff(segment)
     centre = (np.add.reduceat(summary, segment[:-1], axis=0) / size[:, None, None]).astype(np.float32)
     away = np.linalg.norm(summary - np.repeat(centre, size, axis=0), axis=2)
@@ -241,12 +245,12 @@ class ReferenceClips:
 
     @property
     def frame_count(self) -> int:
-        """Frames of all clips."""
+        """Return the frames of all clips."""
         return sum(len(clip) for clip in self.joints_m)
 
 
 def join_clips(parts: Sequence[ReferenceClips]) -> ReferenceClips:
-    """All clips in one, in order."""
+    """Return all clips in one, in order."""
     return ReferenceClips(
         tuple(clip for part in parts for clip in part.joints_m),
         tuple(name for part in parts for name in part.names),
@@ -256,7 +260,7 @@ def join_clips(parts: Sequence[ReferenceClips]) -> ReferenceClips:
 
 
 def write_motions(path: Path, clips: ReferenceClips) -> None:
-    """Writes the clips to the millimetre, each beside the origin; ``path`` is whole or as it was before."""
+    """Write the clips to the millimetre, each beside the origin; ``path`` is whole or as it was before."""
     root = JOINT_INDEX["SpineBase"]
     millimetres = [np.rint(1000.0 * (clip - clip[0, root])).astype(np.int16) for clip in clips.joints_m]
     with whole_file(path) as partial, partial.open("wb") as stream:
@@ -272,7 +276,7 @@ def write_motions(path: Path, clips: ReferenceClips) -> None:
 
 
 def read_motions(path: Path) -> ReferenceClips:
-    """The clips of a file that ``write_motions`` wrote; raises InputError where it is not such a file."""
+    """Return the clips of a file that ``write_motions`` wrote; raises InputError where it is not such a file."""
     arrays = read_arrays(path, ("format", *_MOTION_ARRAYS), MOTION_REMEDY)
     missing = [name for name in ("format", *_MOTION_ARRAYS) if name not in arrays]
     if missing or str(arrays["format"]) != FORMAT:
@@ -292,7 +296,7 @@ def read_motions(path: Path) -> ReferenceClips:
 
 
 def read_skeletons(path: Path, rate_hz: float | None) -> ReferenceClips:
-    """The clips of a skeleton file, in our joints.
+    """Return the clips of a skeleton file, in our joints.
 
     rate_hz: frames per second where the file has no ``rate_hz``. Joints are found by our names or by those of the
     bones that begin there; hands and neck may be derived, which a note says. Raises InputError where a joint is missing
@@ -330,7 +334,7 @@ def _check_skeletons(path: Path, joints: np.ndarray, offsets: np.ndarray, clips:
 
 
 def _in_our_joints(path: Path, joints: np.ndarray, columns: list[str]) -> tuple[np.ndarray, list[str]]:
-    """(n, 21, 3) and the names of the joints that were derived."""
+    """Return (n, 21, 3) and the names of the joints that were derived."""
     found: dict[str, np.ndarray] = {}
     for name in JOINT_NAMES:
         # a column called Neck or Head is ours by either naming; LHand is where the hand begins, so the wrist

@@ -45,14 +45,15 @@ class Matches:
     distance_m: np.ndarray
 
     def poses(self, database: MotionDatabase, frames: np.ndarray) -> np.ndarray:
-        """(m, f, d) pose vectors of each match ``frames`` (f,) after its newest pose; negative = before."""
+        """Return (m, f, d) pose vectors of each match ``frames`` (f,) after its newest pose; negative = before."""
         return poses_at(database.theta, self.place[:, None] + frames * self.stride[:, None])
 
 
 def best_sublists(
     history: np.ndarray, database: MotionDatabase, steps: int, count: int, displacement_weight: float
 ) -> Matches | None:
-    """The ``count`` sub-lists that are most like the last poses; None where no column is known or no clip long enough.
+    """Return the ``count`` sub-lists that are most like the last poses; None where no column is known or no clip long
+    enough.
 
     The cost is the sum over v of ed(theta^(t-v), theta_s^(j-v)), as in the paper, plus ``displacement_weight`` k times
     the distance of the displacements over the history: a pose alone is passed in both directions and at every speed.
@@ -89,7 +90,7 @@ def _rank(
     count: int,
     displacement_weight: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best sub-lists by rising cost. Without ``query``, which has a summary's shape, there are no bounds."""
+    """Return the best sub-lists by rising cost. Without ``query``, which has a summary's shape, there are no bounds."""
     best, cost = np.full(count, -1, dtype=np.int64), np.full(count, np.inf)
     place, stride, followed, segment = sublists.place, sublists.stride, sublists.followed, sublists.segment
     found = 0
@@ -166,7 +167,7 @@ def _bound_segments(
 def _cost(
     theta: np.ndarray, history: np.ndarray, place: float, stride: float, displacement_weight: float, limit: float
 ) -> float:
-    """The cost of one sub-list, or infinity as soon as it is above ``limit``."""
+    """Return the cost of one sub-list, or infinity as soon as it is above ``limit``."""
     k, d = history.shape
     last = len(theta) - 1
     new, old = int(place), int(place - (k - 1) * stride)
@@ -224,12 +225,12 @@ class MotionConfig:
 
     @property
     def uses_database(self) -> bool:
-        """Whether reference movements are needed at all."""
+        """Return whether reference movements are needed at all."""
         return self.rule in (MotionRule.BLEND, MotionRule.BEST_SUBLIST)
 
     @property
     def past(self) -> int:
-        """Frames that the clip of a sub-list must hold before its newest one."""
+        """Return the frames that the clip of a sub-list must hold before its newest one."""
         return max(self.history - 1, self.checked, *SPANS)
 
 
@@ -284,14 +285,16 @@ def load_motions(path: Path, at_hz: float, config: MotionConfig) -> MotionDataba
 def reference_motions(
     clips: Sequence[np.ndarray], rate_hz: Sequence[float], at_hz: float, compared: int, config: MotionConfig
 ) -> MotionDatabase:
-    """The database of clips of pose vectors (n_i, d), recorded at ``rate_hz`` each, for a recording of ``at_hz``."""
+    """Return the database of clips of pose vectors (n_i, d), recorded at ``rate_hz`` each, for a recording of
+    ``at_hz``.
+    """
     return build_database(clips, rate_hz, at_hz, compared, config.speeds, config.history, config.past)
 
 
 def predict_joints(
     history_m: np.ndarray, steps: int, database: MotionDatabase | None, config: MotionConfig
 ) -> JointPrediction:
-    """The joints of the next ``steps`` frames from the last ones (k, 21, 3) world metres, newest last."""
+    """Return the joints of the next ``steps`` frames from the last ones (k, 21, 3) world metres, newest last."""
     recent = np.asarray(history_m, dtype=np.float64)
     vectors = pose_vectors(recent)
     prediction = predict(vectors, steps, COMPARED, database, config)
@@ -301,7 +304,7 @@ def predict_joints(
 def predict(
     history: np.ndarray, steps: int, compared: int, database: MotionDatabase | None, config: MotionConfig
 ) -> Prediction:
-    """The next ``steps`` poses after ``history`` (k, d), newest last. Raises ValueError on an empty history.
+    """Return the next ``steps`` poses after ``history`` (k, d), newest last. Raises ValueError on an empty history.
 
     compared: columns that count in how good a prediction was, those of the database.
     The paper's rule is theta^(t+h) = theta^t + theta_s^(j+h) - theta_s^j. Ours takes the mean of that over several
@@ -335,7 +338,7 @@ def _similar(history: np.ndarray, steps: int, database: MotionDatabase, config: 
 def _blend(
     history: np.ndarray, steps: int, database: MotionDatabase, matches: Matches, config: MotionConfig
 ) -> Prediction:
-    """The weighted mean of the matches and the patient's own velocity, each as far as it is trusted."""
+    """Return the weighted mean of the matches and the patient's own velocity, each as far as it is trusted."""
     weight = (1e-6 + matches.distance_m[0]) ** 2 / (1e-6 + matches.distance_m) ** 2
     before = config.past
     matched = np.tensordot(weight / weight.sum(), matches.poses(database, np.arange(-before, steps + 1)), axes=1)
@@ -352,7 +355,9 @@ def _blend(
 
 
 def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compared: int, checked: int) -> float:
-    """How much better the matches explain the last frames of the history than the velocity before them does, 0 to 1."""
+    """Return how much better the matches explain the last frames of the history than the velocity before them does, 0
+    to 1.
+    """
     back = min(checked, len(history) - 2)
     known = np.flatnonzero(np.isfinite(history[:, :compared]).all(axis=0))
     happened = history[-1] - history[-1 - back]
@@ -363,12 +368,12 @@ def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compare
 
 
 def _travelled(steps: int) -> np.ndarray:
-    """(steps,) frames' worth of velocity after each step."""
+    """Return (steps,) frames' worth of velocity after each step."""
     return np.cumsum(DAMPING ** np.arange(steps))
 
 
 def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
-    """(s,) float64, sum 1: how much the velocity over each span (frames, rising) is to be trusted.
+    """Return (s,) float64, sum 1: how much the velocity over each span (frames, rising) is to be trusted.
 
     A short span follows the movement, a long one averages the noise out. Which is better is measured by how well each
     would have predicted the newest frames from the ones before, all columns together. A span that the history (k, d),

@@ -44,19 +44,19 @@ class Section:
 
     @property
     def legend(self) -> list[tuple[str, str]]:
-        """(colour as web pages write it, meaning)."""
+        """Return (colour as web pages write it, meaning)."""
         return [(as_hex(colour), meaning) for colour, meaning in self.stage.legend]
 
     @property
     def embedded(self) -> dict[str, str]:
-        """The pictures for data addresses."""
+        """Return the pictures for data addresses."""
         return {camera: base64.b64encode(png).decode("ascii") for camera, png in self.pictures.items()}
 
 
 def write_inspection(
     folder: Path, title: str, sections: Sequence[Section], account: Sequence[str], facts: dict[str, Any]
 ) -> Path:
-    """Writes each camera's pictures, inspect.json and index.html into an existing folder; returns the page's path.
+    """Write each camera's pictures, inspect.json and index.html into an existing folder; returns the page's path.
 
     The pictures are ``<camera>/<number>_<stage>.png`` in the order of the stages; the page embeds them all.
     """
@@ -200,7 +200,7 @@ STAGES: Final = (
 
 
 def inspection_sections(inspection: Inspection, config: TrackConfig) -> tuple[Section, ...]:
-    """The stages in their order, with a picture for each camera that has one of this frame."""
+    """Return the stages in their order, with a picture for each camera that has one of this frame."""
     cameras = [
         InspectedCamera(inspection, number, depth, config)
         for number, depth in enumerate(inspection.frame_set.depths_m)
@@ -219,7 +219,7 @@ def inspection_sections(inspection: Inspection, config: TrackConfig) -> tuple[Se
 
 
 def inspection_facts(inspection: Inspection) -> dict[str, Any]:
-    """The same in numbers, for inspect.json: pixels of each kind, nodes, anchors, matches, joints."""
+    """Return the same in numbers, for inspect.json: pixels of each kind, nodes, anchors, matches, joints."""
     facts: dict[str, Any] = {
         "recording": inspection.room.recording.folder.resolve().name,
         "frame": inspection.frame_set.frame,

@@ -76,7 +76,9 @@ class OverlayScene:
 
 
 def draw_scene(scene: OverlayScene) -> np.ndarray:
-    """The scene as a picture: filled joints are observed, hollow ones inferred, crossed ones of unknown cause."""
+    """Return the scene as a picture: filled joints are observed, hollow ones inferred, crossed ones of unknown
+    cause.
+    """
     scale = scale_of(scene.camera)
     picture = enlarge(shade(scene.depth_m, None if scene.labels is None else _tint(scene.labels)), scale)
     to_pixel = projector(scene.camera, scale)
@@ -95,7 +97,7 @@ def draw_scene(scene: OverlayScene) -> np.ndarray:
 
 
 def _tint(labels: np.ndarray) -> np.ndarray:
-    """(height, width, 3): people and equipment in their colours, everything else white."""
+    """Return (height, width, 3): people and equipment in their colours, everything else white."""
     tint = np.full((*labels.shape, 3), 255.0)
     for label, colour in _LABEL_TINT.items():
         chosen = labels >= label if label is PixelLabel.OTHER_PERSON else labels == label
@@ -163,7 +165,7 @@ class FramePicture:
 
 
 def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[PictureRecord, ...]:
-    """Writes the pictures to ``folder``/pictures and returns their entries for run.json."""
+    """Write the pictures to ``folder``/pictures and returns their entries for run.json."""
     records = []
     for picture in pictures:
         file = f"pictures/{picture.frame:06d}_{picture.camera}.png"
@@ -206,13 +208,14 @@ def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np
 
 
 def _uncertainty(joints: JointTable, row: int) -> tuple[int, int, float]:
-    """Joints lost, then joints not seen, then sigma."""
+    """Return the joints lost, then joints not seen, then sigma."""
     state_code, sigma = joints.state_code[row], joints.sigma_m[row]
     return int((state_code == LOST).sum()), int((state_code > 0).sum()), float(np.nanmedian(sigma))
 
 
 def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: SurfaceConfig) -> Iterator[FramePicture]:
-    """A picture from each camera of each frame of ``choose_frames``; none without a body or without person labels.
+    """Yield a picture from each camera of each frame of ``choose_frames``; none without a body or without person
+    labels.
 
     results: a folder with all tables; sheet: how a camera's mesh is made.
     """
@@ -252,7 +255,7 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
 
 
 def _posed_skin(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | None:
-    """(v, 3) the skin of the learnt body in the pose of this row, None where the patient is lost."""
+    """Return (v, 3) the skin of the learnt body in the pose of this row, None where the patient is lost."""
     if not np.isfinite(poses.head_m[row]).all():
         return None
     asset = body_points().asset

@@ -31,7 +31,7 @@ class Layer:
 
 
 def draw_depth(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Distance as colour, yellow near and blue far, with a colour bar below."""
+    """Return the distance as colour, yellow near and blue far, with a colour bar below."""
     seen = depth_m > 0
     near, far = np.percentile(depth_m[seen], [1, 99]) if seen.any() else (0.0, 1.0)
     far = max(float(far), float(near) + 1e-3)
@@ -43,7 +43,9 @@ def draw_depth(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def draw_layers(depth_m: np.ndarray, camera: Camera, layers: Sequence[Layer]) -> np.ndarray:
-    """The grey depth picture with masks laid over it, later ones on top; pixels without reading are coloured too."""
+    """Return the grey depth picture with masks laid over it, later ones on top; pixels without reading are coloured
+    too.
+    """
     scale = scale_of(camera)
     picture = enlarge(shade(depth_m), scale)
     for layer in layers:
@@ -95,7 +97,7 @@ def draw_crosses(picture: np.ndarray, places: np.ndarray, colour: Colour) -> Non
 
 
 def draw_bar(picture: np.ndarray, low: str, high: str, reverse: bool = False) -> np.ndarray:
-    """The picture with its colour scale below: ``low`` dark to ``high`` light or, reversed, light to dark."""
+    """Return the picture with its colour scale below: ``low`` dark to ``high`` light or, reversed, light to dark."""
     ramp = np.linspace(255, 0, 240) if reverse else np.linspace(0, 255, 240)
     colours = cv2.COLORMAP_CIVIDIS if reverse else cv2.COLORMAP_VIRIDIS
     strip = np.zeros((34, picture.shape[1], 3), np.uint8)
@@ -128,7 +130,7 @@ def _draw_iso_lines(picture: np.ndarray, camera: Camera, pixel: np.ndarray, band
 def _blocks(
     picture: np.ndarray, camera: Camera, pixel: np.ndarray, values: np.ndarray, empty: np.ndarray
 ) -> np.ndarray:
-    """(height, width, ...) the picture with the value of each node in its block, ``empty`` where there is none.
+    """Return (height, width, ...) the picture with the value of each node in its block, ``empty`` where there is none.
 
     The spacing of the nodes is the greatest number of which all rows and columns are multiples.
     """
@@ -143,7 +145,8 @@ PART_COLOURS: Final = (Ink.ORANGE, Ink.SKY, Ink.YELLOW, Ink.PURPLE, Ink.GREEN, I
 
 
 def draw_model(camera: Camera, depth_m: np.ndarray, model: EquipmentModel | None, axes: bool = False) -> np.ndarray:
-    """Each part's outline and name over the depth picture (height, width); other parts may hide a part's outline.
+    """Return each part's outline and name over the depth picture (height, width); other parts may hide a part's
+    outline.
 
     axes: the world's too, 0.3 m each from its origin.
     """
@@ -162,7 +165,7 @@ def draw_model(camera: Camera, depth_m: np.ndarray, model: EquipmentModel | None
 def _draw_part_outlines(
     picture: np.ndarray, camera: Camera, depth_m: np.ndarray, model: EquipmentModel
 ) -> list[EquipmentPart]:
-    """The outline of each part that the camera sees; returns these parts."""
+    """Return the outline of each part that the camera sees; returns these parts."""
     rendering = EquipmentCaster(model).render(camera, invert_rigid(camera.require_pose()))
     if rendering is None:
         return []

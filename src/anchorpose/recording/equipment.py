@@ -266,7 +266,7 @@ def equipment_files(path: Path) -> tuple[Path, ...]:
 
 
 def write_equipment(path: Path, equipment: EquipmentModel) -> None:
-    """Writes boxes and cylinders as an equipment.json; raises TypeError on a mesh, which is a file of its own."""
+    """Write boxes and cylinders as an equipment.json; raises TypeError on a mesh, which is a file of its own."""
     document = {"format": "equipment-model", "version": 1, "parts": [_part_entry(part) for part in equipment.parts]}
     with whole_file(path) as partial:
         partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")

@@ -87,7 +87,7 @@ class Trial:
 
     @property
     def end_s(self) -> float:
-        """When the trial has ended."""
+        """Return when the trial has ended."""
         return self.start_s + self.duration_s
 
 
@@ -100,11 +100,13 @@ class Trials:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Each condition once, in the order in which they first stand in the file; the first is the reference."""
+        """Return each condition once, in the order in which they first stand in the file; the first is the
+        reference.
+        """
         return tuple(dict.fromkeys(trial.condition for trial in self.rows))
 
     def column(self, name: str) -> tuple[float | str | None, ...]:
-        """The cells of a column; raises ValueError where there is none of that name."""
+        """Return the cells of a column; raises ValueError where there is none of that name."""
         place = [column.name for column in self.columns].index(name)
         return tuple(trial.cells[place] for trial in self.rows)
 
@@ -118,24 +120,24 @@ class RecordedSpan:
 
 
 def recorded_span(time_s: np.ndarray) -> RecordedSpan:
-    """The span of all frames (n,) of the first camera, tracked or not; a single frame has no duration."""
+    """Return the span of all frames (n,) of the first camera, tracked or not; a single frame has no duration."""
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     return RecordedSpan(float(time_s[0]), float(time_s[-1]) + step_s)
 
 
 def events_files(folder: Path) -> list[Path]:
-    """Those of events.tsv and events.json that a recording folder holds."""
+    """Return those of events.tsv and events.json that a recording folder holds."""
     path = folder / EVENTS_FILE
     return [file for file in (path, sidecar_of(path)) if is_there(file)] if is_there(path) else []
 
 
 def sidecar_of(path: Path) -> Path:
-    """The file of units beside an events file: events.json beside events.tsv."""
+    """Return the file of units beside an events file: events.json beside events.tsv."""
     return path.with_suffix(".json")
 
 
 def read_trials(path: Path, span: RecordedSpan) -> Trials:
-    """The trials of an events file; raises InputError naming the file, the line and the remedy.
+    """Return the trials of an events file; raises InputError naming the file, the line and the remedy.
 
     Refused are missing and repeated columns, texts in place of numbers, trials without a duration, outside of the
     recording or overlapping, and numbers without a unit in the file beside it.
@@ -197,7 +199,7 @@ def _require_rows(path: Path, head: Sequence[str], rows: Sequence[tuple[int, lis
 
 
 def _trial(path: Path, line: int, cells: dict[str, str], span: RecordedSpan) -> Trial:
-    """The trial of a line, still without number and own columns."""
+    """Return the trial of a line, still without number and own columns."""
     onset_s, duration_s = (_number(path, line, name, cells[name]) for name in ("onset", "duration"))
     if onset_s is None or duration_s is None or cells["trial_type"] in ("", MISSING):
         name = next(name for name in REQUIRED if cells[name] in ("", MISSING))
@@ -216,7 +218,7 @@ def _trial(path: Path, line: int, cells: dict[str, str], span: RecordedSpan) -> 
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float | None:
-    """A number; None where it is missing."""
+    """Return a number; None where it is missing."""
     if text in ("", MISSING):
         return None
     try:
@@ -259,7 +261,7 @@ class ColumnEntry(Entry, extra="ignore"):
 
 
 def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
-    """What the file of units says of each own column; nothing where it is absent."""
+    """Return what the file of units says of each own column; nothing where it is absent."""
     if not is_there(path):
         return {}
     document = read_json(path, LARGEST_EVENTS)
@@ -268,7 +270,9 @@ def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
 
 
 def _column(path: Path, name: str, texts: Sequence[str], entry: ColumnEntry | None) -> TrialColumn:
-    """A column of numbers where it has a unit, of texts where a cell is none; raises InputError for a lack of unit."""
+    """Return a column of numbers where it has a unit, of texts where a cell is none; raises InputError for a lack of
+    unit.
+    """
     description = "" if entry is None else entry.description
     known = [text for text in texts if text not in ("", MISSING)]
     if name == BLOCK_COLUMN or (entry is not None and entry.units is None and entry.levels is not None):

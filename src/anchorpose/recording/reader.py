@@ -208,7 +208,7 @@ def _check_same_frames(folder: Path, path: Path, files: dict[int, str], times: d
 
 
 def _require_usable(camera: Camera, stream: DepthStream) -> None:
-    """Raises InputError where no depth image can be used: then the camera is wrong, not a single image."""
+    """Raise InputError where no depth image can be used: then the camera is wrong, not a single image."""
     first_problem = ""
     for file in stream.files:
         problem = read_depth_image(file, camera).problem

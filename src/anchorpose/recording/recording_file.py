@@ -91,7 +91,7 @@ def read_timestamps(path: Path) -> dict[int, float]:
 
 
 def require_seconds(path: Path, time_s: np.ndarray) -> None:
-    """Raises InputError where the times (n,) can only be of another unit, or of none."""
+    """Raise InputError where the times (n,) can only be of another unit, or of none."""
     with np.errstate(over="ignore"):
         step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if step > LONGEST_STEP_S:

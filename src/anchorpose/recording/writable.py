@@ -24,7 +24,7 @@ BEGINNING: Final = 4096  # bytes of a file in which its mark is looked for
 
 
 def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) -> None:
-    """Raises InputError where nothing may be written: at an address, at the root, through a link, in a recording, or
+    """Raise InputError where nothing may be written: at an address, at the root, through a link, in a recording, or
     where an input would lie in what is written, or what is written in an input.
 
     of_recording: what is written becomes a part of a recording, and may lie in one.
@@ -50,8 +50,9 @@ def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) ->
 
 
 def check_file(path: Path, mark: str, *inputs: Path | None, of_recording: bool = False) -> None:
-    """Raises InputError where no file may be written: as ``check_place``, or where something stands there that does not
-    begin as what this verb writes, with ``mark`` in its first 4,096 bytes."""
+    """Raise InputError where no file may be written: as ``check_place``, or where something stands there that does not
+    begin as what this verb writes, with ``mark`` in its first 4,096 bytes.
+    """
     check_place(path, *inputs, of_recording=of_recording)
     if os.path.lexists(path) and not _begins_with(path, mark):
         raise InputError(path, "exists already, with other content", "choose another name; nothing was changed")
@@ -71,7 +72,7 @@ def _begins_with(path: Path, mark: str) -> bool:
 
 @contextmanager
 def new_folder(folder: Path, path: Path) -> Iterator[None]:
-    """Makes a folder and its parents where they are absent; those that are empty vanish when the block raises.
+    """Make a folder and its parents where they are absent; those that are empty vanish when the block raises.
 
     Raises InputError about ``path``, which the user named, where they cannot be made.
     """
@@ -95,8 +96,9 @@ def _make(folder: Path, path: Path) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """The name of a file beside ``path`` that takes its place when the block ends without an error, and vanishes
-    otherwise; an error of the disk names ``path``."""
+    """Yield the name of a file beside ``path`` that takes its place when the block ends without an error, and vanishes
+    otherwise; an error of the disk names ``path``.
+    """
     partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
     try:
         yield partial

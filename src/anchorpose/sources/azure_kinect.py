@@ -138,7 +138,7 @@ def matches(path: Path, head: bytes) -> bool:
 
 
 def open_source(path: Path) -> AzureKinectFile:
-    """Reads tracks, tags and calibration; raises InputError where there is no depth, MissingPackage without PyAV."""
+    """Read tracks, tags and calibration; raises InputError where there is no depth, MissingPackage without PyAV."""
     with _opened(path) as container:
         _, mode = _depth_track(path, container)
         lens, lens_note = _lens(container, mode)
@@ -232,7 +232,9 @@ def _image(packet: Packet, height: int, width: int) -> np.ndarray:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[InputContainer]:
-    """The file with PyAV, which may decode nothing but uncompressed images: colour stays unseen even while probing."""
+    """Yield the file with PyAV, which may decode nothing but uncompressed images: colour stays unseen even while
+    probing.
+    """
     try:
         import av
     except ImportError:

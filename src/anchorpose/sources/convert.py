@@ -175,7 +175,7 @@ def _convert(
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
-    """Raises InputError where ``out`` cannot be written, or an input would be given twice or overwritten."""
+    """Raise InputError where ``out`` cannot be written, or an input would be given twice or overwritten."""
     check_place(out, *inputs)
     sources = [path.resolve() for path in inputs]
     for path, source in zip(inputs, sources, strict=True):
@@ -304,7 +304,7 @@ def look_at(path: Path) -> DirectInput:
 
 
 def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
-    """Converts what is not ready and returns its notes; raises InputError with the way round where it cannot."""
+    """Convert what is not ready and returns its notes; raises InputError with the way round where it cannot."""
     if not _may_write(direct.recording.parent):
         remedy = f"make the recording elsewhere with 'anchorpose convert {direct.given.name} OUT'"
         raise InputError(direct.recording.parent, "cannot be written", remedy)

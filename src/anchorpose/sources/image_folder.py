@@ -91,7 +91,7 @@ def _is_array(path: Path, head: bytes) -> bool:
 
 
 def _open_array(path: Path) -> ImageArray:
-    """Raises InputError where the array is not of depth images."""
+    """Raise InputError where the array is not of depth images."""
     with open_regular(path) as file:
         try:
             shape, columns, kind = _npy_header(file)
@@ -130,7 +130,7 @@ def _as_uint16(image: np.ndarray) -> np.ndarray:
 
 
 def _require_metres(path: Path, image: np.ndarray) -> None:
-    """Raises InputError where the median of what was read cannot be in metres."""
+    """Raise InputError where the median of what was read cannot be in metres."""
     seen = image[np.isfinite(image) & (image > 0)]
     if len(seen) and not NEAREST_M < float(np.median(seen)) < FARTHEST_M:
         problem = f"holds depth of {float(np.median(seen)):.4g} in the middle, which is no distance in metres"
@@ -175,7 +175,7 @@ def _is_images(path: Path, head: bytes) -> bool:
 
 
 def _open_images(path: Path) -> ImageFiles:
-    """Raises InputError where the sidecar cannot be used."""
+    """Raise InputError where the sidecar cannot be used."""
     images = _images(path)
     width, height = first_size(path, images)
     grey = [file for file in images if grey_size(file) is not None]
@@ -259,7 +259,7 @@ def _is_raw_dump(path: Path, head: bytes) -> bool:
 
 
 def _open_raw(path: Path) -> Source:
-    """Raises InputError where the sidecar does not fit."""
+    """Raise InputError where the sidecar does not fit."""
     sidecar = _sidecar(path)
     given = read_document(sidecar, SidecarDocument)
     if given.width is None or given.height is None:

@@ -88,7 +88,7 @@ def list_arrays(data: memoryview) -> list[MatArray]:
 
 
 def _body(data: memoryview, order: str) -> memoryview:
-    """The content of the array that was compressed, as far as it was unpacked."""
+    """Return the content of the array that was compressed, as far as it was unpacked."""
     if len(data) < 8 or struct.unpack_from(f"{order}I", data) != (_MATRIX,):
         raise ValueError("a compressed element that is not an array")
     return data[8:]

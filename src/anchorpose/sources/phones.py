@@ -73,7 +73,7 @@ def _is_stray(path: Path, head: bytes) -> bool:
 
 
 def _open_stray(path: Path) -> ImageFiles:
-    """Raises InputError where the files do not fit each other."""
+    """Raise InputError where the files do not fit each other."""
     images = images_in(path / "depth")
     size = first_size(path / "depth", images)
     times, positions_m = _odometry(path / "odometry.csv")
@@ -144,7 +144,7 @@ def _is_record3d(path: Path, head: bytes) -> bool:
 
 
 def _open_record3d(path: Path) -> ImageFiles:
-    """Raises InputError where the file cannot be used, MissingPackage without lzfse."""
+    """Raise InputError where the file cannot be used, MissingPackage without lzfse."""
     try:
         import lzfse  # noqa: F401
     except ImportError:
@@ -187,7 +187,7 @@ def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
 
 
 def _read(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
-    """Raises ValueError where damage states more bytes: zipfile asks for as much memory as is stated."""
+    """Raise ValueError where damage states more bytes: zipfile asks for as much memory as is stated."""
     info = archive.getinfo(name)
     if max(info.file_size, info.compress_size) > most:
         raise ValueError(f"{name} cannot be that large")

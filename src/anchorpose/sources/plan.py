@@ -55,7 +55,7 @@ class Plan:
 
 
 def make_plan(sources: Sequence[Source], options: ConvertOptions) -> Plan:
-    """Raises InputError where something is missing that only the user can give, or is given twice."""
+    """Raise InputError where something is missing that only the user can give, or is given twice."""
     all_cameras = [camera for source in sources for camera in source.cameras]
     if options.intrinsics is not None and all(camera.intrinsics is not None for camera in all_cameras):
         raise InputError(sources[0].path, "has its own lens", "leave --intrinsics out")
@@ -159,7 +159,7 @@ def _poses_of_one_world(
 
 
 def _require_valid(sources: Sequence[Source], cameras: Sequence[Sequence[CameraPlan]]) -> None:
-    """Raises InputError where a file's numbers are none that a recording may have."""
+    """Raise InputError where a file's numbers are none that a recording may have."""
     for source, own in zip(sources, cameras, strict=True):
         document = {"format": "rgbd-recording", "version": 1, "cameras": [plan.document() for plan in own]}
         validate(source.path, RecordingDocument, document)
@@ -253,7 +253,7 @@ class CameraWriter:
         self._rows.close()
 
     def write(self, time_s: float, grey: np.ndarray, number: int | None = None) -> Path | None:
-        """Writes an image and returns its file; None where it is not later than the one before and is left out.
+        """Write an image and returns its file; None where it is not later than the one before and is left out.
 
         time_s as in ``SourceFrame``; number: larger than the last one, where the source knows of images that it lost.
         """

@@ -131,7 +131,7 @@ Image = ImageMessage | CompressedMessage
 
 
 def read_image(message: Message) -> ImageMessage:
-    """Raises DamagedBag."""
+    """Raise DamagedBag."""
     reader = MessageFields(message)
     stamp_ns, frame_id = reader.header()
     height, width, encoding = reader.whole("I"), reader.whole("I"), reader.text()
@@ -142,14 +142,14 @@ def read_image(message: Message) -> ImageMessage:
 
 
 def read_compressed(message: Message) -> CompressedMessage:
-    """Raises DamagedBag."""
+    """Raise DamagedBag."""
     reader = MessageFields(message)
     stamp_ns, frame_id = reader.header()
     return CompressedMessage(stamp_ns, frame_id, reader.text(), reader.take(reader.whole("I")))
 
 
 def read_camera_info(message: Message) -> CameraInfo:
-    """Raises DamagedBag."""
+    """Raise DamagedBag."""
     reader = MessageFields(message)
     _, frame_id = reader.header()
     height, width, model = reader.whole("I"), reader.whole("I"), reader.text()

@@ -172,8 +172,9 @@ def find_streams(bag: Bag, path: Path) -> Streams:
 
 
 def _candidates(bag: Bag, notes: list[str]) -> list[_Candidate]:
-    """List topics that say depth in their name and have images of an encoding for it; infrared has the same
-    encodings."""
+    """List the topics that have depth in their name and have images of an encoding for it; infrared has the same
+    encodings.
+    """
     candidates = []
     for channel in bag.channels:
         if channel.kind not in (IMAGE, COMPRESSED) or "depth" not in channel.topic.lower():

@@ -37,7 +37,7 @@ class Border(IntEnum):
 
 
 def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
-    """(n,) uint8 of ``Border`` for each node; views: one per camera, in the order of ``surface.camera``.
+    """Return (n,) uint8 of ``Border`` for each node; views: one per camera, in the order of ``surface.camera``.
 
     A camera without a node of the surface is skipped; a hidden node is ``INSIDE``.
     """
@@ -51,7 +51,9 @@ def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
 
 
 def _border_of_pixels(view: View) -> np.ndarray:
-    """(height, width) uint8 of ``Border``, valid on the patient's pixels; only their surroundings are searched."""
+    """Return (height, width) uint8 of ``Border``, valid on the patient's pixels; only their surroundings are
+    searched.
+    """
     whole = np.zeros(view.labels.shape, np.uint8)
     top, bottom, left, right = extent(view.patient)
     if bottom == 0:
@@ -90,7 +92,7 @@ def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.ndarray:
-    """The highest kind within a disc (odd, odd) of each pixel; edges are few, so each is spread by itself."""
+    """Return the highest kind within a disc (odd, odd) of each pixel; edges are few, so each is spread by itself."""
     height, width = kind.shape
     reach = len(disc) // 2
     near = np.zeros_like(kind)
@@ -150,7 +152,7 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _surrounded(depth: np.ndarray, labels: np.ndarray, row: int, col: int, nearest: float) -> bool:
-    """Whether the patient is all around a pixel, nowhere nearer than that: so it is for most pixels."""
+    """Return whether the patient is all around a pixel, nowhere nearer than that: so it is for most pixels."""
     surrounded = True
     for i in range(row - 1, row + 2):
         for j in range(col - 1, col + 2):
@@ -163,7 +165,8 @@ def _disc(radius: int) -> np.ndarray:
 
 
 def _holes(labels: np.ndarray) -> np.ndarray | None:
-    """(height, width) uint8: lost readings thick enough to hide something and largely within the patient; None if none.
+    """Return (height, width) uint8: lost readings thick enough to hide something and largely within the patient; None
+    if none.
 
     Recordings whose background was removed lose everything around the patient; that is not a hole, for it reaches the
     edge of what is searched.
@@ -187,7 +190,9 @@ def _holes(labels: np.ndarray) -> np.ndarray | None:
 
 @njit(cache=True, nogil=True)
 def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.ndarray, count: int) -> tuple:
-    """(count,) pixels of the rim (r,) within a disc (5, 5) of each component, and how many of them are patient."""
+    """Return (count,) pixels of the rim (r,) within a disc (5, 5) of each component, and how many of them are
+    patient.
+    """
     height, width = component.shape
     length, enclosed = np.zeros(count, np.int64), np.zeros(count, np.int64)
     last = np.full(count, -1, np.int64)  # the last pixel of the rim that each component counted

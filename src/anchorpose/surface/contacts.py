@@ -26,7 +26,7 @@ SHOWN_OFF_M: Any = np.float32(0.02)  # ... and to its plane: along the skin the 
 
 @njit(cache=True, nogil=True)
 def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """(n,) int32: the one of two candidates (n, 2) int32 that each node shows; -1 = no candidate.
+    """Return (n,) int32: the one of two candidates (n, 2) int32 that each node shows; -1 = no candidate.
 
     Grows from nodes with one candidate into those with two, which take the one nearer on the body to where they were
     reached from; a way over creases is longer. Label correcting, so the order of the nodes does not matter.
@@ -74,7 +74,7 @@ def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.nd
 
 
 def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
-    """The surface without the edges that a contact made; its ``skin`` is that of ``assign_skin``.
+    """Return the surface without the edges that a contact made; its ``skin`` is that of ``assign_skin``.
 
     A contact is a connected set of edges whose ends are far apart on the body; it is cut if at least half of them fold
     inwards, step, or show skin that is expected just there.
@@ -85,7 +85,7 @@ def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
 
 @njit(cache=True, nogil=True)
 def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: np.float32) -> np.ndarray:
-    """The ring without the edges of contacts; skin (n,) int32 of ``Surface``."""
+    """Return the ring without the edges of contacts; skin (n,) int32 of ``Surface``."""
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
     seam = np.arange(count).astype(np.int32)  # union-find forest: the nodes of one contact
@@ -125,7 +125,7 @@ def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: n
 
 @njit(cache=True, nogil=True)
 def _near_skin(points: np.ndarray, node: Any, skin: SkinArrays, under: int) -> bool:
-    """Whether a node lies at the skin point that it shows."""
+    """Return whether a node lies at the skin point that it shows."""
     squared, along = np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[node, axis] - skin.points_m[under, axis]
@@ -136,7 +136,7 @@ def _near_skin(points: np.ndarray, node: Any, skin: SkinArrays, under: int) -> b
 
 @njit(cache=True, nogil=True)
 def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: np.float32) -> bool:
-    """Whether an edge leaves the skin of either end steeply."""
+    """Return whether an edge leaves the skin of either end steeply."""
     apart2, from_p, from_q = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[q, axis] - points[p, axis]

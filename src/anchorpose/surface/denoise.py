@@ -59,12 +59,14 @@ def denoise(depth_m: np.ndarray, mask: np.ndarray, noise: float | None = None, r
 
 
 def jump_coefficients(focal_px: float, noise: float) -> tuple[float, float]:
-    """(slope, spread): neighbours one pixel apart at depth z are on one skin up to ``slope * z + spread * z**2``."""
+    """Return (slope, spread): neighbours one pixel apart at depth z are on one skin up to ``slope * z + spread *
+    z**2``.
+    """
     return float(np.tan(np.radians(MAX_SLANT_DEG))) / focal_px, JUMP_SIGMAS * noise
 
 
 def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_support: int) -> np.ndarray:
-    """The depth without readings that hang in the air between two surfaces.
+    """Return the depth without readings that hang in the air between two surfaces.
 
     depth_m (height, width) float32 metres, 0 = no reading. A pixel stays when at least ``min_support`` of its eight
     neighbours are within the jump limit of ``jump_coefficients``.
@@ -75,7 +77,9 @@ def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_sup
 
 @njit(cache=True, nogil=True)
 def extent(mask: np.ndarray) -> tuple:
-    """(top, bottom, left, right), past the last, of the True entries of (height, width) bool; all 0 without any."""
+    """Return (top, bottom, left, right), past the last, of the True entries of (height, width) bool; all 0 without
+    any.
+    """
     height, width = mask.shape
     columns = np.zeros(width, np.uint8)
     top, bottom = height, 0
@@ -99,7 +103,9 @@ def extent(mask: np.ndarray) -> tuple:
 
 @njit(cache=True, nogil=True)
 def _span(depth: np.ndarray, row: int, left: int, right: int) -> tuple:
-    """(first, last), past the last, of the positive entries of a row between two columns; (right, right) for none."""
+    """Return (first, last), past the last, of the positive entries of a row between two columns; (right, right) for
+    none.
+    """
     while left < right and not depth[row, left] > 0:
         left += 1
     if left == right:
@@ -110,7 +116,7 @@ def _span(depth: np.ndarray, row: int, left: int, right: int) -> tuple:
 
 
 def _spatial(radius: int) -> np.ndarray:
-    """(side, side) float32 Gaussian weights whose spread is half the window."""
+    """Return (side, side) float32 Gaussian weights whose spread is half the window."""
     across = np.arange(-radius, radius + 1) ** 2
     return np.exp(-0.5 * (across[:, None] + across) / (0.5 * len(across)) ** 2).astype(np.float32)
 

@@ -32,14 +32,14 @@ class Pinhole(NamedTuple):
 
 
 def pinhole(camera: Camera) -> Pinhole:
-    """The camera's pose and intrinsics; raises ValueError for a camera without pose."""
+    """Return the camera's pose and intrinsics; raises ValueError for a camera without pose."""
     T_camera_world = np.ascontiguousarray(invert_rigid(camera.require_pose()), dtype=np.float32)
     return Pinhole(T_camera_world, lens_array(camera.intrinsics))
 
 
 @njit(cache=True, nogil=True)
 def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32, np.float32, np.float32]:
-    """Row and column in pixels of one point, and its depth; NaN behind the camera and beyond the lens."""
+    """Return the row and column in pixels of one point, and its depth; NaN behind the camera and beyond the lens."""
     T_camera_world, lens = camera.T_camera_world, camera.lens
     x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
     for axis in range(3):
@@ -66,7 +66,8 @@ MOST_CANDIDATES: Final = 128  # skin points kept for one node; there are about f
 
 
 def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
-    """(k,) bool: skin points with skin beside them that is far away on the body; what nodes near them show is unclear.
+    """Return (k,) bool: skin points with skin beside them that is far away on the body; what nodes near them show is
+    unclear.
 
     Beside is within twice ``AMBIGUOUS_M``: where the prediction is off by more than half of that, some are not found.
     """
@@ -78,7 +79,7 @@ def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
 
 
 def assign_skin(surface: Surface, camera: Camera, expected: ExpectedSkin, ambiguous: np.ndarray) -> Surface:
-    """One camera's surface with the skin point that each node shows, -1 where none is near.
+    """Return one camera's surface with the skin point that each node shows, -1 where none is near.
 
     ambiguous (k,) of ``find_ambiguous_skin``.
     """
@@ -110,7 +111,8 @@ class SkinGrid(NamedTuple):
 def _candidates(
     mesh: MeshArrays, pixel: np.ndarray, skin: SkinArrays, ambiguous: np.ndarray, grid: SkinGrid
 ) -> np.ndarray:
-    """(n, 2) int32: the nearest skin point of each node, and if that is ambiguous the nearest far from it on the body.
+    """Return (n, 2) int32: the nearest skin point of each node, and if that is ambiguous the nearest far from it on the
+    body.
 
     A node first looks around its own pixel, and then at all pixels that may be as near as what it found.
     """
@@ -170,7 +172,7 @@ def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any,
 
 @njit(cache=True, nogil=True)
 def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[int, int, int, int]:
-    """(top, bottom, left, right), past the last, of the cells within some pixels of a node."""
+    """Return (top, bottom, left, right), past the last, of the cells within some pixels of a node."""
     row, col, away = int(pixel[n, 0]), int(pixel[n, 1]), int(reach_px) + 1
     top, bottom = max(row - away, 0) // CELL_PX, (row + away) // CELL_PX + 1
     left, right = max(col - away, 0) // CELL_PX, (col + away) // CELL_PX + 1
@@ -179,7 +181,7 @@ def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[i
 
 @njit(cache=True, nogil=True)
 def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) -> SkinGrid:
-    """The skin points that face the camera and fall into its depth frame."""
+    """Return the skin points that face the camera and fall into its depth frame."""
     points, normals = skin.points_m, skin.normals
     T_camera_world, lens = camera
     cell, start = np.full(len(points), -1, np.int32), np.zeros(rows * cols + 1, np.int32)
@@ -212,7 +214,7 @@ def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) ->
 
 @njit(cache=True, nogil=True)
 def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """(k,) bool: ``find_ambiguous_skin`` for skin points sorted by their second coordinate.
+    """Return (k,) bool: ``find_ambiguous_skin`` for skin points sorted by their second coordinate.
 
     place (3, k), landmarks (k, l) float32. Points within the radius of one follow each other.
     """
@@ -243,7 +245,7 @@ STRETCH: Any = np.float32(0.98)  # paths over neighbours, and over their neighbo
 def add_hidden_skin(
     surface: Surface, expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]
 ) -> Surface:
-    """The surface with the hidden skin as further nodes, after the seen ones: no grid, all links.
+    """Return the surface with the hidden skin as further nodes, after the seen ones: no grid, all links.
 
     depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point that no node
     shows and some camera sees through is left out. Nodes at the rim of what is seen are linked to the skin point that
@@ -274,7 +276,7 @@ def add_hidden_skin(
 
 
 def _seen_through(expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]) -> np.ndarray:
-    """(k,) bool: skin points that are not there, for a camera sees what is behind them."""
+    """Return (k,) bool: skin points that are not there, for a camera sees what is behind them."""
     absent = np.zeros(len(expected.points_m), np.bool_)
     for depth, camera in zip(depths_m, cameras, strict=True):
         _mark_seen_through(expected.points_m, pinhole(camera), depth, absent)
@@ -350,7 +352,7 @@ def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np
 
 @njit(cache=True, nogil=True)
 def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 2) links among new nodes and from the rim to them; (m,) float32 their lengths.
+    """Return (m, 2) links among new nodes and from the rim to them; (m,) float32 their lengths.
 
     Between two that one piece of mesh shows there is none: the mesh leads from one to the other.
     """

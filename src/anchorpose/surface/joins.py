@@ -89,7 +89,7 @@ def _facing_pairs(
 
 @njit(cache=True, nogil=True)
 def _belong(points: np.ndarray, normals: np.ndarray, p: int, q: int, max_width: float) -> bool:
-    """Whether two nodes are near enough, look the same way and each lies near the tangent plane of the other."""
+    """Return whether two nodes are near enough, look the same way and each lies near the tangent plane of the other."""
     width2, from_p, from_q, turn = 0.0, 0.0, 0.0, 0.0
     for axis in range(3):
         gap = np.float64(points[q, axis]) - np.float64(points[p, axis])
@@ -103,7 +103,8 @@ def _belong(points: np.ndarray, normals: np.ndarray, p: int, q: int, max_width: 
 
 
 def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
-    """One camera's surface, on the grid of every ``step``-th pixel, with its pieces joined where they come nearest.
+    """Return one camera's surface, on the grid of every ``step``-th pixel, with its pieces joined where they come
+    nearest.
 
     Pieces that show known skin count as one: hidden skin joins them better than the shortest way would.
     """
@@ -121,7 +122,7 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
 
 
 def join_rest(surface: Surface, max_gap_m: float) -> Surface:
-    """The surface with seen pieces that nothing joins to the largest linked to it where they are nearest.
+    """Return the surface with seen pieces that nothing joins to the largest linked to it where they are nearest.
 
     At most ``max_gap_m`` wide; what is farther off stays apart, and its distances inf.
     """
@@ -168,7 +169,7 @@ def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_g
 
 
 def _seams(index: np.ndarray, piece: np.ndarray) -> np.ndarray:
-    """(k, 2) grid neighbours on different pieces."""
+    """Return (k, 2) grid neighbours on different pieces."""
     rows, cols = index.shape
     found = []
     for down, right in FORWARD:

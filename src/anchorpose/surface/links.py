@@ -14,14 +14,14 @@ from anchorpose.surface.surface import MeshArrays, Surface
 
 
 def links(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """(l, 2) int32 every link once, the smaller index first, and (l,) float32 metres its length."""
+    """Return (l, 2) int32 every link once, the smaller index first, and (l,) float32 metres its length."""
     source = np.repeat(np.arange(len(surface), dtype=np.int32), np.diff(surface.link_start))
     once = source < surface.link_node
     return np.stack([source[once], surface.link_node[once]], axis=1), surface.link_length_m[once]
 
 
 def straight_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """(l,) float32: how far the nodes of each pair are apart."""
+    """Return (l,) float32: how far the nodes of each pair are apart."""
     length: np.ndarray = np.linalg.norm(points_m[pairs[:, 0]] - points_m[pairs[:, 1]], axis=1).astype(np.float32)
     return length
 
@@ -40,7 +40,8 @@ def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple
 def add_links(
     surface: Surface, pairs: np.ndarray, length_m: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The surface's own links, and after them those of ``compress_links``, for count nodes, of which it may have fewer.
+    """Return the surface's own links, and after them those of ``compress_links``, for count nodes, of which it may have
+    fewer.
 
     pairs (m, 2) int32, length_m (m,) float32.
     """
@@ -92,7 +93,9 @@ def _compress(
 
 
 def pieces(surface: Surface) -> np.ndarray:
-    """(n,) int32: number of the connected piece that each node belongs to, in the order of the pieces' first nodes."""
+    """Return (n,) int32: number of the connected piece that each node belongs to, in the order of the pieces' first
+    nodes.
+    """
     return _connected_pieces(surface.arrays)
 
 
@@ -135,7 +138,7 @@ def unite(root: np.ndarray, one: Any, other: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def find_root(root: np.ndarray, node: Any) -> Any:
-    """The root of a node's set; shortens the path to it. Nodes are int64 here and above: one compilation."""
+    """Return the root of a node's set; shortens the path to it. Nodes are int64 here and above: one compilation."""
     while root[node] != node:
         root[node] = root[root[node]]
         node = root[node]

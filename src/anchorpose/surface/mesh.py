@@ -49,7 +49,7 @@ class Window(NamedTuple):
 
 
 def _window(depth: np.ndarray, rays: np.ndarray, margin: int) -> tuple[Window, int, int]:
-    """The window, and the row and column of the depth frame where it begins behind its margin."""
+    """Return the window, and the row and column of the depth frame where it begins behind its margin."""
     top, bottom, left, right = extent(depth > 0)
     shape = bottom - top + 2 * margin, right - left + 2 * margin + 1
     window = Window(*(np.zeros(shape, np.float32) for _ in range(4)))
@@ -97,7 +97,9 @@ def _plane_normals(
 
 @njit(cache=True, nogil=True)
 def _tap_weight(i: int, j: int, radius: int) -> Any:
-    """Weight of a neighbour i rows and j columns away; 0 beyond the window, whose odd rows are taken two by two."""
+    """Return the weight of a neighbour i rows and j columns away; 0 beyond the window, whose odd rows are taken two by
+    two.
+    """
     return np.float32(1.0 - (i**2 + j**2) / (2.0 * (radius + 1) ** 2)) if j <= radius else np.float32(0.0)
 
 
@@ -200,18 +202,18 @@ def build_surface(
 
 
 def edges(surface: Surface) -> np.ndarray:
-    """(e, 2) int32: every edge once, grid edges and links, the smaller index first."""
+    """Return (e, 2) int32: every edge once, grid edges and links, the smaller index first."""
     return np.concatenate([grid_edges(surface), links(surface)[0]])
 
 
 def grid_edges(surface: Surface) -> np.ndarray:
-    """(e, 2) int32: every edge of the grid once, the smaller index first."""
+    """Return (e, 2) int32: every edge of the grid once, the smaller index first."""
     node, place = np.nonzero(surface.ring[:, :4] >= 0)
     return np.sort(np.stack([node, surface.ring[node, place]], axis=1), axis=1).astype(np.int32)
 
 
 def faces(surface: Surface) -> np.ndarray:
-    """(f, 3) int32 triangles, counter-clockwise as the camera sees them; each cell of the grid is cut one way.
+    """Return (f, 3) int32 triangles, counter-clockwise as the camera sees them; each cell of the grid is cut one way.
 
     Links carry no triangles. A cell takes the diagonal that gives more triangles, on a tie the one down to the right.
     """
@@ -243,7 +245,7 @@ def faces(surface: Surface) -> np.ndarray:
 
 
 def keep_nodes(surface: Surface, keep: np.ndarray) -> Surface:
-    """The part of a surface where keep (n,) bool is true; edges to nodes left out are gone, the order stays."""
+    """Return the part of a surface where keep (n,) bool is true; edges to nodes left out are gone, the order stays."""
     if keep.all():
         return surface
     old = np.flatnonzero(keep)
@@ -281,14 +283,16 @@ def _grid_nodes(depth: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _place_nodes(depth: np.ndarray, rays: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-    """(n, 3) float32 camera frame."""
+    """Return (n, 3) float32 camera frame."""
     row, col = pixel.T
     z = depth[row, col]
     return np.stack([rays[row, col, 0] * z, rays[row, col, 1] * z, z], axis=1)
 
 
 def _moved(T_target_source: np.ndarray, vectors: np.ndarray, point: float) -> np.ndarray:
-    """(n, 3) float32: points turned and shifted (point 1), or directions turned (point 0), in double precision."""
+    """Return (n, 3) float32: points turned and shifted (point 1), or directions turned (point 0), in double
+    precision.
+    """
     x, y, z = vectors.T.astype(np.float64)
     moved = [row[0] * x + row[1] * y + row[2] * z + point * row[3] for row in T_target_source[:3]]
     return np.stack(moved, axis=1).astype(np.float32)

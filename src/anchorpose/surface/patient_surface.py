@@ -35,7 +35,7 @@ def fuse(
     expected: ExpectedSkin | None = None,
     config: SurfaceConfig | None = None,
 ) -> Surface:
-    """One surface of all cameras' nodes, in the order given, without those that another camera sees better.
+    """Return one surface of all cameras' nodes, in the order given, without those that another camera sees better.
 
     surfaces: one per camera, each in the world frame, as from ``build_surface``. ``camera`` of the result numbers the
     arguments. expected: the skin that ``skin`` of the surfaces refers to; nodes that show skin far apart on the body
@@ -68,7 +68,7 @@ def fuse(
 
 
 def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
-    """All nodes, each surface's own links, nothing between the cameras."""
+    """Return all nodes, each surface's own links, nothing between the cameras."""
     return Surface(
         points_m=np.concatenate([surface.points_m for surface in surfaces]),
         normals=np.concatenate([surface.normals for surface in surfaces]),
@@ -113,7 +113,7 @@ def _same_skin(
     cameras: tuple[Camera, Camera],
     config: SurfaceConfig,
 ) -> np.ndarray:
-    """(m, 2) int32 pairs: each node of the source with the corners of the target's cell that it falls into.
+    """Return (m, 2) int32 pairs: each node of the source with the corners of the target's cell that it falls into.
 
     source, target (2,): first node and the one after the last; cameras: theirs. Marks in ``dropped`` the nodes of the
     source that the target's camera sees better.
@@ -131,7 +131,7 @@ def _same_skin(
 
 
 def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
-    """Pixels between neighbours on the grid the surface was made from."""
+    """Return the pixels between neighbours on the grid the surface was made from."""
     east = np.flatnonzero(ring[:, 0] >= 0)
     if len(east) == 0:
         return 1
@@ -139,14 +139,14 @@ def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
 
 
 def _lengths_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """(m,) float32, added up in single precision."""
+    """Return (m,) float32, added up in single precision."""
     x, y, z = (points_m[pairs[:, 0]] - points_m[pairs[:, 1]]).T
     length: np.ndarray = np.sqrt(x**2 + y**2 + z**2)
     return length
 
 
 def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
-    """(n,) bool: what stays: nodes that are not dropped, and two rings around them to link them to."""
+    """Return (n,) bool: what stays: nodes that are not dropped, and two rings around them to link them to."""
     stay = ~dropped
     for _ in range(2):
         stay = stay | np.append(stay, False)[ring].any(axis=1)
@@ -191,7 +191,7 @@ def _pair_corners(
 
 @njit(cache=True, nogil=True)
 def _far_on_body(landmarks: np.ndarray, one: int, other: int) -> bool:
-    """Whether two skin points are too far apart on the body to be the same; -1 is unknown and never is."""
+    """Return whether two skin points are too far apart on the body to be the same; -1 is unknown and never is."""
     if one < 0 or other < 0 or one == other:
         return False
     return bool(geodesic_lower_bound(landmarks, one, other) > MAX_ON_BODY_M)
@@ -199,7 +199,7 @@ def _far_on_body(landmarks: np.ndarray, one: int, other: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
-    """Whether two nodes are near, in each other's tangent planes, and turned alike."""
+    """Return whether two nodes are near, in each other's tangent planes, and turned alike."""
     points, normals = nodes.points_m, nodes.normals
     apart2, cosine, off_p, off_q = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     for axis in range(3):
@@ -214,7 +214,9 @@ def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
 
 @njit(cache=True, nogil=True)
 def _squareness(nodes: Nodes, p: int, q: int, eye: np.ndarray) -> np.float32:
-    """Readings that a camera at a place (3,) has for each square metre of skin at p and q, up to a constant."""
+    """Return the readings that a camera at a place (3,) has for each square metre of skin at p and q, up to a
+    constant.
+    """
     points, normals = nodes.points_m, nodes.normals
     along, away2 = np.float32(0), np.float32(0)
     for axis in range(3):
@@ -230,7 +232,8 @@ def patient_surface(
     expected: ExpectedSkin | None = None,
     config: SurfaceConfig | None = None,
 ) -> Surface:
-    """The patient's surface of one frame: seen nodes of all cameras, then hidden skin where the body is expected.
+    """Return the patient's surface of one frame: seen nodes of all cameras, then hidden skin where the body is
+    expected.
 
     views: one per camera, in the order of the cameras; a blank one for a camera without a depth frame. expected: the
     patient's predicted skin; without it bars are bridged and pieces joined by their planes and distances, nothing is
@@ -248,7 +251,7 @@ def patient_surface(
 
 
 def _bridged_mesh(view: View, camera: Camera, config: SurfaceConfig) -> Surface:
-    """What one camera sees of the patient, joined across what hides them."""
+    """Return what one camera sees of the patient, joined across what hides them."""
     mesh = build_surface(view.depth_m, view.patient, camera, config, view.hidden_by_equipment)
     return join_pieces(mesh, config.step, config.max_join_m)
 
@@ -256,13 +259,13 @@ def _bridged_mesh(view: View, camera: Camera, config: SurfaceConfig) -> Surface:
 def _cut_mesh(
     view: View, camera: Camera, expected: ExpectedSkin, ambiguous: np.ndarray, config: SurfaceConfig
 ) -> Surface:
-    """What one camera sees of the patient, cut where parts of the expected body touch."""
+    """Return what one camera sees of the patient, cut where parts of the expected body touch."""
     mesh = build_surface(view.depth_m, view.patient, camera, config)
     mesh = cut_contacts(assign_skin(mesh, camera, expected, ambiguous), expected)
     return join_pieces(mesh, config.step, config.max_join_m)
 
 
 def blank_view(camera: Camera) -> View:
-    """What a camera without a depth frame shows: nothing."""
+    """Return what a camera without a depth frame shows: nothing."""
     shape = camera.height, camera.width
     return View(np.zeros(shape, np.float32), np.full(shape, PixelLabel.NO_READING, np.uint8))

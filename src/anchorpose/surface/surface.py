@@ -96,12 +96,12 @@ class Surface(Nodes):
 
     @property
     def seen_count(self) -> int:
-        """How many nodes a camera saw: these come first."""
+        """Return how many nodes a camera saw: these come first."""
         return int(np.searchsorted(self.camera == HIDDEN_SKIN, True))
 
     @property
     def arrays(self) -> MeshArrays:
-        """Nodes and edges for compiled kernels."""
+        """Return the nodes and edges for compiled kernels."""
         return MeshArrays(
             np.ascontiguousarray(self.points_m, dtype=np.float32),
             np.ascontiguousarray(self.normals, dtype=np.float32),
@@ -113,7 +113,7 @@ class Surface(Nodes):
 
 
 def seen_part(surface: Surface) -> Surface:
-    """The nodes that a camera saw, with the edges and links among them."""
+    """Return the nodes that a camera saw, with the edges and links among them."""
     count = surface.seen_count
     if count == len(surface):
         return surface

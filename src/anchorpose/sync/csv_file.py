@@ -22,7 +22,7 @@ MISSING: Final = ("", "NaN", "nan", "NA", "n/a")
 
 
 def read_csv(path: Path, time_column: str | None = None) -> OtherFile:
-    """The columns of a CSV; time_column: that of the times, None for the first of ``TIME_COLUMNS``.
+    """Return the columns of a CSV; time_column: that of the times, None for the first of ``TIME_COLUMNS``.
 
     Empty cells, NaN, NA and n/a are missing. Raises InputError naming the file and the remedy.
     """

@@ -15,7 +15,7 @@ REMEDY: Final = "export it again as continuous EDF or EDF+"
 
 
 def read_edf(path: Path) -> OtherFile:
-    """Signals by their labels, a stream per sampling rate; annotations are markers, by their texts.
+    """Return the signals by their labels, a stream per sampling rate; annotations are markers, by their texts.
 
     Raises InputError where it is not EDF, MissingPackage without pyedflib.
     """

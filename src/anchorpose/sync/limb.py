@@ -57,7 +57,7 @@ def angular_velocity(joints: JointTable, segment: str) -> Signals:
 
 
 def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float) -> float:
-    """What errors of the segment's direction add to the sigma of an offset found from ``from_s`` to ``to_s``.
+    """Return what errors of the segment's direction add to the sigma of an offset found from ``from_s`` to ``to_s``.
 
     In a movement that goes one way, such as sitting down, a segment that is tracked too far forward in mid-way looks
     as if it were early. Going back it looks late, so that only the change from the first posture to the last counts.
@@ -73,7 +73,9 @@ def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float
 
 
 def _motion(joints: JointTable, segment: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times (g,) of the grid, and there the smoothed middle (g, 3) in metres and axes (g, 3, 3) of a segment."""
+    """Return the times (g,) of the grid, and there the smoothed middle (g, 3) in metres and axes (g, 3, 3) of a
+    segment.
+    """
     upper, lower = (JOINT_INDEX[name] for name in SEGMENTS[segment])
     middle_m = joints.position_m[:, [upper, lower]].mean(axis=1)
     axes = segment_axes(joints.position_m)[:, lower]

@@ -49,7 +49,7 @@ ROUNDS: Final = 3
 
 
 def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = None, has_gravity: bool = False) -> Clock:
-    """The sensor's clock: ours (g, 3) in the segment's axes, theirs (h, k), k of 1 to 3, in the sensor's.
+    """Return the sensor's clock: ours (g, 3) in the segment's axes, theirs (h, k), k of 1 to 3, in the sensor's.
 
     Any unit does. near_s: an offset that is right within half a second, None where none is known. has_gravity: both are
     accelerations of three axes. Raises NoCommonMovement where the best offset explains too little, or another one as
@@ -94,19 +94,20 @@ def rotated_correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _centred(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values without their mean, 0 where unknown, and (n,) 1.0 where a whole row is known."""
+    """Return the values without their mean, 0 where unknown, and (n,) 1.0 where a whole row is known."""
     seen = np.isfinite(values).all(axis=1)
     mean = values[seen].mean(axis=0) if seen.any() else 0.0
     return np.where(seen[:, None], np.nan_to_num(values - mean), 0.0), seen.astype(np.float64)
 
 
 def _sums(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(n + m - 1,) sums of products at each lag."""
+    """Return (n + m - 1,) sums of products at each lag."""
     return np.asarray(correlate(second, first, method="fft"))
 
 
 def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray, float]:
-    """(k, 3) rotation and scale that takes the sensor's axes and unit to the segment's, and the correlation then.
+    """Return (k, 3) rotation and scale that takes the sensor's axes and unit to the segment's, and the correlation
+    then.
 
     clock: one that is near. Raises NoCommonMovement where nothing is common.
     """
@@ -117,7 +118,7 @@ def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray,
 
 
 def _mean_misfit(ours: Signals, turned: Signals, clock: Clock) -> float:
-    """Distance of the mean vectors over the mean size of ours; turned: theirs in our axes and unit."""
+    """Return the distance of the mean vectors over the mean size of ours; turned: theirs in our axes and unit."""
     x, y = _in_common(ours, turned, clock)
     return float(np.linalg.norm(x.mean(axis=0) - y.mean(axis=0)) / np.linalg.norm(x, axis=1).mean())
 

@@ -39,7 +39,7 @@ HIGH, LOW = 0.6, 0.4
 
 
 def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """(p,) times at which pulses begin in a signal (n,) at times (n,); NaN is no pulse.
+    """Return (p,) times at which pulses begin in a signal (n,) at times (n,); NaN is no pulse.
 
     The rarer of its two levels is the pulse, so that pulses may go down. The onset lies midway between two samples,
     unless the signal rises slowly.
@@ -60,7 +60,7 @@ def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None = None) -> tuple[OtherClock, int]:
-    """The other clock, and how many pulses were matched; ours (n,) and theirs (m,) are onsets, rising.
+    """Return the other clock, and how many pulses were matched; ours (n,) and theirs (m,) are onsets, rising.
 
     near_s: an offset that is right within half a second, None where none is known. Raises NoCommonMovement where too
     few pulses match, or another offset matches nearly as many.
@@ -85,7 +85,7 @@ def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | N
 
 
 def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) -> np.ndarray:
-    """(c, 2) offsets and the times of ours at which they hold: each onset of theirs less an anchor of ours."""
+    """Return (c, 2) offsets and the times of ours at which they hold: each onset of theirs less an anchor of ours."""
     anchors = ours_s[np.unique(np.linspace(0, len(ours_s) - 1, ANCHORS).astype(int))]
     tried = np.array([(theirs - anchor, anchor) for anchor in anchors for theirs in theirs_s])
     return tried if near_s is None else tried[np.abs(tried[:, 0] - near_s) <= RIVAL_DISTANCE_S]
@@ -94,7 +94,9 @@ def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) 
 def _matched(
     ours_s: np.ndarray, theirs_s: np.ndarray, offset_s: float, anchor_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (k,) of the onsets that match, ours and theirs; farther from the anchor clocks may have drifted."""
+    """Return the indices (k,) of the onsets that match, ours and theirs; farther from the anchor clocks may have
+    drifted.
+    """
     within_s = TOLERANCE_S + 2.0 * DRIFT_SIGMA * np.abs(ours_s - anchor_s)
     found = nearest_within(ours_s + offset_s, theirs_s, within_s)
     return np.flatnonzero(found >= 0), found[found >= 0]
@@ -114,7 +116,7 @@ def _require_enough(
 
 
 def _fitted(ours_s: np.ndarray, theirs_s: np.ndarray) -> OtherClock:
-    """The line through matched onsets (k,), of which the drift has a prior of 0 ± ``DRIFT_SIGMA``."""
+    """Return the line through matched onsets (k,), of which the drift has a prior of 0 ± ``DRIFT_SIGMA``."""
     middle_s, ahead_s = float(ours_s.mean()), theirs_s - ours_s
     since_s, offset_s = ours_s - middle_s, float(ahead_s.mean())
     sigma_s, drift, information = TOLERANCE_S / 2.0, 0.0, DRIFT_SIGMA**-2

@@ -58,7 +58,7 @@ def synchronise(results: Path, other: Path, settings: SyncSettings) -> Synchroni
 
 
 def _way(settings: SyncSettings) -> str:
-    """The option that says what to compare; raises AnchorposeError unless it is one, with all that it needs."""
+    """Return the option that says what to compare; raises AnchorposeError unless it is one, with all that it needs."""
     given = [way for way in WAYS if getattr(settings, way)]
     if len(given) != 1:
         instead = f", not {' and '.join(f'--{way}' for way in given)} together" if given else ""
@@ -119,7 +119,9 @@ def _by_pulses(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def other_onsets(other: OtherFile, name: str) -> np.ndarray:
-    """(p,) onsets of a stream of markers, or of the pulses of a signal; raises InputError where there is neither."""
+    """Return (p,) onsets of a stream of markers, or of the pulses of a signal; raises InputError where there is
+    neither.
+    """
     markers = [each for each in other.markers if each.name == name]
     if markers:
         return np.unique(np.concatenate([each.time_s for each in markers]))

@@ -58,7 +58,7 @@ def write_sync(folder: Path, found: Synchronised, overwrite: bool = False) -> No
 
 
 def clock_document(found: Synchronised) -> dict[str, Any]:
-    """What clock.json holds: the other clock shows t + offset_s + 1e-6 drift_ppm (t - at_s) at our time t."""
+    """Return what clock.json holds: the other clock shows t + offset_s + 1e-6 drift_ppm (t - at_s) at our time t."""
     clock = found.clock
     correlation = getattr(clock, "correlation", None)
     return {
@@ -104,7 +104,9 @@ def signal_table(found: Synchronised) -> pa.Table:
 
 
 def _averaged(stream: Stream, at_s: np.ndarray, step_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and root mean square (m, k) of the samples within half a step of each time (m,); NaN where there is none."""
+    """Return the mean and root mean square (m, k) of the samples within half a step of each time (m,); NaN where there
+    is none.
+    """
     first, end = (np.searchsorted(stream.time_s, at_s + side * 0.5 * step_s) for side in (-1, 1))
     known = np.isfinite(stream.values)
     centre = np.nanmean(np.where(known, stream.values, np.nan), axis=0)  # keeps the sums small
@@ -119,7 +121,7 @@ def _averaged(stream: Stream, at_s: np.ndarray, step_s: float) -> tuple[np.ndarr
 
 
 def _events(found: Synchronised) -> Iterator[tuple[float, tuple[str, ...]]]:
-    """(onset, cells of events.tsv) of the trials, episodes and contacts that the results have."""
+    """Yield (onset, cells of events.tsv) of the trials, episodes and contacts that the results have."""
     files = [name for name in (TRIALS_FILE, EPISODES_FILE, CONTACTS_FILE) if (found.results / name).is_file()]
     require_own(found.results, files)
     if TRIALS_FILE in files:

@@ -60,7 +60,7 @@ def _require_xdf(path: Path) -> None:
 
 @contextmanager
 def _complaints() -> Iterator[list[str]]:
-    """What the library logs about damage, which would otherwise go to the terminal."""
+    """Yield what the library logs about damage, which would otherwise go to the terminal."""
     found = list[str]()
 
     class Keeper(logging.Handler):
@@ -94,7 +94,7 @@ def _signals(name: str, stream: Any) -> Stream:
 
 
 def _labels(stream: Any, count: int) -> tuple[str, ...]:
-    """Those of the header where each channel has one, otherwise ch1, ch2 and so on."""
+    """Return those of the header where each channel has one, otherwise ch1, ch2 and so on."""
     try:
         channels = stream["info"]["desc"][0]["channels"][0]["channel"]
         found = [str(each["label"][0]) for each in channels]

@@ -49,7 +49,9 @@ class GlobalHypothesis:
 
     @property
     def matched_share(self) -> float:
-        """Share of the nodes whose place in the next frame some subset of anchors supports; 0 where there are none."""
+        """Return the share of the nodes whose place in the next frame some subset of anchors supports; 0 where there
+        are none.
+        """
         return float((self.tree.support == Support.MATCHED).mean()) if len(self.node) else 0.0
 
 
@@ -65,7 +67,7 @@ class SeenFrame(Protocol):
 
 
 def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: GateConfig) -> Matcher:
-    """The hypotheses of a frame's nodes in the next, a column for each subset of the anchors found in both.
+    """Return the hypotheses of a frame's nodes in the next, a column for each subset of the anchors found in both.
 
     With all five anchors and three in a subset that is ten; with fewer anchors than a subset needs, the one subset of
     all of them; with none, no column.
@@ -112,8 +114,9 @@ def global_hypothesis(
 
 
 def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """The matches of the chosen nodes, then, level by level, with those of the nodes that the level before leads to;
-    and what each match costs."""
+    """Return the matches of the chosen nodes, then, level by level, with those of the nodes that the level before leads
+    to; and what each match costs.
+    """
     matches = [links[0].ask(chosen)]
     for link_ in links[1:]:
         before = matches[-1]
@@ -123,7 +126,7 @@ def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndar
 
 
 def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """(m, depth, 3): where nodes go that move with their parts from one pose to the predicted ones."""
+    """Return (m, depth, 3): where nodes go that move with their parts from one pose to the predicted ones."""
     T_world_rest = body.transforms(pose)
     places = np.empty((len(nodes_m), len(predicted), 3))
     for level, later in enumerate(predicted):
@@ -149,7 +152,7 @@ def held_by(
 def pairs_of(
     now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> Constraints:
-    """The tree's pairs as rows, carried from the node to the skin point beside it."""
+    """Return the tree's pairs as rows, carried from the node to the skin point beside it."""
     found = np.isfinite(hypothesis.matched_m).all(axis=1)
     point, part = hypothesis.point[found], hypothesis.part[found]
     nodes = window[0].surface.points_m[hypothesis.node[found]].astype(np.float64)
@@ -160,7 +163,8 @@ def pairs_of(
 def skin_places(
     now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> np.ndarray:
-    """(m, 3) where the skin point beside each node goes: to the node's match, less their distance along the skin.
+    """Return (m, 3) where the skin point beside each node goes: to the node's match, less their distance along the
+    skin.
 
     The distance off the skin is not kept, so a body that has drifted from the surface is brought back. NaN where the
     node is missed.

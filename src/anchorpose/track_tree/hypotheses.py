@@ -71,7 +71,8 @@ def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
 
 
 def error_bound(descriptor: np.ndarray, subsets: np.ndarray, config: GateConfig) -> np.ndarray:
-    """(m, s) float32: e_max in metres for every node and subset of anchors, linear in distance (paper, Section V).
+    """Return (m, s) float32: e_max in metres for every node and subset of anchors, linear in distance (paper, Section
+    V).
 
     descriptor (m, 5) metres; subsets (s, n_s) of anchor indices, whose mean distance counts. NaN or inf where a
     distance is missing or unreachable: an unknown distance has no bound.
@@ -88,7 +89,7 @@ def match_hypotheses(
     predicted_m: np.ndarray | None = None,
     config: GateConfig | None = None,
 ) -> Hypotheses:
-    """The match of every source node under every subset: the node of psi closest to the average position of psi.
+    """Return the match of every source node under every subset: the node of psi closest to the average position of psi.
 
     source_descriptor (m, 5), target_descriptor (n, 5) float32 metres, NaN = missed anchor, inf = unreachable: neither
     is ever within the gate. subsets (s, n_s) of ``anchor_subsets``. predicted_m (m, 3) world: where each source node is
@@ -116,7 +117,8 @@ def match_hypotheses(
 
 
 def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> Hypotheses:
-    """One hypothesis per node, by position: the nearest node of the target within ``search_radius_m``, else missed.
+    """Return one hypothesis per node, by position: the nearest node of the target within ``search_radius_m``, else
+    missed.
 
     It rests on no anchor, so its one subset is empty.
     """
@@ -142,7 +144,7 @@ class Matcher:
         self._find = find
 
     def ask(self, nodes: np.ndarray) -> np.ndarray:
-        """(k, s) int32 matches of the nodes (k,), in any order and any of them repeated."""
+        """Return (k, s) int32 matches of the nodes (k,), in any order and any of them repeated."""
         wanted = np.zeros(len(self.match), dtype=bool)
         wanted[nodes] = True
         new = np.flatnonzero(wanted & ~self._asked)
@@ -152,7 +154,7 @@ class Matcher:
         return self.match[nodes]
 
     def all(self) -> Hypotheses:
-        """The hypotheses of every node."""
+        """Return the hypotheses of every node."""
         return Hypotheses(self.ask(np.arange(len(self.match))), self.subsets)
 
 

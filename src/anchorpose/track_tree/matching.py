@@ -62,7 +62,7 @@ def sort_balls(centres: np.ndarray, radius: float, voxels: Voxels) -> Balls:
 
 
 def hold_subset(subsets: np.ndarray, anchors: int) -> np.ndarray:
-    """(2**anchors,) bool: whether a set of anchors, a bit each, holds one of the subsets (s, n_s)."""
+    """Return (2**anchors,) bool: whether a set of anchors, a bit each, holds one of the subsets (s, n_s)."""
     needed, held = (1 << subsets).sum(axis=1), np.arange(1 << anchors)
     enough: np.ndarray = ((held[:, None] & needed) == needed).any(axis=1)
     return enough
@@ -78,7 +78,7 @@ def match_all(
     subsets: np.ndarray,
     enough: np.ndarray,
 ) -> np.ndarray:
-    """(m, s) int32: the match of each source node under each subset, -1 = none.
+    """Return (m, s) int32: the match of each source node under each subset, -1 = none.
 
     source (m, 5) float32 distances to the anchors; limit2 (m, s) float32: the squared gate; subsets (s, n_s) int64;
     enough of ``hold_subset``. Nodes whose balls touch the same voxels come one after another, laid out
@@ -110,7 +110,7 @@ def match_all(
 
 @njit(cache=True)
 def _pick(source: np.ndarray, largest: np.float32, enough: np.ndarray, laid_out: int, scratch: Scratch) -> int:
-    """Fills psi with the laid out nodes that may be within the gate of some subset; returns how many.
+    """Fill psi with the laid out nodes that may be within the gate of some subset; returns how many.
 
     source (5,) float32: the distances of the source node; largest: its largest squared gate.
     """
@@ -135,7 +135,7 @@ def _scratch(count: int, anchors: int) -> Scratch:
 
 @njit(cache=True)
 def _largest(limits2: np.ndarray) -> np.float32:
-    """The largest finite gate, 0 without any."""
+    """Return the largest finite gate, 0 without any."""
     largest = np.float32(0.0)
     for limit2 in limits2:
         if np.isfinite(limit2):
@@ -145,7 +145,7 @@ def _largest(limits2: np.ndarray) -> np.float32:
 
 @njit(cache=True)
 def _lay_out(low: np.ndarray, high: np.ndarray, voxels: Voxels, target: np.ndarray, scratch: Scratch) -> int:
-    """Fills spots with the target nodes of some voxels, and distances with theirs, anchor by anchor; how many."""
+    """Fill spots with the target nodes of some voxels, and distances with theirs, anchor by anchor; how many."""
     start, shape, count = voxels.start, voxels.shape, 0
     spots, distances = scratch.spots, scratch.distances
     for i in range(low[0], high[0] + 1):
@@ -163,7 +163,7 @@ def _lay_out(low: np.ndarray, high: np.ndarray, voxels: Voxels, target: np.ndarr
 def _compare(
     target: np.ndarray, distance: np.float32, largest: np.float32, bit: np.int32, close: np.ndarray, count: int
 ) -> None:
-    """Marks the target nodes that are as far from one anchor as the source node, but for a gate's width."""
+    """Mark the target nodes that are as far from one anchor as the source node, but for a gate's width."""
     for c in range(count):
         offset = target[c] - distance
         close[c] |= bit if offset * offset < largest else np.int32(0)  # never where it is NaN
@@ -173,7 +173,7 @@ def _compare(
 def _within(
     offset2: np.ndarray, subset: np.ndarray, limit2: np.float32, count: int, distance2: np.ndarray, psi: np.ndarray
 ) -> int:
-    """Fills psi with those of the near nodes that are within the gate of one subset; returns how many."""
+    """Fill psi with those of the near nodes that are within the gate of one subset; returns how many."""
     distance2[:count] = 0.0
     for k in subset:
         for c in range(count):
@@ -187,7 +187,7 @@ def _within(
 
 @njit(cache=True)
 def _middle(points: np.ndarray, near: np.ndarray, psi: np.ndarray, size: int, order: np.ndarray) -> int:
-    """The member of psi nearest to their average, -1 where there is none."""
+    """Return the member of psi nearest to their average, -1 where there is none."""
     x, y, z = 0.0, 0.0, 0.0
     for m in range(size):
         spot = near[psi[m]]
@@ -203,7 +203,7 @@ def _middle(points: np.ndarray, near: np.ndarray, psi: np.ndarray, size: int, or
 
 @njit(cache=True)
 def _beyond(points: np.ndarray, spot: int, balls: Balls, node: int) -> bool:
-    """Whether a target node lies outside the ball of a source node."""
+    """Return whether a target node lies outside the ball of a source node."""
     distance2 = 0.0
     for axis in range(3):
         distance2 += (np.float64(points[spot, axis]) - np.float64(balls.centres[node, axis])) ** 2
@@ -212,7 +212,7 @@ def _beyond(points: np.ndarray, spot: int, balls: Balls, node: int) -> bool:
 
 @njit(cache=True)
 def _key(low: np.ndarray, high: np.ndarray, shape: np.ndarray) -> int:
-    """A number for the box of voxels from low to high (3,)."""
+    """Return a number for the box of voxels from low to high (3,)."""
     first = (low[0] * shape[1] + low[1]) * shape[2] + low[2]
     last = (high[0] * shape[1] + high[1]) * shape[2] + high[2]
     return first * shape[0] * shape[1] * shape[2] + last

@@ -32,7 +32,8 @@ ALIKE: Final = 0.5  # cosine, 60 degrees, between normals: not the other side of
 def fit_pairs(
     skin_m: np.ndarray, matched_m: np.ndarray, start: np.ndarray, transforms: np.ndarray, robust: bool
 ) -> np.ndarray:
-    """(k,) bool: the parts whose pairs determine a motion, which replaces the predicted one in transforms (k, 4, 4).
+    """Return (k,) bool: the parts whose pairs determine a motion, which replaces the predicted one in transforms (k, 4,
+    4).
 
     skin_m, matched_m (n, 3) float64, metres. robust: reweighted by Cauchy's function of the residual over its median,
     from the prediction on: mismatches have no influence.
@@ -93,7 +94,7 @@ def _fit_rigid(source: np.ndarray, target: np.ndarray, share: np.ndarray, T: np.
 
 @njit(cache=True)
 def carry(skin: Oriented, start: np.ndarray, transforms: np.ndarray) -> Oriented:
-    """The skin where the motions (k, 4, 4) of its parts take it."""
+    """Return the skin where the motions (k, 4, 4) of its parts take it."""
     places, normals = np.empty_like(skin.places_m), np.empty_like(skin.normals)
     for k in range(len(transforms)):
         T = transforms[k]
@@ -111,8 +112,8 @@ def carry(skin: Oriented, start: np.ndarray, transforms: np.ndarray) -> Oriented
 def plane_steps(
     moved: Oriented, start: np.ndarray, nodes: Oriented, nearest: np.ndarray, near: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """One step of point-to-plane ICP: (k, 6) turn about the centre and shift, NaN where too few nodes are near, and
-    (k, 3) the centre.
+    """Take one step of point-to-plane ICP: (k, 6) turn about the centre and shift, NaN where too few nodes are near,
+    and (k, 3) the centre.
 
     nearest (n,): the node nearest to each point of the skin, near (n,) bool: within reach. The plane's normal is the
     mean of both, as in ``surface_constraints``; what the planes leave open does not move.
@@ -216,8 +217,8 @@ def register_parts(
 
 
 def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.ndarray, iterations: int) -> np.ndarray:
-    """(k,) bool: the parts, whose rows begin at start (k + 1,), that ICP moved from where transforms (k, 4, 4) have
-    them, which it changes.
+    """Return (k,) bool: the parts, whose rows begin at start (k + 1,), that ICP moved from where transforms (k, 4, 4)
+    have them, which it changes.
 
     A part stays where it is from the first step on that has too few nodes near it.
     """
@@ -237,7 +238,9 @@ def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.nd
 
 
 def joints_of_parts(asset: BodyAsset, body: BodyMesh, T_world_rest: np.ndarray) -> np.ndarray:
-    """The rule J: each joint is the node between two adjacent parts, the mean of where both put it. (21, 3) metres."""
+    """Return the rule J: each joint is the node between two adjacent parts, the mean of where both put it. (21, 3)
+    metres.
+    """
     bones = joint_bones(asset)
     rest = body.rest_joints()
     places = []

@@ -83,7 +83,7 @@ def best_branches(
 
 
 def _as_wide(matches: Sequence[np.ndarray], dtype: type = np.int32) -> np.ndarray:
-    """(sum of n_l, widest s_l): all levels, missed where a level has fewer subsets."""
+    """Return (sum of n_l, widest s_l): all levels, missed where a level has fewer subsets."""
     wide = np.full((sum(map(len, matches)), max(level.shape[1] for level in matches)), -1, dtype=dtype)
     row = 0
     for level in matches:
@@ -202,7 +202,7 @@ def _search(
 def _best_branch(
     levels: _Levels, branch: _Branch, predicted: np.ndarray, missed_cost: np.float32, max_branches: int
 ) -> tuple[int, np.float32, int]:
-    """The first child of the best branch (-1: missed), its score, and how many branches were visited."""
+    """Return the first child of the best branch (-1: missed), its score, and how many branches were visited."""
     depth = len(predicted)
     best = np.float32(depth * missed_cost)  # all missed
     chosen, visited, level = -1, 0, 0

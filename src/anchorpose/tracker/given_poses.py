@@ -75,7 +75,8 @@ def ask_poses(
 
 
 def _excused(doubt: PoseDoubt) -> PoseDoubt:
-    """Excuse a camera from a doubt by the equipment where all cameras agree with each other: the equipment was moved.
+    """Excuse a camera from a doubt by the equipment where all cameras agree with each other: the equipment was
+    moved.
     """
     if doubt.source is not DoubtSource.EQUIPMENT:
         return doubt
@@ -83,7 +84,8 @@ def _excused(doubt: PoseDoubt) -> PoseDoubt:
 
 
 def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequence[Scene]) -> None:
-    """Raise InputError where poses are contradicted by far more than noise: what contradicts, by how much, what to do.
+    """Raise InputError where poses are contradicted by far more than noise: what contradicts, by how much, what to
+    do.
     """
     refuted = [doubt for doubt in asked.doubts if doubt.refuted]
     if not refuted:

@@ -187,7 +187,8 @@ def _choose(route: Route, positions: Sequence[int], room: Room, config: TrackCon
 
 
 def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedShape | None, run: Run) -> _Reached | None:
-    """Follow the patient from an initial frame to the one at ``position``; None where the patient is not found there.
+    """Follow the patient from an initial frame to the one at ``position``; None where the patient is not found
+    there.
     """
     frames = route.frames(_course(initial.frame, position, route, run))
     for estimate, tracker in follow_openly(run, frames, initial.choice, shape):
@@ -201,7 +202,8 @@ def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedSha
 
 
 def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
-    """Return the positions from the first frame to the inspected one and over its look-ahead, within the tracked range.
+    """Return the positions from the first frame to the inspected one and over its look-ahead, within the tracked
+    range.
     """
     initial = run.room.initial_frame.frame if run.room.initial_frame else position
     direction = 1 if position >= initial else -1

@@ -95,7 +95,8 @@ def through_a_gap(choice: PatientChoice, sightings: Sequence[Sighting], scenes: 
 
 
 def _gap_before(one: SeenPerson, wall: Wall) -> np.ndarray | None:
-    """Return the gap (height, width, bool) in a wall through which a person is seen; None if the person is before it.
+    """Return the gap (height, width, bool) in a wall through which a person is seen; None if the person is before
+    it.
     """
     middle = _middle(one)
     return wall.gap_before(middle) if wall.beyond_m(middle) > TWIN_M else None

@@ -36,11 +36,11 @@ class Expectation:
     frames_without_fit: int
 
     def apart_m(self, other: Expectation) -> float:
-        """How far the skin is moved between two expectations, nine tenths of it less."""
+        """Return how far the skin is moved between two expectations, nine tenths of it less."""
         return float(np.quantile(np.linalg.norm(self.skin.points_m - other.skin.points_m, axis=1), 0.9))
 
     def moved(self, step: np.ndarray) -> Expectation:
-        """The same at another place; step (3,) metres, world."""
+        """Return the same at another place; step (3,) metres, world."""
         skin = replace(self.skin, points_m=self.skin.points_m + step.astype(np.float32))
         return replace(self, skin=skin, anchors_m=self.anchors_m + step)
 
@@ -85,7 +85,7 @@ class AnchorDistances:
         self._found = None
 
     def of_seen_nodes(self) -> np.ndarray:
-        """(n, 5) as ``Observation.descriptor``."""
+        """Return (n, 5) as ``Observation.descriptor``."""
         if self._found is None:
             with self._stopwatch.stage("geodesics"):
                 self._found = self._compute()
@@ -123,7 +123,7 @@ class Observation:
 
     @property
     def descriptor(self) -> np.ndarray:
-        """(n, 5) metres: the distance of each seen node to each anchor, inf where not reached, NaN where missed.
+        """Return (n, 5) metres: the distance of each seen node to each anchor, inf where not reached, NaN where missed.
 
         NaN also where a hole lengthens it and enough others are left.
         """
@@ -131,7 +131,7 @@ class Observation:
 
     @property
     def seen_anchors(self) -> SeenAnchors:
-        """Surface and anchors together, for proposals of limbs."""
+        """Return the surface and anchors together, for proposals of limbs."""
         return SeenAnchors(self.whole, self.anchors)
 
 

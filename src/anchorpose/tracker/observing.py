@@ -47,7 +47,9 @@ UNFITTED_M = 0.04  # that skin may stray in each frame without a fit: 1.2 m/s at
 def observe_first(
     frame_set: FrameSet, choice: PatientChoice, height_m: float, run: Run, crowd: Crowd | None = None
 ) -> Observation:
-    """A frame in which nothing is expected except where the patient stands; crowd: its people, where they are known."""
+    """Return a frame in which nothing is expected except where the patient stands; crowd: its people, where they are
+    known.
+    """
     isolated = isolate_first(frame_set, choice, run, crowd)
     return observe(frame_set, isolated, None, height_m, run)
 
@@ -87,7 +89,9 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
 
 
 def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
-    """Those who do not stand in the patient, who is at a place (3,): who does was fitted to the patient's surface."""
+    """Return those who do not stand in the patient, who is at a place (3,): who does was fitted to the patient's
+    surface.
+    """
     apart = [
         np.linalg.norm((one.belief.pose.root_m - place_m)[[0, 2]]) > IN_EACH_OTHER_M for one in bystanders.followed
     ]
@@ -95,13 +99,13 @@ def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
 
 
 def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
-    """The memory of a frame with everybody where the next one's pixels (``pieces``) show them to have walked."""
+    """Return the memory of a frame with everybody where the next one's pixels (``pieces``) show them to have walked."""
     memory = before.memory
     return memory.moved(find_steps(memory.seen_last, pieces, run.room.cameras))
 
 
 def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> np.ndarray:
-    """(3,) from where the patient is expected to where the frame shows the patient; 0 where they agree."""
+    """Return (3,) from where the patient is expected to where the frame shows the patient; 0 where they agree."""
     seen_m = memory.seen_last.get(PixelLabel.PATIENT)
     if seen_m is None:
         return np.zeros(3)
@@ -111,7 +115,7 @@ def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pie
 
 
 def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
-    """The likelihood that a place is the patient's, by the predicted skin.
+    """Return the likelihood that a place is the patient's, by the predicted skin.
 
     A limb that has been hidden for long has none: whatever it met would be taken for it. What is seen of it again
     is connected to the patient.
@@ -130,7 +134,7 @@ def _separated(
     elapsed_s: float,
     run: Run,
 ) -> tuple[View | None, ...]:
-    """Everybody's pixels; elapsed_s: since the frame that the bystanders' bodies were fitted to."""
+    """Return everybody's pixels; elapsed_s: since the frame that the bystanders' bodies were fitted to."""
     with run.stage("isolation"):
         others = bystander_likelihood(bystanders, body_points(), elapsed_s)
         likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
@@ -160,14 +164,16 @@ def _isolated(
 def observe(
     frame_set: FrameSet, isolated: Isolated, expected: Expectation | None, height_m: float, run: Run
 ) -> Observation:
-    """Surface and anchors of a frame whose people are isolated. height_m: what the anchors' distances are scaled by."""
+    """Return the surface and anchors of a frame whose people are isolated. height_m: what the anchors' distances are
+    scaled by.
+    """
     surface = see_surface(isolated, expected, run)
     anchors = see_anchors(surface, expected, height_m, run)
     return gather(frame_set, expected, isolated, surface, anchors, run)
 
 
 def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> SeenSurface:
-    """The patient's surface from the patient's pixels; the expected skin says where it is cut and closed."""
+    """Return the patient's surface from the patient's pixels; the expected skin says where it is cut and closed."""
     cameras = run.room.cameras
     shown = [blank_view(camera) if view is None else view for view, camera in zip(isolated.views, cameras, strict=True)]
     with run.stage("surface"):
@@ -196,7 +202,7 @@ def gather(
     anchors: Anchors,
     run: Run,
 ) -> Observation:
-    """The stages' results of one frame in one value."""
+    """Return the stages' results of one frame in one value."""
     return Observation(
         frame_set,
         expected,

@@ -52,18 +52,19 @@ class Route:
     tick: Callable[[], None]  # called for every frame that is read
 
     def frames(self, positions: Sequence[int]) -> Iterator[FrameSet]:
-        """The frames, decoded one at a time."""
+        """Yield the frames, decoded one at a time."""
         for position in positions:
             yield self.frame(position)
             self.tick()
 
     def frame(self, position: int) -> FrameSet:
-        """One frame, without depth images that show another place than the room."""
+        """Return one frame, without depth images that show another place than the room."""
         return without_other_places(read_frame(self.room.recording, position), self.room.scenes)
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """The parts of the recording to learn the body from: one begins at the initial frame, up to two more where the
-        patient is seen best minutes away. What is hidden in one part may be in view in another."""
+        """Return the parts of the recording to learn the body from: one begins at the initial frame, up to two more
+        where the patient is seen best minutes away. What is hidden in one part may be in view in another.
+        """
         chosen = list(self.room.initial_frames[:1])
         for other in self.room.initial_frames[1:]:
             away_s = [abs(self._time_s(other.frame) - self._time_s(one.frame)) for one in chosen]
@@ -76,7 +77,7 @@ class Route:
         return tuple(Stretch(one.choice, one.start, frames) for one, frames in zip(chosen, sides, strict=True))
 
     def _longer_side(self, position: int) -> Sequence[int]:
-        """Positions from one to the end that is farther away."""
+        """Return the positions from one to the end that is farther away."""
         last, first = self.forward[-1], self.backward[-1]
         forward, backward = range(position, last + 1), range(position, first - 1, -1)
         return max(forward, backward, key=len)
@@ -99,7 +100,7 @@ def plan_route(room: Room, config: TrackConfig, tick: Callable[[], None]) -> Rou
 
 
 def learn_on(route: Route, run: Run) -> LearntPatient | None:
-    """The patient's shape, from stretches spread over the recording.
+    """Return the patient's shape, from stretches spread over the recording.
 
     It is learnt before anything is tracked: all frames then have one body, whose bones keep their length.
     """
@@ -107,7 +108,7 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
 
 
 def track_on(route: Route, run: Run, shape: FittedShape | None, journal: Journal) -> Iterator[TrackedFrame]:
-    """Tracks every frame once the first is asked for, then yields them in the order of time.
+    """Track every frame once the first is asked for, then yields them in the order of time.
 
     All is stored in the journal while it is done: where that has frames already, tracking goes on behind them. Raises
     InputError at once where it cannot.
@@ -145,14 +146,14 @@ class _Passes:
     journal: Journal
 
     def require_readable(self) -> None:
-        """Raises InputError where a pass that was begun cannot go on, or lacks one of its blocks."""
+        """Raise InputError where a pass that was begun cannot go on, or lacks one of its blocks."""
         with suppress(KeyError):
             self.journal.read("start", Start | None)
         for folder in sorted(path.parent.name for path in self.journal.folder.glob("*/state")):
             self._blocks(folder).require(self.journal.inside(folder).read("state", _PassState).blocks)
 
     def frames(self) -> Iterator[TrackedFrame]:
-        """Tracks both sides, then yields all frames in the order of time."""
+        """Track both sides, then yields all frames in the order of time."""
         both = len(self.route.backward) > 1
         if both:
             self.side("backward", self.route.backward)
@@ -169,7 +170,7 @@ class _Passes:
             self._follow(name, positions, self._start, self._tracked, 0 if self.body is None else BLOCK)
 
     def stored(self, name: str, backward: bool = False) -> Iterator[TrackedFrame]:
-        """The frames of a side, once it is done, in the order of the pass or against it."""
+        """Yield the frames of a side, once it is done, in the order of the pass or against it."""
         yield from self._blocks(name).read(backward=backward)
 
     def _both_ways(self, name: str, positions: Sequence[int], body: Body) -> None:
@@ -202,7 +203,7 @@ class _Passes:
             smoothed.write(number, [self._smoothed(row, *pair, frame, smoothing) for row, (pair, frame) in rows])
 
     def _smoothing(self, there: str, back: str, count: int) -> Smoothing:
-        """How both passes are combined in all frames; few of them are in memory as a whole."""
+        """Return how both passes are combined in all frames; few of them are in memory as a whole."""
         time_s, frame = np.zeros(count), np.zeros(count, np.int64)
         for row, (tracked, _) in enumerate(self._blocks(there).read()):
             time_s[row], frame[row] = tracked.record.joints.time_s, tracked.record.joints.frame
@@ -238,7 +239,7 @@ class _Passes:
         keep: Callable[[Estimate], Kept],
         wait: int = 0,
     ) -> Start | None:
-        """One pass, from where the journal has it to its end; returns the start of a pass the other way.
+        """Run one pass, from where the journal has it to its end; return the start of a pass the other way.
 
         wait: frames that a limb which is found again may still change.
         """
@@ -279,7 +280,7 @@ class _Passes:
             yield from follower.finish()
 
     def _start(self) -> Start | None:
-        """The patient in the initial frame, where both sides begin; None where nobody is found in it."""
+        """Return the patient in the initial frame, where both sides begin; None where nobody is found in it."""
         return self.journal.once("start", Start | None, lambda: _start_of(self.route, self.run, self.shape))
 
     def _blocks(self, name: str) -> Blocks[Any]:

@@ -98,7 +98,7 @@ class PatientTracker:
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
     def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:
-        """One frame of the method (paper, Section IV).
+        """Track one frame by the method (paper, Section IV).
 
         frame_set: the next frame, None when no more come; only_look: it only joins the look-ahead. Returns the estimate
         of the first frame after the last estimated one, once its whole look-ahead is in the window; else None.
@@ -111,7 +111,7 @@ class PatientTracker:
         return replace(estimate, moved=self.moved)
 
     def _look(self, frame_set: FrameSet | None) -> bool:
-        """One more frame in the window; whether the next one to be estimated has its whole look-ahead there."""
+        """Add a frame to the window; return whether the next one to be estimated has its whole look-ahead there."""
         if frame_set is not None:
             self.window.append(frame_set)
         return len(self.window) >= (2 if frame_set is None else 1 + self.config.follow.look_ahead)
@@ -126,18 +126,19 @@ class PatientTracker:
         return registration, self._move_on(registration, elapsed_s), hypothesis
 
     def finish(self) -> Iterator[Estimate]:
-        """The estimates of the frames still in the window, with what look-ahead is left."""
+        """Yield the estimates of the frames still in the window, with what look-ahead is left."""
         while (estimate := self.step(None)) is not None:
             yield estimate
 
     def search(self) -> Search:
-        """The search that begins where the patient was lost."""
+        """Return the search that begins where the patient was lost."""
         return Search(self.window.seen[-1], self.last, left=self.has_left or not self._in_view)
 
     @property
     def has_left(self) -> bool:
-        """Whether the patient is leaving the picture, or left it within a frame: the next who comes in there may be
-        another person."""
+        """Return whether the patient is leaving the picture, or left it within a frame: the next who comes in there may
+        be another person.
+        """
         views = self.window[0].evidence.views
         gone = not self._in_view and not any(view.patient.any() for view in views if view is not None)
         return gone or seen_as_strip(views, self.run.room.cameras)
@@ -162,14 +163,16 @@ class PatientTracker:
         return abs(self.window[1].frame_set.time_s - self.window[0].frame_set.time_s)
 
     def next_hypothesis(self) -> GlobalHypothesis | None:
-        """The tree's best branch from this frame to the next; None without a next frame that shows the patient."""
+        """Return the tree's best branch from this frame to the next; None without a next frame that shows the
+        patient.
+        """
         if len(self.window) < 2:
             return None
         self._observe_until(1)
         return self._search_tree() if len(self.window[1].surface) else None
 
     def _estimate(self, registration: Registration, seen: Observation, hypothesis: GlobalHypothesis | None) -> Estimate:
-        """The estimate of a frame; notes of it what the next frames need besides the pose."""
+        """Return the estimate of a frame; notes of it what the next frames need besides the pose."""
         share = None if hypothesis is None else hypothesis.matched_share
         corrected = self._corrections(seen)
         with self.run.stage("states and sigma"):
@@ -189,7 +192,7 @@ class PatientTracker:
         return estimate
 
     def _unseen(self, registration: Registration, seen: Observation) -> np.ndarray:
-        """(PARTS, 2) bool: what was not seen for too long, or never; notes which this frame shows."""
+        """Return (PARTS, 2) bool: what was not seen for too long, or never; notes which this frame shows."""
         time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
         shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
         if corrected is not None:
@@ -199,11 +202,13 @@ class PatientTracker:
         return np.asarray(~(np.abs(time_s - self.limb_seen_s) < known_s))
 
     def _corrections(self, seen: Observation) -> CorrectedJoints | None:
-        """Joints of this frame that a reviewer corrected."""
+        """Return the joints of this frame that a reviewer corrected."""
         return self.run.room.review.corrected(seen.frame_set.frame)
 
     def predict(self, steps: int) -> list[Pose]:
-        """The next poses by scaled motion dynamics; each is fitted to its predicted joints when it is asked for."""
+        """Return the next poses by scaled motion dynamics; each is fitted to its predicted joints when it is asked
+        for.
+        """
         with self.run.stage("prediction"):
             if not self.ahead:
                 config = self.config
@@ -229,7 +234,7 @@ class PatientTracker:
         return self.predict(last)
 
     def _observe(self, number: int) -> Observation:
-        """What the frame with a number in the window shows, those before it being observed."""
+        """Return what the frame with a number in the window shows, those before it being observed."""
         frame_set, before = self.window.frames[number], self.window[number - 1]
         # predict: scaled motion dynamics say where the body will be (Section IV-C)
         expected = self.expect(self.predict(number)[-1])
@@ -248,7 +253,7 @@ class PatientTracker:
         return gather(frame_set, expected, isolated, surface, anchors, self.run)
 
     def expect(self, pose: Pose) -> Expectation:
-        """What a frame should show in which the patient has this pose."""
+        """Return what a frame should show in which the patient has this pose."""
         posed = pose_points(self.body, pose)
         trunk = posed.transforms[self.points.asset.bone("Spine1"), :3, 0]
         level = np.array([trunk[0], 0.0, trunk[2]])
@@ -271,7 +276,7 @@ class PatientTracker:
         return following
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
-        """The belief with a reviewer's corrections of this frame's joints, if there are any.
+        """Return the belief with a reviewer's corrections of this frame's joints, if there are any.
 
         Where they contradict it, the evidence was attributed to the wrong limb: the corrections then count for more,
         and the movement so far is forgotten. A place that the body cannot reach is not believed.
@@ -289,13 +294,15 @@ class PatientTracker:
         return corrected
 
     def _search_tree(self) -> GlobalHypothesis:
-        """The best branch: the chain of matches over the look-ahead that agrees best with the prediction."""
+        """Return the best branch: the chain of matches over the look-ahead that agrees best with the prediction."""
         poses = self._observe_until(len(self.window) - 1)
         with self.run.stage("association"):
             return self.window.global_hypothesis(self.body, self.belief.pose, poses)
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
-        """The pose of the second frame of the window, the predicted one where nothing is seen; the tree where asked."""
+        """Return the pose of the second frame of the window, the predicted one where nothing is seen; the tree where
+        asked.
+        """
         predicted, self.moved = self.belief.later(poses[0], elapsed_s, self.pace), False
         if not len(self.window[1].surface):
             return Registration(predicted, 0.0, False), None
@@ -308,7 +315,9 @@ class PatientTracker:
     def _register_body(
         self, poses: list[Pose], predicted: PoseBelief, elapsed_s: float
     ) -> tuple[Registration, GlobalHypothesis | None]:
-        """All parts at once, joined, on the learnt body; held by the tree's matches where a user asks for them."""
+        """Return all parts at once, joined, on the learnt body; held by the tree's matches where a user asks for
+        them.
+        """
         hypothesis = self._search_tree() if self.config.hypotheses.always else None
         found = self._fit(predicted, no_constraints() if hypothesis is None else self._held(hypothesis, poses[0]))
         best, seen = found, self.window[1]
@@ -330,16 +339,16 @@ class PatientTracker:
         return best, hypothesis
 
     def _fit(self, predicted: PoseBelief, held: Constraints) -> Registration:
-        """The body registered to what the next frame shows, and at first to some held places."""
+        """Return the body registered to what the next frame shows, and at first to some held places."""
         seen, config = self.window[1], self.config.registration
         return register(self.body, predicted, seen.evidence, held, config, self.feet.rows(seen.frame_set.time_s))
 
     def _held(self, hypothesis: GlobalHypothesis, pose: Pose) -> Constraints:
-        """Where the tree's matches and the anchors hold the body."""
+        """Return where the tree's matches and the anchors hold the body."""
         return held_by(self.body, self.belief.pose, pose, hypothesis, self.window.seen)
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
-        """The paper's own way: every part by itself, from frame to frame."""
+        """Return the paper's own way: every part by itself, from frame to frame."""
         joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, self.window.seen)
         pose = pose_from_joints(self.body, pose, joints)
         return posterior(self.body, pose, predicted, self.window[1].evidence, self.config.registration)

@@ -48,7 +48,7 @@ class Candidate:
 
     @property
     def place_xz_m(self) -> np.ndarray:
-        """(2,) where the person usually is."""
+        """Return (2,) where the person usually is."""
         return _usual_place(self.seen)
 
 
@@ -68,7 +68,7 @@ def choose_patient(
     patient_xz_m: tuple[float, float] | None,
     cameras: Sequence[Camera],
 ) -> Patient | None:
-    """The patient among everybody in the sightings, None where nobody is seen.
+    """Return the patient among everybody in the sightings, None where nobody is seen.
 
     With ``patient_xz_m`` the person nearest to that place when a person first stands there; otherwise the person with
     most votes.
@@ -85,7 +85,8 @@ def choose_patient(
 
 
 def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndarray) -> Patient | None:
-    """The person who stands at a place in the sighting ``first``, from frame to frame; None where nobody is near.
+    """Return the person who stands at a place in the sighting ``first``, from frame to frame; None where nobody is
+    near.
 
     sightings: of frames that follow one another, so that a person who walks is the nearest to the place just before.
     """
@@ -107,14 +108,14 @@ def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndar
 def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
-    """Everybody who was seen, with their votes; people without a human body only where nobody has one."""
+    """Return everybody who was seen, with their votes; people without a human body only where nobody has one."""
     members = _joined(_followed(sightings))
     human = [seen for seen in members if _is_human(seen)]
     return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]
 
 
 def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
-    """Each person's appearances: who is near a person's usual place is that person."""
+    """Return each person's appearances: who is near a person's usual place is that person."""
     members = list[list[SeenPerson | None]]()
     for number, sighting in enumerate(sightings):
         people = sighting.people
@@ -154,7 +155,7 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Whether a body explains most of the person, and cameras do not see past its trunk.
+    """Return whether a body explains most of the person, and cameras do not see past its trunk.
 
     Judged where a quarter of the sightings are better: little is seen of a patient behind a pad and a therapist until
     the patient stands up.
@@ -166,7 +167,7 @@ def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
 
 
 def _seen_past(seen: Sequence[SeenPerson | None]) -> float:
-    """Median share of the trunk that cameras see past; 0 without a body."""
+    """Return the median share of the trunk that cameras see past; 0 without a body."""
     return float(np.median([body.past for body in _bodies(seen)] or [0.0]))
 
 
@@ -209,7 +210,9 @@ def _times_gone(seen: Sequence[SeenPerson | None], sightings: Sequence[Sighting]
 
 
 def _is_hidden(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
-    """Whether in every camera that has most of the points (n, 3) in view something stands before most of them."""
+    """Return whether in every camera that has most of the points (n, 3) in view something stands before most of
+    them.
+    """
     hidden = [
         bool(np.mean((read > 0) & (read < own - BEFORE_M)) > 0.5)
         for own, read in looks_at_most(points_m, depths_m, cameras)
@@ -229,7 +232,7 @@ def looks_at_most(
 
 
 def _faced_by(one: SeenPerson, sighting: Sighting) -> int:
-    """How many people nearby face a person."""
+    """Return how many people nearby face a person."""
     count = 0
     for other in sighting.people:
         if other is one or other.body is None:
@@ -248,7 +251,7 @@ def _turned_to_camera(one: SeenPerson, cameras: Sequence[Camera]) -> float:
 
 
 def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
-    """How far, over the ground, a place lies beside the cameras' axes (root mean square)."""
+    """Return how far, over the ground, a place lies beside the cameras' axes (root mean square)."""
     aside = []
     for camera in cameras:
         x, z = unit(camera.require_pose()[[0, 2], 2])
@@ -258,14 +261,16 @@ def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
 
 
 def outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
-    """How far a place lies outside of the equipment's outline on the ground; 0 inside."""
+    """Return how far a place lies outside of the equipment's outline on the ground; 0 inside."""
     outline = cv2.convexHull(equipment.triangles()[0][:, [0, 2]].astype(np.float32))
     x, z = place_xz_m
     return max(0.0, -float(cv2.pointPolygonTest(outline, (float(x), float(z)), True)))
 
 
 def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candidate:
-    """The person nearest to a place when a person is first there; if nobody ever is, the person who comes nearest."""
+    """Return the person nearest to a place when a person is first there; if nobody ever is, the person who comes
+    nearest.
+    """
 
     def away_m(candidate: Candidate, number: int) -> float:
         one = candidate.seen[number]
@@ -282,7 +287,7 @@ def distance_m(one: SeenPerson, place_xz_m: np.ndarray) -> float:
 
 
 def _reason(patient: Candidate, sightings: Sequence[Sighting]) -> str:
-    """Why this person, as the end of a sentence that begins with "who"."""
+    """Return why this person, as the end of a sentence that begins with "who"."""
     count = sum(one is not None for one in patient.seen)
     parts = ["stands within the equipment"] if patient.within else []
     parts.append(f"was seen in place in {count} of {len(sightings)} frames")

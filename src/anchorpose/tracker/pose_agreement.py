@@ -47,7 +47,7 @@ class SeenPast:
 
     @property
     def measured(self) -> str:
-        """The shares that are known, for people; empty where none is."""
+        """Return the shares that are known, for people; empty where none is."""
         shares = (("room", self.of_room), ("people", self.of_people))
         known = [f"{100 * share:.0f} % of the {what}" for what, share in shares if np.isfinite(share)]
         return f"see past {' and '.join(known)}" if known else ""
@@ -62,12 +62,12 @@ class CameraPair:
 
     @property
     def measured(self) -> str:
-        """All that is known, for people; empty where nothing is."""
+        """Return all that is known, for people; empty where nothing is."""
         return ", ".join(part for part in (self.past.measured, self.apart) if part)
 
     @property
     def apart(self) -> str:
-        """The displacement, for people; empty where it is not known."""
+        """Return the displacement, for people; empty where it is not known."""
         if self.by is None:
             return ""
         turn = "" if self.by.turn_rad is None else f" and {np.degrees(self.by.turn_rad):.1f} degrees"
@@ -77,7 +77,7 @@ class CameraPair:
 def compare_cameras(
     scenes: Sequence[Scene], backgrounds_m: Sequence[np.ndarray | None], samples: Sequence[FrameSet]
 ) -> list[CameraPair]:
-    """Every pair of cameras; samples: frames of all cameras, spread over the recording."""
+    """Return every pair of cameras; samples: frames of all cameras, spread over the recording."""
     chosen = [samples[k] for k in thin(len(samples), FRAMES)]
     whole = [frame for frame in chosen if all(depth is not None for depth in frame.depths_m)]
     views = [_surfaces(k, scenes, backgrounds_m, whole) for k in range(len(scenes))] if whole else []
@@ -102,7 +102,7 @@ def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]
 
 
 def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
-    """What a pair of cameras says against their poses.
+    """Return what a pair of cameras says against their poses.
 
     The surfaces that both see decide where they determine the displacement; else what is seen past, and of that the
     room where their clocks are not known: people are elsewhere at another time.
@@ -156,7 +156,7 @@ def _people_past(here: Pieces, there: Pieces, one: Scene, other: Scene) -> tuple
 
 
 def _past(world_m: np.ndarray, other: Scene, depth_m: np.ndarray) -> tuple[int, int]:
-    """(seen past, known) of the points (n, 3) in another camera's depth image (height, width) metres.
+    """Return (seen past, known) of the points (n, 3) in another camera's depth image (height, width) metres.
 
     Known are those in view where it has a reading and nothing stands before them; the nearest reading within ``AWAY_M``
     to every side of a point counts.

@@ -51,7 +51,7 @@ class Settled:
 
 
 def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Room:
-    """Everything that is known before the first frame is followed.
+    """Return everything that is known before the first frame is followed.
 
     Raises InputError where poses cannot be found, or given ones cannot be right (``given_poses``).
     """
@@ -63,7 +63,8 @@ def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_
 
 
 def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
-    """Time and place of all cameras; clocks come out sharper with poses, poses found from people sharper with clocks.
+    """Return the time and place of all cameras; clocks come out sharper with poses, poses found from people sharper
+    with clocks.
 
     Clocks and floor of the results that were reviewed are used as they are. Raises InputError where a pose cannot be
     found.
@@ -87,7 +88,7 @@ def _settled(
     review: Review = NO_REVIEW,
     rough_clocks: bool = False,
 ) -> Settled:
-    """Clocks by what is known of the cameras' poses, then the poses that are not given."""
+    """Return the clocks by what is known of the cameras' poses, then the poses that are not given."""
     if config.clocks.estimate and all(camera.name in review.clocks for camera in cameras):
         clocks = clocks_of_results(cameras, review.clocks)
         timed = align_clocks(recording, clocks.clocks)
@@ -103,7 +104,7 @@ def _settled(
 def calibrate(
     recording: Recording, samples: Sequence[FrameSet], config: TrackConfig, rough_clocks: bool = False
 ) -> Calibration:
-    """The poses of all cameras, given or found; the body model breaks the tie of equipment that is symmetric.
+    """Return the poses of all cameras, given or found; the body model breaks the tie of equipment that is symmetric.
 
     Whom the user named plays no part in it: the place was read in the world of an earlier run, which must stay.
     """
@@ -121,7 +122,7 @@ def calibrate(
 
 
 def sample_recording(recording: Recording, config: TrackConfig) -> tuple[list[int], list[FrameSet]]:
-    """Positions of frames spread over what is to be tracked, and these frames."""
+    """Return the positions of frames spread over what is to be tracked, and these frames."""
     first, count = config.start, len(recording.streams[0].time_s[config.start : config.stop])
     wanted = config.follow.samples * (1 if all(room is not None for room in recording.backgrounds_m) else BLIND_SAMPLES)
     chosen = np.unique(np.linspace(first, first + count - 1, min(wanted, count)).astype(int)).tolist()
@@ -151,7 +152,7 @@ def furnish_room(
 def look_for_patient(
     settled: Settled, config: TrackConfig, review: Review = NO_REVIEW, scenes: tuple[Scene, ...] | None = None
 ) -> Look:
-    """Everybody who is seen in the sampled frames that a reviewer left usable, and who of them is the patient.
+    """Return everybody who is seen in the sampled frames that a reviewer left usable, and who of them is the patient.
 
     scenes: of every camera, where they are known already.
     """
@@ -168,7 +169,8 @@ def look_for_patient(
 def _frames_of_named(
     recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int, review: Review
 ) -> tuple[InitialFrame, ...]:
-    """Where to begin with the person who is at the given place in a frame: that frame or one just before or after it.
+    """Return where to begin with the person who is at the given place in a frame: that frame or one just before or
+    after it.
 
     Empty where nobody stands there in it; raises InputError where the recording has no such frame.
     """
@@ -201,7 +203,7 @@ def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackCo
 
 
 def scenes_of(settled: Settled) -> tuple[Scene, ...]:
-    """Every camera's empty room."""
+    """Return every camera's empty room."""
 
     def scene_of(number: int, camera: Camera) -> Scene:
         empty = set_scene(camera, _background(settled, number), settled.recording.equipment)
@@ -224,7 +226,7 @@ def _background(settled: Settled, number: int) -> BackgroundModel:
 def heading_of_patient(
     room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
 ) -> int | None:
-    """Index of the level unit vector (3,) that the patient faces; None unless all frames agree.
+    """Return the index of the level unit vector (3,) that the patient faces; None unless all frames agree.
 
     room: with an initial frame that indexes ``samples``. Several frames, because in a single one another person may be
     taken for a part of the patient.
@@ -236,7 +238,7 @@ def heading_of_patient(
 
 
 def _facing(room: Room, frame_set: FrameSet, look: InitialFrame, config: TrackConfig) -> np.ndarray | None:
-    """(3,) the level direction in which the patient faces in a frame; None where too little of them is seen."""
+    """Return (3,) the level direction in which the patient faces in a frame; None where too little of them is seen."""
     isolated = isolate_first(frame_set, look.choice, Run(room, config))
     body = rough_body_of(isolated.views, room.cameras, PixelLabel.PATIENT)
     return None if body is None else np.array([body.facing_xz[0], 0.0, body.facing_xz[1]])

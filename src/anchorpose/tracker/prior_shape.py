@@ -69,7 +69,7 @@ _ADULT_M: Final[dict[Sex, tuple[float, float]]] = {"female": (1.629, 0.064), "ma
 
 
 def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
-    """Mean and standard deviation; None: unknown, an adult where it is the age; below 3 years: as at 3."""
+    """Return the mean and standard deviation; None: unknown, an adult where it is the age; below 3 years: as at 3."""
     sexes: tuple[Sex, ...] = ("female", "male") if sex is None else (sex,)
     if age_years is None or age_years >= GROWN_YEARS:
         mean, spread = np.mean([_ADULT_M[one] for one in sexes], axis=0).tolist()
@@ -91,7 +91,7 @@ TRIED_SIGMA_M = 0.01  # of a height that a body is tried with
 
 
 def ordinary_height_m(recording: Recording) -> float:
-    """The patient's height as given, else that of people of the given age and sex."""
+    """Return the patient's height as given, else that of people of the given age and sex."""
     subject = recording.subject
     if subject.height_m is not None:
         return subject.height_m
@@ -99,7 +99,8 @@ def ordinary_height_m(recording: Recording) -> float:
 
 
 def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, ...]:
-    """What is known of the patient's shape: of an adult and, unless the patient is grown, of a child, the adult first.
+    """Return what is known of the patient's shape: of an adult and, unless the patient is grown, of a child, the adult
+    first.
 
     A measured height is one more observation. Without one, height follows from age and sex where these are given.
     """
@@ -114,7 +115,7 @@ def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, .
 
 
 def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief:
-    """The group of people that a shape most likely belongs to, by the statistical components."""
+    """Return the group of people that a shape most likely belongs to, by the statistical components."""
     asset = body_points().asset
     return min(beliefs, key=lambda belief: belief.common(asset).cost(shape))
 
@@ -144,7 +145,9 @@ def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> Fi
 
 
 def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> str:
-    """How what is stated about the patient contradicts a body that was learnt without it; empty where it does not."""
+    """Return how what is stated about the patient contradicts a body that was learnt without it; empty where it does
+    not.
+    """
     if subject == subject.unmeasured or (
         subject.height_m is None and subject.age_years is None and subject.sex is None
     ):
@@ -165,6 +168,6 @@ def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> s
 
 
 def is_human(shape: FittedShape) -> bool:
-    """Whether a person may be as short or as tall: the model cannot be fitted to half a person."""
+    """Return whether a person may be as short or as tall: the model cannot be fitted to half a person."""
     shortest, tallest = STATURES_M
     return shortest < standing_height(body_points().asset, shape)[0] < tallest

@@ -83,13 +83,13 @@ def resting_objects(
 
 
 def _turned(one: RestingObject, count: int) -> RestingObject:
-    """What was found from the last sample to the first, in the recording's time."""
+    """Return what was found from the last sample to the first, in the recording's time."""
     layer = RestingLayer(one.layer.depth_m, one.layer.sigma_m, -one.layer.until_s, -one.layer.from_s)
     return RestingObject(one.piece, layer, np.sort(count - 1 - one.samples))
 
 
 def _until_the_end(seen: Recorded, model: BackgroundModel) -> Iterator[RestingObject]:
-    """Those that rest until the last sample."""
+    """Yield those that rest until the last sample."""
     still = _what_is_still(seen, model.sensor.noise_per_m)
     pieces, count = label_components(still.depth_m, still.depth_m > 0, model.sensor.jump_limit)
     area = np.bincount(
@@ -106,7 +106,7 @@ def _until_the_end(seen: Recorded, model: BackgroundModel) -> Iterator[RestingOb
 
 
 def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
-    """The farthest surface of the last second, where nothing farther is read after it was first read."""
+    """Return the farthest surface of the last second, where nothing farther is read after it was first read."""
     frames, times = seen.frames_m, seen.time_s
     last = frames[min(int(np.searchsorted(times, times[-1] - LEAST_S)), len(frames) - LEAST_SAMPLES) :]
     far = last.max(axis=0)
@@ -123,7 +123,7 @@ def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
 
 
 def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndarray:
-    """(k,) the samples that show most of a piece at rest, without those in which it settles; none if too few."""
+    """Return (k,) the samples that show most of a piece at rest, without those in which it settles; none if too few."""
     since = np.percentile(still.since[piece], SHOWN)
     samples = np.flatnonzero(still.agrees[:, piece].mean(axis=1) > SHOWN / 100.0)
     samples = samples[samples >= since]
@@ -147,7 +147,9 @@ def _whole_share(
 def _layer(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> RestingLayer:
-    """A piece with its rim from its first sample on; the deviation is that of its own readings, with the z^2 law."""
+    """Return a piece with its rim from its first sample on; the deviation is that of its own readings, with the z^2
+    law.
+    """
     readings = np.where(still.agrees[samples][:, piece], seen.frames_m[samples][:, piece], np.nan)
     read = np.isfinite(readings).any(axis=0)
     factor = np.nanstd(readings[:, read], axis=0) / still.depth_m[piece][read] ** 2
@@ -162,7 +164,7 @@ MOST_PERSON: Final = 0.2  # share of an object's pixels that may be taken for a 
 
 
 def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet]) -> Scene:
-    """The scene of the camera with a number, with the objects in its room that are moved, each while it rests.
+    """Return the scene of the camera with a number, with the objects in its room that are moved, each while it rests.
 
     Only in a room that was learnt from the recording: from a picture of the empty room everything stands out.
     """
@@ -176,7 +178,9 @@ def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet])
 
 
 def _person_share(one: RestingObject, frames_m: Sequence[np.ndarray], camera: Camera) -> float:
-    """Share of an object's pixels that the descriptor takes for a person's, in the median of some samples."""
+    """Return the share of an object's pixels that the descriptor takes for a person's, in the median of some
+    samples.
+    """
     chosen = [int(one.samples[k]) for k in thin(len(one.samples), CHECKED)]
     row, column, _ = nearest_rays(camera)
     return float(

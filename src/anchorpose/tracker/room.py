@@ -70,12 +70,12 @@ class Room:
 
     @property
     def initial_frame(self) -> InitialFrame | None:
-        """Where tracking begins."""
+        """Return where tracking begins."""
         return self.initial_frames[0] if self.initial_frames else None
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """The cameras with the poses that are used."""
+        """Return the cameras with the poses that are used."""
         return self.calibration.cameras
 
 
@@ -90,11 +90,11 @@ class Review:
     floor_height_m: float | None = None
 
     def why_unusable(self, frame: int) -> str | None:
-        """The sentence of the first interval that holds the frame, None where the frame may be used."""
+        """Return the sentence of the first interval that holds the frame, None where the frame may be used."""
         return next((why for first, last, why in self.unusable if first <= frame <= last), None)
 
     def corrected(self, frame: int) -> CorrectedJoints | None:
-        """The corrected joints of a frame; None without any, and in a frame that is left out."""
+        """Return the corrected joints of a frame; None without any, and in a frame that is left out."""
         return self.joints.get(frame) if self.why_unusable(frame) is None else None
 
 
@@ -102,7 +102,7 @@ NO_REVIEW: Final = Review()
 
 
 def held_joints(review: Review, frames: Sequence[int]) -> np.ndarray:
-    """(t, 21) bool: the corrected joints of the frames with these numbers, and all joints of their limbs."""
+    """Return (t, 21) bool: the corrected joints of the frames with these numbers, and all joints of their limbs."""
     held = np.zeros((len(frames), JOINT_COUNT), bool)
     for row, frame in enumerate(frames):
         corrected = review.corrected(frame)
@@ -112,7 +112,7 @@ def held_joints(review: Review, frames: Sequence[int]) -> np.ndarray:
 
 
 def review_of(corrections: Corrections) -> Review:
-    """What tracking needs from a file of corrections."""
+    """Return what tracking needs from a file of corrections."""
     by_frame: dict[int, list[JointCorrection]] = {}
     for entry in corrections.joints:
         by_frame.setdefault(entry.frame, []).append(entry)
@@ -125,8 +125,9 @@ def review_of(corrections: Corrections) -> Review:
 
 
 def require_frames(path: Path, corrections: Corrections, recording: Recording) -> None:
-    """Raises InputError where an entry is about a frame that the recording does not have, or has at another time, or
-    the patient is named in a frame that may not be used."""
+    """Raise InputError where an entry is about a frame that the recording does not have, or has at another time, or the
+    patient is named in a frame that may not be used.
+    """
     clock = corrections.recording.clocks.get(recording.cameras[0].name, Clock())
     time_s = clock.reference_s(recording.streams[0].time_s)
     times_s = dict(zip(recording.streams[0].frame.tolist(), time_s.tolist(), strict=True))
@@ -178,9 +179,9 @@ class Run:
     associate: Callable[..., Matcher] | None = None
 
     def without_patient(self, why: str) -> Run:
-        """The run in which who was found is not tracked, and why."""
+        """Return the run in which who was found is not tracked, and why."""
         return replace(self, room=replace(self.room, initial_frames=(), why_nobody=why))
 
     def stage(self, name: str) -> AbstractContextManager[None]:
-        """Time what runs inside as a part of the stage of this name."""
+        """Count the time of the enclosed block for the stage of this name."""
         return self.stopwatch.stage(name)

@@ -111,27 +111,29 @@ class Search:
         )
 
     def _away_m(self, axis_xz_m: np.ndarray) -> float:
-        """How far a place (2,) is from where the patient was last seen."""
+        """Return how far a place (2,) is from where the patient was last seen."""
         return float(np.linalg.norm(axis_xz_m - self._place_xz_m))
 
     def _is_someone_hidden(self, axis_xz_m: np.ndarray, views: Sequence[View | None]) -> bool:
-        """Whether a person at a place (2,) is nearer to where somebody was who is not in view than to where the patient
-        was: who hides both for a while shows the other one first, under a new label."""
+        """Return whether a person at a place (2,) is nearer to where somebody was who is not in view than to where the
+        patient was: who hides both for a while shows the other one first, under a new label.
+        """
         shown = _people_in(views)
         hidden = [place for label, place in self._places.items() if label not in shown]
         return any(np.linalg.norm(axis_xz_m - place) < self._away_m(axis_xz_m) for place in hidden)
 
     def expected(self, time_s: float) -> PoseBelief | None:
-        """How the patient may be posed, who was lost and has not walked out of the picture: as before, the less surely
-        the longer ago; nobody turns round within a second behind a therapist."""
+        """Return how the patient may be posed, who was lost and has not walked out of the picture: as before, the less
+        surely the longer ago; nobody turns round within a second behind a therapist.
+        """
         return None if self._left else self._belief.later(self._belief.pose, abs(time_s - self._lost_s))
 
     def _others_are_away(self, views: Sequence[View | None]) -> bool:
-        """Whether any of the people who were met beside the patient is not in view."""
+        """Return whether any of the people who were met beside the patient is not in view."""
         return not self._met <= _people_in(views)
 
     def _strangers(self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> list[Person]:
-        """The people who are none of those who were met, each of whom is one person at most.
+        """Return the people who are none of those who were met, each of whom is one person at most.
 
         Whoever was met is the person who has most of their pixels: where people touch, labels spread from one to the
         other, but the descriptor tells them apart.
@@ -157,7 +159,7 @@ def _people_in(views: Sequence[View | None]) -> frozenset[int]:
 
 
 def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bool:
-    """Whether all that any camera sees of the patient is a narrow strip at the border of its image.
+    """Return whether all that any camera sees of the patient is a narrow strip at the border of its image.
 
     False where no camera sees anything of the patient: then something else may hide them.
     """
@@ -167,7 +169,9 @@ def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bo
 
 
 def _is_strip(view: View, camera: Camera) -> bool:
-    """Whether the patient's pixels reach from a border, or the first readings beside it, less than ``STRIP_M``."""
+    """Return whether the patient's pixels reach from a border, or the first readings beside it, less than
+    ``STRIP_M``.
+    """
     lens = camera.intrinsics
     sides = (
         (view.patient, view.depth_m, lens.fx),
@@ -179,7 +183,9 @@ def _is_strip(view: View, camera: Camera) -> bool:
 
 
 def _reach_m(patient: np.ndarray, depth_m: np.ndarray, focal_px: float) -> float:
-    """How far the patient's pixels reach from column 0, in metres; infinite where column 0 does not cut them off."""
+    """Return how far the patient's pixels reach from column 0, in metres; infinite where column 0 does not cut them
+    off.
+    """
     if not patient[:, : int(np.ceil(BORDER * patient.shape[1]))].any():
         return float("inf")
     rows = np.flatnonzero(patient.any(axis=1))

@@ -57,7 +57,7 @@ class SeenPerson:
 
     @property
     def place_xz_m(self) -> np.ndarray:
-        """(2,) the pelvis, of the body where there is one."""
+        """Return (2,) the pelvis, of the body where there is one."""
         return self.person.ground_xz_m if self.body is None else self.body.place_xz_m
 
 
@@ -106,13 +106,15 @@ def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera])
 def _bodies(
     pieces: Sequence[Pieces | None], people: People, cameras: Sequence[Camera], numbers: np.ndarray
 ) -> tuple[RoughPerson | None, ...]:
-    """The bodies of the people with some numbers."""
+    """Return the bodies of the people with some numbers."""
     views = label_people(pieces, people, np.arange(len(people.people)))
     return tuple(rough_person(views, cameras, PixelLabel.PATIENT + number) for number in numbers.tolist())
 
 
 def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[RoughPerson | None]) -> np.ndarray:
-    """(k,) int: the person whose body covers most of each person, of those that show more; else the same person."""
+    """Return (k,) int: the person whose body covers most of each person, of those that show more; else the same
+    person.
+    """
     owner, skins = np.arange(len(people.people)), dict[int, cKDTree]()
     for number in np.argsort([-person.area_m2 for person in people.people], kind="stable").tolist():
         own_m = people.points_m(pieces, number)

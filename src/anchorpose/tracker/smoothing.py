@@ -42,8 +42,8 @@ ACCELERATION: Final = 2.0  # m/s per square root of a second: 1 m/s in the quart
 
 
 def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float) -> np.ndarray:
-    """The most likely course (t, j, 3) of joints seen at joints_m (t, j, 3), (t, j) sigma_m off, whose velocity is a
-    random walk: it changes by ``acceleration`` times the square root of the time, m/s.
+    """Return the most likely course (t, j, 3) of joints seen at joints_m (t, j, 3), (t, j) sigma_m off, whose velocity
+    is a random walk: it changes by ``acceleration`` times the square root of the time, m/s.
 
     Every axis of every joint by itself. time_s (t,): strictly rising or falling.
     """
@@ -86,7 +86,7 @@ def _motion(step_s: float) -> np.ndarray:
 
 
 def _random_walk(step_s: float) -> np.ndarray:
-    """(2, 2) covariance that position and velocity gain in a step, for an acceleration of one."""
+    """Return (2, 2) covariance that position and velocity gain in a step, for an acceleration of one."""
     return np.array([[step_s**3 / 3.0, step_s**2 / 2.0], [step_s**2 / 2.0, step_s]])
 
 
@@ -112,7 +112,7 @@ class PassResult:
 
 
 def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], usable: bool) -> PassResult:
-    """What is kept of an estimate until the other pass has come to the same frame; nothing of one of no use."""
+    """Return what is kept of an estimate until the other pass has come to the same frame; nothing of one of no use."""
     if estimate.belief is None or not usable:
         blank = np.full((JOINT_COUNT, 3), np.nan)
         return PassResult(None, blank, blank[:, 0].copy(), (JointState.LOST,) * JOINT_COUNT)
@@ -134,7 +134,7 @@ class PassCourse:
 
 
 def course_of(frames: Iterable[PassResult], count: int) -> PassCourse:
-    """The course of ``count`` frames, read one at a time."""
+    """Return the course of ``count`` frames, read one at a time."""
     joints, sigma = np.full((count, JOINT_COUNT, 3), np.nan), np.full((count, JOINT_COUNT), np.nan)
     code, found = np.full((count, JOINT_COUNT), LOST, np.int8), np.zeros(count, bool)
     for row, frame in enumerate(frames):
@@ -153,7 +153,7 @@ class Smoothing:
 
 
 def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.ndarray, lost_sigma_m: float) -> Smoothing:
-    """The frames (t,) of two passes, both in the order of the first, as one.
+    """Return the frames (t,) of two passes, both in the order of the first, as one.
 
     held (t, 21) bool: joints whose place a reviewer gave, and their limbs: they stay, and move no other frame.
     Joints are put together and smoothed over each stretch without a gap; frames in which both passes lost the patient
@@ -165,8 +165,9 @@ def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.nda
 
 
 def smoothed_result(body: Body, there: PassResult, back: PassResult, smoothing: Smoothing, row: int) -> PassResult:
-    """The answer of both passes in a frame, posed to meet the smoothed joints: bones keep their lengths, joints their
-    ranges. Labels are those of the pass that the trunk is taken from."""
+    """Return the answer of both passes in a frame, posed to meet the smoothed joints: bones keep their lengths, joints
+    their ranges. Labels are those of the pass that the trunk is taken from.
+    """
     weight, course = smoothing.weight[row], smoothing.course
     start, joints_m = _nearer_pose(there.pose, back.pose, body.points, weight), course.joints_m[row]
     pose = None if start is None else pose_from_joints(body, start, joints_m)
@@ -184,7 +185,7 @@ def smoothed_result(body: Body, there: PassResult, back: PassResult, smoothing: 
 
 
 def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray, lost_sigma_m: float) -> np.ndarray:
-    """(t, 21, 3) joints, NaN where the patient is lost."""
+    """Return (t, 21, 3) joints, NaN where the patient is lost."""
     joints = mixed.joints_m.copy()
     sigma = np.where(held, lost_sigma_m, _known_sigma(mixed, lost_sigma_m))
     followed = np.isfinite(joints).all(axis=(1, 2))
@@ -199,7 +200,9 @@ def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray,
 
 
 def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -> np.ndarray:
-    """(t, PARTS) share of the second pass in trunk and limbs: by information where the two agree, else 0 or 1."""
+    """Return (t, PARTS) share of the second pass in trunk and limbs: by information where the two agree, else 0 or
+    1.
+    """
     apart_m = np.nan_to_num(np.linalg.norm(there.joints_m - back.joints_m, axis=2))
     costs = np.array([_JOINT_COST[way.state_code] for way in (there, back)])
     variance = np.array([_known_sigma(way, lost_sigma_m) ** 2 for way in (there, back)])
@@ -223,12 +226,12 @@ def _known_sigma(course: PassCourse, lost_sigma_m: float) -> np.ndarray:
 
 
 def seen_less(answer: PassResult) -> float:
-    """How little of the body is seen at its place: 0 where all joints are."""
+    """Return how little of the body is seen at its place: 0 where all joints are."""
     return float(_JOINT_COST[[STATE_CODE[state] for state in answer.states]].sum())
 
 
 def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
-    """(t,) which of two ways, (2, t) cost, is the cheapest course through all frames (Viterbi 1967).
+    """Return (t,) which of two ways, (2, t) cost, is the cheapest course through all frames (Viterbi 1967).
 
     Changing over costs more the farther the two are apart: limbs do not jump.
     """
@@ -247,7 +250,9 @@ def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
 
 
 def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCourse:
-    """Joints, sigma and states of both; weight (t, 21): share of the second pass where both found the patient."""
+    """Return the joints, sigma and states of both; weight (t, 21): share of the second pass where both found the
+    patient.
+    """
     share = np.where((there.found & back.found)[:, None], weight, back.found[:, None].astype(np.float64))
     code = np.where(share > 0.5, back.state_code, there.state_code)
     joints = there.joints_m + share[..., None] * (back.joints_m - there.joints_m)
@@ -258,8 +263,9 @@ def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCours
 
 
 def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.ndarray:
-    """(t, 21) of the mixture of both answers. Both saw the same images: agreement does not reduce sigma, disagreement
-    increases it."""
+    """Return (t, 21) of the mixture of both answers. Both saw the same images: agreement does not reduce sigma,
+    disagreement increases it.
+    """
     a = np.where(np.isnan(there.sigma_m), back.sigma_m, there.sigma_m)
     b = np.where(np.isnan(back.sigma_m), there.sigma_m, back.sigma_m)
     apart2 = np.nan_to_num(((there.joints_m - back.joints_m) ** 2).sum(axis=2) / 3.0)
@@ -267,7 +273,7 @@ def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.
 
 
 def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weight: np.ndarray) -> Pose | None:
-    """Each part's bones from the pose that has more weight there; None where both are lost."""
+    """Return each part's bones from the pose that has more weight there; None where both are lost."""
     if one is None or other is None:
         return one or other
     rotations = one.rotations.copy()
@@ -277,7 +283,7 @@ def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weigh
 
 
 def explain_smoothed(frame_set: FrameSet, answer: PassResult, body: Body, run: Run) -> Explanation | None:
-    """The explanation by the pose of both passes together; None where there is none.
+    """Return the explanation by the pose of both passes together; None where there is none.
 
     frame_set: the frame, read again; to keep the views of all frames until both passes have met would fill the memory.
     Person labels are those of ``answer``.
@@ -292,7 +298,7 @@ def explain_smoothed(frame_set: FrameSet, answer: PassResult, body: Body, run: R
 
 
 def labelled_views(frame_set: FrameSet, images: tuple[LabelImage, ...], room: Room) -> tuple[View | None, ...]:
-    """One view per camera as it was when ``images`` were encoded; None for a camera without a depth image."""
+    """Return one view per camera as it was when ``images`` were encoded; None for a camera without a depth image."""
     labels = {image.camera: decode_labels(image) for image in images}
     return tuple(
         None

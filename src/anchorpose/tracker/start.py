@@ -84,7 +84,7 @@ def find_start(
     crowd: Crowd | None = None,
     expected: PoseBelief | None = None,
 ) -> Start | NoStart:
-    """The patient in this frame, or why there is none.
+    """Return the patient in this frame, or why there is none.
 
     known: the learnt shape, if there is one already; crowd: the people of this frame, where they are known; expected:
     the pose that the patient had before, who was lost. The first pose has no part of it; a search may turn it round.
@@ -114,7 +114,7 @@ def find_start(
 
 
 def _turned_round(before: PoseBelief, now: Pose) -> bool:
-    """Whether the pelvis has turned farther than the patient may have turned since the pose before.
+    """Return whether the pelvis has turned farther than the patient may have turned since the pose before.
 
     Who was hidden together with the patient often faces the patient, and shows a back where a front was.
     """
@@ -123,14 +123,14 @@ def _turned_round(before: PoseBelief, now: Pose) -> bool:
 
 
 def _turned(first: FirstPose) -> Iterator[Rival]:
-    """The person facing the other way, with the same body or with one of its own, whichever is likelier."""
+    """Yield the person facing the other way, with the same body or with one of its own, whichever is likelier."""
     for other in sorted(first.others, key=first.ahead_of)[:1]:
         own = None if other.shape is first.shape else build_body(body_points(), other.shape)
         yield Rival(vague_belief(other.pose), first.ahead_of(other), body=own)
 
 
 def starts_turned(first: Estimate, rivals: Sequence[Rival], config: TrackConfig) -> Iterator[Start]:
-    """The starts with the other bodies among the rivals of a first estimate: the person facing the other way."""
+    """Yield the starts with the other bodies among the rivals of a first estimate: the person facing the other way."""
     seen = first.observation
     for rival in rivals:
         if seen is None or rival.body is None:
@@ -141,7 +141,7 @@ def starts_turned(first: Estimate, rivals: Sequence[Rival], config: TrackConfig)
 
 
 def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: FittedShape | None) -> FirstPose:
-    """The first pose with the learnt body, else with one that may still change.
+    """Return the first pose with the learnt body, else with one that may still change.
 
     Where what is stated about the patient allows no likely body, the images decide without it.
     """
@@ -156,7 +156,7 @@ def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: Fitte
 
 
 def _is_likely(first: FirstPose, subject: Subject) -> bool:
-    """Whether people have such a height and such a build; a height that was measured is believed."""
+    """Return whether people have such a height and such a build; a height that was measured is believed."""
     deviations = first.belief.deviations(first.shape)[: body_points().asset.common_count]
     return (subject.height_m is not None or is_human(first.shape)) and bool(deviations.max() < MOST_DEVIATIONS)
 
@@ -167,7 +167,7 @@ def _first_pose(seen: Observation, person: MatchedPerson, shape: FirstShape, run
 
 
 def _why_not(start: Start, run: Run) -> NoStart | None:
-    """Why a first pose that explains what is seen is not believed all the same, None where it is."""
+    """Return why a first pose that explains what is seen is not believed all the same, None where it is."""
     body = build_body(body_points(), start.shape)
     posed, evidence = pose_points(body, start.belief.pose), start.observation.evidence
     explanation = explain(body.points, posed, evidence)
@@ -183,7 +183,7 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
 
 
 def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
-    """Whether an upright body ends far above the floor (a height): what is seen is then not all of the person.
+    """Return whether an upright body ends far above the floor (a height): what is seen is then not all of the person.
 
     joints_m (21, 3).
     """
@@ -207,7 +207,7 @@ def quality(start: Start) -> float:
 
 
 def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
-    """The start of a pass the other way from the frame in which one ended; None where the patient is lost there.
+    """Return the start of a pass the other way from the frame in which one ended; None where the patient is lost there.
 
     Only what this frame shows makes the pose sure: the other way is to see for itself.
     """
@@ -235,7 +235,7 @@ def rank_initial_frames(
     patient_xz_m: tuple[float, float] | None,
     cameras: Sequence[Camera],
 ) -> tuple[InitialFrame, ...]:
-    """The frames that show the patient: first those that show the patient well and nobody nearby.
+    """Return the frames that show the patient: first those that show the patient well and nobody nearby.
 
     frames: positions in the recording; sightings: the people of each. If the user gave the patient's place, only the
     first frames in a row with the patient there, since the place is given for the start.
@@ -250,7 +250,7 @@ def rank_initial_frames(
 def ranked_by_view(
     patient: Patient, frames: Sequence[int], sightings: Sequence[Sighting], chosen: Sequence[int]
 ) -> tuple[InitialFrame, ...]:
-    """The frames that show the patient well first; chosen: which of ``patient.seen`` each of them is."""
+    """Return the frames that show the patient well first; chosen: which of ``patient.seen`` each of them is."""
     shown = zip(frames, sightings, (patient.seen[k] for k in chosen), strict=True)
     found = [_Shown(frame, sighting, one) for frame, sighting, one in shown if one is not None]
     ordinary_m2 = float(np.median([shown.patient.person.area_m2 for shown in found]))
@@ -268,7 +268,7 @@ class _Shown(NamedTuple):
 
 
 def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
-    """The frames from the first in which the patient is at a place to the next without; all if never there."""
+    """Return the frames from the first in which the patient is at a place to the next without; all if never there."""
     there = [one is not None and distance_m(one, place_xz_m) < GIVEN_M for one in patient.seen]
     if not any(there):
         return range(len(there))
@@ -277,7 +277,9 @@ def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
 
 
 def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: float) -> InitialFrame:
-    """The frame with its score; more surface than usual is not better: it may be another person's who touches."""
+    """Return the frame with its score; more surface than usual is not better: it may be another person's who
+    touches.
+    """
     one, sighting = shown.patient, shown.sighting
     people = sighting.people
     place = one.person.ground_xz_m
@@ -290,7 +292,7 @@ def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: f
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
-    """The room with its best initial frame first. A person who is alone cannot be confused: no fit is needed."""
+    """Return the room with its best initial frame first. A person who is alone cannot be confused: no fit is needed."""
     candidates = room.initial_frames
     if all(one.alone for one in candidates):
         return replace(room, initial_frames=tuple(replace(one, crowd=None) for one in candidates))
@@ -313,7 +315,7 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
 
 def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> float:
-    """How probable pose and shape of a start are by the images and by what is known of bodies, nats."""
+    """Return how probable pose and shape of a start are by the images and by what is known of bodies, nats."""
     body = build_body(body_points(), start.shape)
     readings = log_probability(body, start.belief.pose, start.observation.evidence)
     return readings - 0.5 * shape_cost(start.shape, subject, config)
@@ -322,7 +324,7 @@ def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> flo
 def best_of(
     candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], tuple[float, float]]
 ) -> InitialFrame:
-    """The first that shows the whole patient and is explained well, or the most probable of ``TRIES``.
+    """Return the first that shows the whole patient and is explained well, or the most probable of ``TRIES``.
 
     explained: 0 to 1, how well a body explains the patient there, and how probable it is, nats. A body that is turned
     round covers as much, but makes the readings less probable than the right one makes those of other frames, or has a
@@ -340,7 +342,7 @@ def best_of(
 
 
 def _worth(candidate: InitialFrame, tried: Sequence[InitialFrame], candidates: Sequence[InitialFrame]) -> float:
-    """The score, reduced near a frame that was tried."""
+    """Return the score, reduced near a frame that was tried."""
     if not tried:
         return candidate.score
     span = APART * max(1, np.ptp([one.frame for one in candidates]))

@@ -37,7 +37,7 @@ LEAST_POINTS: Final = 60  # a hand's: of fewer the share says nothing
 def find_steps(
     skin_m: Mapping[int, np.ndarray], pieces: Sequence[Pieces | None], cameras: Sequence[Camera]
 ) -> dict[int, np.ndarray]:
-    """How far people moved over the ground, (3,) metres by label; without those who stayed or are not seen.
+    """Return how far people moved over the ground, (3,) metres by label; without those who stayed or are not seen.
 
     skin_m: label to points (n, 3) world of what was seen of each person in the last frame. A point is found where a
     pixel of the people lies at its depth, and refuted where a camera sees past it; what hides it says nothing. Of
@@ -69,7 +69,7 @@ class _Option(NamedTuple):
 def _options(
     points_m: np.ndarray, staying: float, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> list[_Option]:
-    """What a person may have done: stayed, or taken one of the best steps, which lead to different places."""
+    """Return what a person may have done: stayed, or taken one of the best steps, which lead to different places."""
     steps, center = _grid(), points_m.mean(axis=0)[[0, 2]]
     worth = _worth(_thinned(points_m), steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     found = [_Option(np.zeros(3), center, max(staying, 0.0))]
@@ -82,7 +82,7 @@ def _options(
 
 
 def _together(chosen: Sequence[_Option]) -> float:
-    """The worth of what several people did; no two of them can go to the same place."""
+    """Return the worth of what several people did; no two of them can go to the same place."""
     for one, other in combinations(chosen, 2):
         if (one.step.any() or other.step.any()) and np.linalg.norm(one.place_xz_m - other.place_xz_m) < APART_M:
             return -np.inf
@@ -92,7 +92,8 @@ def _together(chosen: Sequence[_Option]) -> float:
 def step_onto(
     skin_m: np.ndarray, seen_m: np.ndarray, pieces: Sequence[Pieces | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """(3,) how far expected skin has to be moved over the ground to lie where its owner is seen; 0 where it does.
+    """Return (3,) how far expected skin has to be moved over the ground to lie where its owner is seen; 0 where it
+    does.
 
     skin_m (p, 3): expected, the side that faces a camera; seen_m (n, 3): where ``find_steps`` found the owner.
     """
@@ -112,7 +113,7 @@ def step_onto(
 
 
 def facing_points(points_m: np.ndarray, normals: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
-    """The points (n, 3) that are turned to any camera; normals (n, 3)."""
+    """Return the points (n, 3) that are turned to any camera; normals (n, 3)."""
     facing = np.zeros(len(points_m), dtype=bool)
     for camera in cameras:
         facing |= ((camera.position_m - points_m) * normals).sum(axis=1) > 0
@@ -125,7 +126,7 @@ def _thinned(points_m: np.ndarray) -> np.ndarray:
 
 @cache
 def _grid() -> np.ndarray:
-    """(k, 3) steps over the ground, none first."""
+    """Return (k, 3) steps over the ground, none first."""
     side = np.arange(-REACH_M, REACH_M + GRID_M / 2, GRID_M)
     x, z = (axis.ravel() for axis in np.meshgrid(side, side))
     steps = np.column_stack([x, np.zeros_like(x), z])
@@ -137,7 +138,7 @@ def _grid() -> np.ndarray:
 def _best_step(
     points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, float]:
-    """The step that finds most of the points again, and its worth."""
+    """Return the step that finds most of the points again, and its worth."""
     steps = _grid()
     worth = _worth(points_m, steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     best = int(worth.argmax())
@@ -147,7 +148,9 @@ def _best_step(
 def _worth(
     points_m: np.ndarray, steps: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """(k,) share of the points that are found after each step, less those refuted; a point is found in any camera."""
+    """Return (k,) share of the points that are found after each step, less those refuted; a point is found in any
+    camera.
+    """
     found = np.zeros((len(steps), len(points_m)), np.int8)
     for (pixels, projection), open_ in zip(shown, free, strict=True):
         _look(points_m, steps, projection, pixels.depth_m, open_, found)

@@ -16,7 +16,7 @@ class Stopwatch:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time what runs inside."""
+        """Time the enclosed block."""
         before, self._inside, began = self._inside, 0.0, self._clock()
         try:
             yield

@@ -41,7 +41,7 @@ CAMERA: Final = Camera(
 
 
 def start_warm_up() -> subprocess.Popen[bytes]:
-    """The second process. It ends by itself; its result is the cache of compiled kernels.
+    """Return the second process. It ends by itself; its result is the cache of compiled kernels.
 
     Where it fails, nothing is lost but time: the first process then compiles the same kernels itself.
     """
@@ -70,7 +70,7 @@ def warm_up() -> Registration:
 
 
 def _own_skin(points: SkinPoints, posed: PosedPoints) -> Evidence:
-    """The skin points that face the camera as nodes, and the picture of the skin before a wall."""
+    """Return the skin points that face the camera as nodes, and the picture of the skin before a wall."""
     facing = ((CAMERA.position_m - posed.points_m) * posed.normals).sum(axis=1) > 0.0
     seen = posed.points_m[facing]
     T_camera_world = np.linalg.inv(CAMERA.require_pose())

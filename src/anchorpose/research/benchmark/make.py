@@ -90,7 +90,7 @@ def make_benchmark(
 
 
 def open_benchmark(folder: Path) -> Benchmark:
-    """A folder that ``make_benchmark`` wrote; raises InputError for any other."""
+    """Return a folder that ``make_benchmark`` wrote; raises InputError for any other."""
     found = _read_document(folder)
     groups = tuple(group for group in ALL_GROUPS if set(group.recordings.values()) <= set(found))
     if not groups:
@@ -102,7 +102,7 @@ def open_benchmark(folder: Path) -> Benchmark:
 
 
 def unlike_reference(found: dict[str, Fingerprint]) -> list[str]:
-    """A sentence for each recording whose content is not that of the reference."""
+    """Return a sentence for each recording whose content is not that of the reference."""
     known, sentences = reference(), list[str]()
     for name, mark in found.items():
         expected = known.get(name)
@@ -117,7 +117,7 @@ def unlike_reference(found: dict[str, Fingerprint]) -> list[str]:
 
 
 def reference() -> dict[str, Fingerprint]:
-    """The fingerprints of all recordings by name."""
+    """Return the fingerprints of all recordings by name."""
     document = json.loads(files(__package__).joinpath(REFERENCE).read_text(encoding="utf-8"))
     return {name: Fingerprint(**mark) for name, mark in document["recordings"].items()}
 
@@ -153,7 +153,9 @@ def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -
 
 
 def patient_pixels(recording: Recording, labels: Path, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column (n, 2) of the pixels that truly show the patient and have a reading; places (n, 3), world."""
+    """Return the row and column (n, 2) of the pixels that truly show the patient and have a reading; places (n, 3),
+    world.
+    """
     camera = recording.cameras[0]
     depth_m = read_depth_image(recording.streams[0].files[frame], camera).depth_m
     label = read_image(labels / f"{frame:06d}.png")
@@ -165,7 +167,7 @@ def patient_pixels(recording: Recording, labels: Path, frame: int) -> tuple[np.n
 
 
 def _without_links(folder: Path) -> None:
-    """Copies in place of links, so that the folder can be moved."""
+    """Copy in place of links, so that the folder can be moved."""
     for path in folder.rglob("*.png"):
         if path.is_symlink():
             source = path.resolve()

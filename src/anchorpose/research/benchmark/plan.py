@@ -64,12 +64,12 @@ class Group:
 
     @property
     def name(self) -> str:
-        """The folder, relative to the benchmark."""
+        """Return the folder, relative to the benchmark."""
         return f"{self.part}/{'clinic' if self.is_clinic else 'single'}-{self.seed}"
 
     @property
     def simulation(self) -> SimulationConfig:
-        """The settings of the simulator."""
+        """Return the settings of the simulator."""
         preset = presets.clinic if self.is_clinic else presets.single
         return preset(self.seed, SECONDS, FPS)
 
@@ -82,7 +82,7 @@ class Group:
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
-        """The pairs of frames of the recording without holes."""
+        """Return the pairs of frames of the recording without holes."""
         if self.is_clinic:
             return ()
         return tuple(
@@ -92,16 +92,16 @@ class Group:
         )
 
     def nodes(self, frame: int) -> str:
-        """The file of a frame's nodes, relative to the benchmark."""
+        """Return the file of a frame's nodes, relative to the benchmark."""
         return f"{self.name}/{NODES}/{frame:06d}.csv"
 
     def truth(self, benchmark: Path) -> Path:
-        """The file of the true joints."""
+        """Return the file of the true joints."""
         return benchmark / self.name / "truth.npz"
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """The groups of a part; at_most: only so many of each kind, the first seeds."""
+    """Return the groups of a part; at_most: only so many of each kind, the first seeds."""
     single, clinic = SEEDS[part]
     return tuple(
         Group(part, is_clinic, seed)

@@ -42,7 +42,7 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 
 @njit(cache=True)
 def outline_angle(slopes: np.ndarray, count: int) -> float:
-    """Direction, as a share of a turn, of the longer principal axis of the triangles' centres.
+    """Return the direction, as a share of a turn, of the longer principal axis of the triangles' centres.
 
     Of its two ends the one towards which the surface rises; NaN where there is no surface.
     """
@@ -107,18 +107,21 @@ def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, image: np.ndarray
 
 @njit(cache=True)
 def _lowest(one: float, other: float) -> float:
-    """The smallest of 0 and both."""
+    """Return the smallest of 0 and both."""
     low = one if one < other else other
     return low if low < 0.0 else 0.0
 
 
 def image_side(samples: int) -> int:
-    """Pixels on a side of an image with ``samples`` per cell: cells, margins, and one more all around for gradients."""
+    """Return the pixels on a side of an image with ``samples`` per cell: cells, margins, and one more all around for
+    gradients.
+    """
     return (CELLS + 1) * samples + 2
 
 
 def cell_shares(samples: int) -> np.ndarray:
-    """(side, 3) float64: for each column (or row) its Gaussian weight, the first of its two cells, the second's share.
+    """Return (side, 3) float64: for each column (or row) its Gaussian weight, the first of its two cells, the second's
+    share.
 
     Cell 0 is the margin.
     """

@@ -40,7 +40,7 @@ def distortion_m(distances_a: np.ndarray, distances_b: np.ndarray, match: np.nda
 def least_distortion(
     distances_a: np.ndarray, distances_b: np.ndarray, max_branches: int = 1_000_000
 ) -> LeastDistortion:
-    """The map from the first set of points to the second that changes the worst distance least.
+    """Return the map from the first set of points to the second that changes the worst distance least.
 
     distances_a (n_a, n_a), distances_b (n_b, n_b): metres, symmetric, zero from a point to itself, finite. Raises
     ValueError on others, and where the second set is empty and the first is not.
@@ -62,7 +62,7 @@ def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates:
 
 
 def _among(surface: Surface, nodes: np.ndarray) -> np.ndarray:
-    """(k, k) float64 distances between nodes, the same both ways."""
+    """Return (k, k) float64 distances between nodes, the same both ways."""
     fields = np.minimum(geodesic_distance(surface, nodes)[:, nodes], APART_M).astype(np.float64)
     return np.asarray((fields + fields.T) / 2.0)
 
@@ -78,8 +78,10 @@ def _require_distances(distances: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _search(a: np.ndarray, b: np.ndarray, max_branches: int) -> tuple[np.ndarray, int]:
-    """Depth first, the best place first. worst[level, i, v]: the greatest change if point i goes to v, against the
-    points placed before; a branch is cut once some point has no place with less than the best map's distortion."""
+    """Return the depth first, the best place first. worst[level, i, v]: the greatest change if point i goes to v,
+    against the points placed before; a branch is cut once some point has no place with less than the best map's
+    distortion.
+    """
     depth, count = len(a), len(b)
     best, least = np.zeros(depth, np.int32), np.inf
     worst, order = np.zeros((depth + 1, depth, count)), np.zeros((depth, count), np.int64)

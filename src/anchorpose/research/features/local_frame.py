@@ -15,7 +15,7 @@ SWEEPS = 12  # of Jacobi rotations, which converge quadratically: six reach the 
 
 
 def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarray | None = None) -> np.ndarray:
-    """(n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where undefined.
+    """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where undefined.
 
     points_m (n, 3). x lies along the widest spread and z across the surface, each towards the side of more neighbours;
     where that is a tie, the five in the middle of the order by distance decide. normals (n, 3): where given, z points
@@ -28,7 +28,7 @@ def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarr
 
 
 def as_frames(frames: np.ndarray, count: int) -> np.ndarray:
-    """(k, 3, 3) float32, contiguous; ValueError on another shape."""
+    """Return (k, 3, 3) float32, contiguous; ValueError on another shape."""
     frames = np.ascontiguousarray(frames, np.float32)
     if frames.shape != (count, 3, 3):
         raise ValueError(f"frames must have shape ({count}, 3, 3), got {frames.shape}")
@@ -92,7 +92,7 @@ def _spread(
 
 @njit(cache=True, error_model="numpy")
 def _points_away(points: np.ndarray, own: int, near: np.ndarray, distance2: np.ndarray, axis: np.ndarray) -> bool:
-    """Whether more of the neighbours lie against the axis than along it."""
+    """Return whether more of the neighbours lie against the axis than along it."""
     balance = 0
     for m in range(len(near)):
         ahead = _along(points, own, near[m], axis) >= 0.0

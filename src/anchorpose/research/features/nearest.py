@@ -26,7 +26,7 @@ class Metric(StrEnum):
 
 
 def nearest_descriptor(source: np.ndarray, target: np.ndarray, metric: Metric | str = Metric.EUCLIDEAN) -> np.ndarray:
-    """(m,) int32: the row of target nearest to each row of source, but for the rounding of float64.
+    """Return (m,) int32: the row of target nearest to each row of source, but for the rounding of float64.
 
     source (m, d), target (n, d), compared as float32 values. A row with a value that is not finite is undefined: -1
     for such a row of source, and such a row of target is never chosen; -1 too where target has no other rows. The first
@@ -63,7 +63,7 @@ class _RoughDifferences:
         self._columns = np.ascontiguousarray(target.T, dtype=np.float32)
 
     def apart(self, source: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m, n) float32, and (m,) by how much the smallest of a row and one more may be off together.
+        """Return (m, n) float32, and (m,) by how much the smallest of a row and one more may be off together.
 
         A sum of d values that are not negative is off by d + 1 roundings of itself at most.
         """
@@ -97,7 +97,7 @@ class _RoughSquares:
 
 @njit(cache=True)
 def _sum_of_differences(source: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """(m, n) float32 Manhattan distances of source (m, d) from the rows of a table, given as columns (d, n)."""
+    """Return (m, n) float32 Manhattan distances of source (m, d) from the rows of a table, given as columns (d, n)."""
     width, count = columns.shape
     apart = np.zeros((len(source), count), np.float32)
     for first in range(0, count, COLUMNS):
@@ -114,7 +114,9 @@ def _sum_of_differences(source: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def _settle(
     rough: np.ndarray, slack: np.ndarray, source: np.ndarray, target: np.ndarray, manhattan: bool
 ) -> np.ndarray:
-    """(m,) int64: the nearest of the target rows whose rough distance is within the slack (m,) of the smallest."""
+    """Return (m,) int64: the nearest of the target rows whose rough distance is within the slack (m,) of the
+    smallest.
+    """
     nearest = np.zeros(len(source), np.int64)
     for row in range(len(source)):
         best, limit = np.inf, rough[row].min() + slack[row]

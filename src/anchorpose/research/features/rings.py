@@ -25,7 +25,7 @@ class Rings(NamedTuple):
 
 
 def rings_within(surface: Surface, reach_m: float | np.ndarray) -> Rings:
-    """Every node that edges and links lead to within reach_m of each node.
+    """Return every node that edges and links lead to within reach_m of each node.
 
     reach_m: metres along the edges, one for all or (n,); a row is empty where it is NaN or the node has no position.
     A node that is near without being connected (an arm in front of the trunk) is not a neighbour. Raises ValueError for
@@ -109,7 +109,7 @@ def _spread(
 
 @njit(cache=True)
 def _edge_lengths(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
-    """(n, 8) float32, NaN where either end has no position."""
+    """Return (n, 8) float32, NaN where either end has no position."""
     length = np.zeros(ring.shape, np.float32)
     for here in range(len(ring)):
         for place in range(8):

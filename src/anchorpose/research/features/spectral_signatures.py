@@ -54,12 +54,12 @@ class Spectrum:
 
     @property
     def positive(self) -> np.ndarray:
-        """(k,) bool: eigenvalues other than the pieces' zeros."""
+        """Return (k,) bool: eigenvalues other than the pieces' zeros."""
         return self.eigenvalues > 0.0
 
 
 def spectrum(surface: Surface, pairs: int = PAIRS) -> Spectrum:
-    """The lowest ``pairs`` eigenpairs of all pieces together, fewer where there are fewer nodes with triangles.
+    """Return the lowest ``pairs`` eigenpairs of all pieces together, fewer where there are fewer nodes with triangles.
 
     Pieces share the spectrum, each with its own waves down to the same length. Neumann's condition at the outline.
     """
@@ -67,7 +67,7 @@ def spectrum(surface: Surface, pairs: int = PAIRS) -> Spectrum:
 
 
 def spectrum_of(laplacian: Laplacian, count: int, pairs: int = PAIRS) -> Spectrum:
-    """The same for an operator on some of ``count`` nodes. Raises ValueError without pairs."""
+    """Return the same for an operator on some of ``count`` nodes. Raises ValueError without pairs."""
     if pairs < 1:
         raise ValueError(f"pairs must be at least 1, got {pairs}")
     values, waves = _eigenpairs(laplacian, min(pairs, len(laplacian.node)))
@@ -79,7 +79,9 @@ def spectrum_of(laplacian: Laplacian, count: int, pairs: int = PAIRS) -> Spectru
 
 
 def _eigenpairs(laplacian: Laplacian, pairs: int) -> tuple[np.ndarray, np.ndarray]:
-    """(k,) and (v, k). The lowest are set exactly, to 0 and a constant on each piece; rounding leaves them near 0."""
+    """Return (k,) and (v, k). The lowest are set exactly, to 0 and a constant on each piece; rounding leaves them near
+    0.
+    """
     if pairs == 0:
         return np.empty(0), np.empty((0, 0))
     scale = 1.0 / np.sqrt(laplacian.mass_m2)
@@ -127,7 +129,7 @@ def weighted_squares(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
 
 
 def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
-    """(d,) float64: the integral of ``weighted_squares`` over the piece of surface with the largest area.
+    """Return (d,) float64: the integral of ``weighted_squares`` over the piece of surface with the largest area.
 
     Over all pieces, small components would count as much as the body at low eigenvalues; over each node's own piece, a
     severed arm would change at high ones. NaN without triangles.
@@ -151,7 +153,8 @@ class HksConfig:
 
 
 def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
-    """Heat kernel signature: the heat left at a node at time t after it was put there, sum_i exp(-lambda_i t) phi_i^2.
+    """Return the heat kernel signature: the heat left at a node at time t after it was put there, sum_i exp(-lambda_i
+    t) phi_i^2.
 
     Times t are evenly spaced in their logarithm and in m²: heat diffuses over one square metre in a time of one.
     Returns (n, times) float32 in 1/m²; NaN at nodes without
@@ -169,7 +172,7 @@ def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
 
 
 def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
-    """(times,) m²: from the decay of the shortest wave to that of the longest, unless the range is given."""
+    """Return (times,) m²: from the decay of the shortest wave to that of the longest, unless the range is given."""
     positive = spectrum.eigenvalues[spectrum.positive]
     if config.range_m2 is not None:
         first, last = config.range_m2
@@ -249,7 +252,9 @@ def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
 
 
 def _without_wave(spectrum: Spectrum) -> np.ndarray:
-    """(n,) bool: nodes on pieces without a wave, such as those smaller than the shortest wave of the spectrum."""
+    """Return (n,) bool: nodes on pieces without a wave, such as those smaller than the shortest wave of the
+    spectrum.
+    """
     at = spectrum.piece >= 0
     inside = spectrum.mass_m2[at] * (spectrum.eigenfunctions[np.ix_(at, spectrum.positive)] ** 2).sum(axis=1)
     waves = np.append(np.bincount(spectrum.piece[at], inside, spectrum.piece_count), 0.0)  # how many each piece has
@@ -258,7 +263,9 @@ def _without_wave(spectrum: Spectrum) -> np.ndarray:
 
 
 def wave_energies(spectrum: Spectrum, config: WksConfig) -> tuple[np.ndarray, float]:
-    """(energies,) logarithms of eigenvalues in 1/m², evenly spaced, and the Gaussian's deviation; NaN without any."""
+    """Return (energies,) logarithms of eigenvalues in 1/m², evenly spaced, and the Gaussian's deviation; NaN without
+    any.
+    """
     positive = spectrum.eigenvalues[spectrum.positive]
     if config.range_per_m2 is not None:
         low, high = np.log(config.range_per_m2)
