@@ -23,7 +23,7 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
 
-# share of a camera's pose error that may show in the others: it displaces their common surfaces less than itself
+# share of one camera's error by which joints are displaced where other cameras see the patient as well
 AMONG_OTHERS: Final = 0.5
 REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
