@@ -1,4 +1,4 @@
-"""Represent a pose of the body: bone turns and root, and the pose's uncertainty over time."""
+"""Represent a pose of the body by bone turns and root, and changes of it."""
 
 from __future__ import annotations
 
@@ -44,7 +44,9 @@ DEGREE: Final = np.pi / 180.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """rotations (b, 3, 3): each bone relative to its parent, rest axes. root_m (3,): the root bone's head, world."""
+    """A pose. rotations (b, 3, 3): each bone relative to its parent, rest axes. root_m (3,): the root bone's head,
+    world.
+    """
 
     rotations: np.ndarray
     root_m: np.ndarray
@@ -58,17 +60,17 @@ class Pose:
         return Pose(rotations, self.root_m + change[-3:])
 
     def change_to(self, after: Pose, moving: np.ndarray) -> np.ndarray:
-        """Return (POSE_SIZE,) the change that leads to another pose: ``self.moved(change, moving)`` is ``after``."""
+        """Return the change (POSE_SIZE,) that leads to another pose: ``self.moved(change, moving)`` is ``after``."""
         turned = after.rotations[moving] @ self.rotations[moving].transpose(0, 2, 1)
         return np.append(rotation_vectors(turned).ravel(), after.root_m - self.root_m)
 
     def rotation_vectors(self, moving: np.ndarray) -> np.ndarray:
-        """Return (m, 3) rotation vectors of the moving bones, radians."""
+        """Return the rotation vectors (m, 3) of the moving bones, radians."""
         return rotation_vectors(self.rotations[moving])
 
 
 def moving_bones(asset: BodyAsset) -> np.ndarray:
-    """Return (m,) bone index of each of ``MOVING_BONES``."""
+    """Return the bone index (m,) of each of ``MOVING_BONES``."""
     return np.array([asset.bone(name) for name in MOVING_BONES])
 
 
@@ -95,7 +97,7 @@ _LIMBS: Final = tuple(
 
 
 def _limb_of_bones() -> np.ndarray:
-    """Return (m,) the limb of each moving bone, counted from 1; 0 is the trunk with the head."""
+    """Return the limb (m,) of each moving bone, counted from 1; 0 is the trunk with the head."""
     limb_of = np.zeros(len(MOVING_BONES), dtype=np.int64)
     for number, (name, bones, _) in enumerate(_LIMBS, 1):
         side = "Left" if name.startswith("Left") else "Right"
@@ -115,7 +117,7 @@ LIMB_OF_JOINTS: Final = _limb_of_joints()
 SEGMENT_OF_BONES: Final = 2 * LIMB_OF_BONES + np.array(
     [bone.endswith(("ForeArm", "Hand", "tLeg", "Foot")) for bone in MOVING_BONES]
 )
-"""(m,) twice the limb of each moving bone, one more beyond elbow or knee."""
+"""Segment (m,) of each moving bone: twice its limb, plus one beyond elbow or knee."""
 PARTS: Final = len(_LIMBS) + 1
 
 TRUNK: Final = 0

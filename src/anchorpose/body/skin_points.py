@@ -1,4 +1,4 @@
-"""A body of one shape as registration sees it: a sparse, even sample of the skin, its positions and derivatives."""
+"""Represent a body of one shape for registration: a sparse, even sample of the skin, its positions and derivatives."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ CLOTHES: Final = {
 }
 """Pieces of clothing, each of its own thickness, and the bones whose skin they cover."""
 
-PATCHES: Final = 96  # of skin, some 14 cm apart: a muscle, a fold or the rim of a brace is as large
-PATCH_M: Final = 0.07  # standard deviation of a patch's bell
+PATCHES: Final = 96  # patches of skin, about 14 cm apart: a muscle, a fold or the rim of a brace is as large
+PATCH_M: Final = 0.07  # standard deviation of a patch's bell-shaped profile
 OFFSETS: Final = len(CLOTHES) + PATCHES
-"""Directions in which what is seen stands off the skin of the body: pieces of clothing, then patches."""
+"""Number of directions in which the seen surface differs from the body's skin: pieces of clothing, then patches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinPoints:
-    """The skin points of an asset, whatever the shape.
+    """The skin points of an asset, independent of shape.
 
-    vertex (p,): index into the asset's skin. weights (p, b): dense skinning weights; bones, influence (p, w): the same,
-    heaviest first, 0 where there are no more. part (p,): bone that moves the point most. covered (p, c): 0 to 1, how
-    far each of ``OFFSETS`` moves a point. below (m, b): see ``descendants``. moving (m,): bones. faces_of (p, f): faces
-    around each point, padded by repeating the first.
+    vertex (p,): index into the asset's skin. weights (p, b): dense skinning weights; bones, influence (p, w): the same
+    in sparse form, heaviest first, padded with 0. part (p,): bone that moves the point most. covered (p, c): 0 to 1,
+    how far each of ``OFFSETS`` moves a point. below (m, b): see ``descendants``. moving (m,): bones. faces_of (p, f):
+    faces around each point, padded by repeating the first.
     """
 
     asset: BodyAsset
@@ -60,7 +60,7 @@ class SkinPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedShape:
-    """The patient's shape: coefficients (k,) of the asset; offset_m (c,): how far clothes and patches stand off it.
+    """The patient's shape: coefficients (k,) of the asset; offset_m (c,): thickness of clothes and patches.
 
     missing: parts that the body lacks (``missing``).
     """
@@ -76,13 +76,13 @@ class FittedShape:
 
 
 def even_clothes(thickness_m: float) -> np.ndarray:
-    """Return (c,) offsets of clothes of one thickness everywhere."""
+    """Return the offsets (c,) of clothes with one thickness everywhere."""
     return np.where(np.arange(OFFSETS) < len(CLOTHES), thickness_m, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A person's body in one shape: its sampled skin at rest, and the whole mesh with its skeleton.
+    """The body of one person: its sampled skin at rest, and the whole mesh with its skeleton.
 
     rest_m (p, 3): the skin points with clothes, metres; rest_normals (p, 3): outward unit normals.
     """
@@ -94,17 +94,19 @@ class Body:
     rest_normals: np.ndarray
 
     def transforms(self, pose: Pose) -> np.ndarray:
-        """T_world_rest (b, 4, 4) of the bones in a pose."""
+        """Return T_world_rest (b, 4, 4) of the bones in a pose."""
         return self.mesh.bone_transforms(pose.rotations, pose.root_m)
 
     def joints(self, pose: Pose) -> np.ndarray:
-        """Return (21, 3) joints in a pose, order of ``JOINT_NAMES``, metres in the world."""
+        """Return the joints (21, 3) in a pose, in the order of ``JOINT_NAMES``, metres, world."""
         return self.mesh.joints(self.transforms(pose))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedPoints:
-    """points_m, normals (p, 3) in the world; transforms (b, 4, 4) T_world_rest of the bones."""
+    """The skin points in a pose: points_m, normals (p, 3) in the world; transforms (b, 4, 4) T_world_rest of the
+    bones.
+    """
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -113,7 +115,7 @@ class PosedPoints:
 
 @cache
 def skin_points(asset: BodyAsset) -> SkinPoints:
-    """Farthest-point sample of the outer skin."""
+    """Sample the outer skin by farthest points."""
     vertex = _spread_out(asset, POINT_COUNT)
     weights = np.zeros((len(vertex), len(asset.bone_names)))
     rows = np.arange(len(vertex))[:, None]
@@ -166,7 +168,7 @@ def _spread_out(asset: BodyAsset, count: int) -> np.ndarray:
 
 
 def _patches(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
-    """Return (p, PATCHES) how far each patch moves each point: a bell around its middle, on skin that faces the same
+    """Return how far each patch moves each point (p, PATCHES): a bell around its middle, on skin that faces the same
     way.
     """
     place = asset.vertices[vertex]
@@ -195,9 +197,7 @@ def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
 def build_body(points: SkinPoints, shape: FittedShape) -> Body:
     """Return the body of a shape, with its skin points and their normals in the rest pose."""
     mesh = shape.mesh(points.asset)
-    whole = (
-        shape_body(points.asset, shape.coefficients) if shape.missing else mesh
-    )  # a part in one place has no normals
+    whole = shape_body(points.asset, shape.coefficients) if shape.missing else mesh  # a collapsed part has no normals
     normals = _normals(whole.vertices, points.asset.faces[points.faces_of])
     offset_m = points.covered @ shape.offset_m
     if shape.missing:
@@ -213,9 +213,9 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-@lru_cache(maxsize=8)  # several stages of a frame ask for the same one
+@lru_cache(maxsize=8)  # several stages of a frame need the same pose
 def pose_points(body: Body, pose: Pose) -> PosedPoints:
-    """Linear blend skinning of the sampled points; nobody writes into what is returned."""
+    """Pose the sampled points by linear blend skinning; the result is shared and must not be changed."""
     transforms = body.transforms(pose)
     posed, normals = skin(body.points.bones, body.points.influence, transforms, body.rest_m, body.rest_normals)
     return PosedPoints(posed, normals, transforms)
@@ -231,7 +231,7 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
     used, back = np.unique(index, return_inverse=True)
     weights = body.points.weights[used]
     placed = np.einsum("bij,nj->nbi", transforms[:, :3, :3], body.rest_m[used]) + transforms[:, :3, 3]
-    carried = body.points.below @ (weights[..., None] * placed)  # (n, m, 3): sum over the bones below of weight x place
+    carried = body.points.below @ (weights[..., None] * placed)  # (n, m, 3): sum of weight x place over the bones below
     share = weights @ body.points.below.T
     pivot, frame = joint_frames(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
     lever = carried - share[..., None] * pivot
@@ -258,9 +258,9 @@ def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction:
 
 
 def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarray:
-    """Return (b, count, 3) how far each coefficient moves what is fixed to a bone, beside its move in the rest pose."""
+    """Return how far each coefficient moves each bone's points (b, count, 3), beside their move in the rest pose."""
     transforms, head_basis = posed.transforms, asset.bone_head_basis[:count]
-    shift = np.zeros((len(transforms), count, 3))  # of each bone's head in the world
+    shift = np.zeros((len(transforms), count, 3))  # shift of each bone's head in the world
     for bone, parent in enumerate(asset.bone_parents):
         if parent >= 0:
             step = head_basis[:, bone] - head_basis[:, parent]
@@ -277,5 +277,5 @@ def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints
 
 
 def place_variance(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return (n,) mean variance of the three axes, square metres, of places by their derivative (n, 3, POSE_SIZE)."""
+    """Return the variance (n,), mean of the three axes, m2, of places with derivative (n, 3, POSE_SIZE)."""
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)
