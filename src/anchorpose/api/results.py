@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATIENT: Final = "patient"
-WITHIN_M: Final = 0.1  # what ``confidence`` asks: an error that clinical measures and pictures of a pose show
+WITHIN_M: Final = 0.1  # m, limit of ``confidence``: an error that shows in clinical measures and pictures of a pose
 EVEN: Final = 0.01  # of the frame interval: times that differ by less are evenly spaced
 
 
 class Results:
-    """A results folder. Every table is read when it is asked for; missing values are NaN or None, never a number.
+    """A results folder. Every table is read when it is used; missing values are NaN or None, never a number.
 
-    folder: where it is; ``track`` without a folder of yours keeps it for as long as this object lives.
+    folder: its place; ``track`` without a folder argument keeps it as long as this object lives.
     """
 
     folder: Path
 
     def __init__(self, folder: Path, kept: TemporaryDirectory[str] | None = None) -> None:
-        """Raise InputError where the folder holds no results."""
+        """Open a results folder; raises InputError where it has no results."""
         self.folder, self._kept = folder, kept
         if not (folder / RUN_FILE).is_file():
             raise InputError(folder, "is not a results folder", "give a folder that 'anchorpose track' has written")
@@ -45,7 +45,7 @@ class Results:
 
     @cached_property
     def run(self) -> dict[str, Any]:
-        """Return what run.json says: versions, settings, cameras, the learnt body, notes (docs/guide/track.md)."""
+        """Return the content of run.json: versions, settings, cameras, the learnt body, notes (docs/guide/track.md)."""
         return dict(read_json(self.folder / RUN_FILE))
 
     @cached_property
@@ -75,7 +75,9 @@ class Results:
 
     @cached_property
     def contacts(self) -> pd.DataFrame:
-        """Return a row for each contact of another person, or a part of the equipment, with a part of the patient."""
+        """Return a row for each contact of another person, or of a part of the equipment, with a part of the
+        patient.
+        """
         return self._frame("contacts")
 
     @cached_property
