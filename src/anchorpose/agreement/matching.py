@@ -1,4 +1,6 @@
-"""Match the frames of a results folder with those of another system: one clock, one frame, joints and angles alike."""
+"""Match the frames of a results folder with those of another system: one clock, one frame, the same joints and
+angles.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ from anchorpose.results.verify import require_own
 from anchorpose.rotations import fit_rigid_transform
 
 LARGEST_SCALE: Final = 1.3
-"""Bodies are as large in both systems; definitions change distances between joints by less than this factor."""
+"""Limit of the ratio of body sizes in both systems; definitions change distances between joints by less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +62,7 @@ class Match:
 
 
 def match_results(results: Path, reference: Reference, given: np.ndarray | None = None) -> Match:
-    """Find clock and frame. given: T_world_reference (4, 4) where it is known.
+    """Find clock and frame of the reference. given: T_world_reference (4, 4) if known.
 
     Raises InputError where lengths have another unit, axes or labels are the wrong way round, or no common movement is
     found.
@@ -111,9 +113,7 @@ def _match(
 def _clock_of_positions(
     joints: JointTable, axes: np.ndarray, reference: Reference, placement: Placement, clock: Clock
 ) -> Clock:
-    """Return the clock again, now that the frame is known: positions say more about time than distances between
-    them.
-    """
+    """Refine the clock with the known frame: positions determine time better than distances between them."""
     nothing = np.zeros_like(joints.position_m)
     ours = position_signals(joints.time_s, residual(joints.position_m, nothing, axes, placement.offset_m))
     theirs_m = transform_points(placement.T_world_reference, reference.centres.position_m)
@@ -157,8 +157,9 @@ def require_sides(joints: JointTable, ours: AngleTable, reference: Reference) ->
 
 
 def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict[Sides, float]:
-    """By what is reversed: the median distance of joints in metres after the best rigid motion; without joints, the
-    share of movement that is unexplained. Nothing where no common movement is found."""
+    """Return, by what is reversed, the median distance of joints in metres after the best rigid motion; without joints,
+    the share of unexplained movement. It is empty where no common movement is found.
+    """
     found = dict[Sides, float]()
     for is_exchanged, other in ((False, reference), (True, exchanged(reference))):
         columns = [ours.column(name) for name in other.angles]

@@ -1,4 +1,4 @@
-"""Write what a comparison leaves behind: tables as CSV, sentences for a methods section, and the page."""
+"""Write the results of a comparison: tables as CSV, sentences for a methods section, and the page."""
 
 from __future__ import annotations
 
