@@ -1,4 +1,5 @@
-"""BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8): a dataset of one subject with one recording.
+"""Write BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8): a dataset of one subject with one
+recording.
 
 Each column of motion.tsv is a channel; contacts and episodes are BIDS events beside the motion.
 """
@@ -40,7 +41,7 @@ class Channel:
 
     @property
     def row(self) -> tuple[str, ...]:
-        """As in channels.tsv."""
+        """Return the channel's row in channels.tsv."""
         frame = WORLD if self.kind == "POS" else "n/a"
         return self.name, self.component, self.kind, self.tracked_point, self.units, frame, self.description
 
@@ -144,7 +145,7 @@ Research use only; not a medical device.
 
 
 def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """Return a dataset folder: description, participants, and motion of the subject, times as recorded."""
+    """Write a dataset folder: description, participants, and motion of the subject, with times as recorded."""
     channels = channels_of(source.samples)
     _dataset(folder, config)
     entities = [f"sub-{config.subject}", *([f"ses-{config.session}"] if config.session else [])]
@@ -172,7 +173,7 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _events(stem: Path, source: Source) -> None:
-    """Write no file where there are no events, as BIDS requires."""
+    """Write the events; no file where there are none, as BIDS requires."""
     events = events_of(source.folder, float(source.samples.time_s[0]))
     if events:
         write_rows(stem.with_suffix(".tsv"), "\t", [EVENT_COLUMNS], events)
