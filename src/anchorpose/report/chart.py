@@ -40,27 +40,27 @@ class Bins:
 
     @property
     def count(self) -> int:
-        """Number of groups."""
+        """Return the number of groups."""
         return len(self.start)
 
     @property
     def last(self) -> np.ndarray:
-        """(b,) last row of each group."""
+        """Return (b,) last row of each group."""
         return np.append(self.start[1:], len(self.frame)) - 1
 
     @property
     def thinned(self) -> bool:
-        """Whether any group holds more than one frame."""
+        """Return whether any group holds more than one frame."""
         return self.count < len(self.frame)
 
     @property
     def place(self) -> np.ndarray:
-        """(b,) where the middle of each group lies between the first frame (0) and the last (1)."""
+        """Return (b,) where the middle of each group lies between the first frame (0) and the last (1)."""
         middle = (self.time_s[self.start] + self.time_s[self.last]) / 2.0
         return self.place_of(middle)
 
     def place_of(self, time_s: np.ndarray) -> np.ndarray:
-        """Where a time lies between the first frame (0) and the last (1); one frame alone lies in the middle."""
+        """Return where a time lies between the first frame (0) and the last (1); one frame alone lies in the middle."""
         span = self.time_s[-1] - self.time_s[0]
         return (time_s - self.time_s[0]) / span if span > 0 else np.full(np.shape(time_s), 0.5)
 
@@ -97,7 +97,7 @@ def envelope(values: np.ndarray, bins: Bins) -> Envelope:
 
 
 def worst(state_code: np.ndarray, bins: Bins) -> np.ndarray:
-    """(b,) the worst state of each group."""
+    """Return (b,) the worst state of each group."""
     return np.maximum.reduceat(state_code, bins.start)
 
 
@@ -122,7 +122,7 @@ class Axis:
         return np.round(UNITS * np.clip(place, -1.0, 2.0))
 
     def labels(self) -> list[tuple[float, str]]:
-        """(share from the top, text) of each tick."""
+        """Return (share from the top, text) of each tick."""
         step = self.ticks[1] - self.ticks[0] if len(self.ticks) > 1 else 1.0
         decimals = max(0, -math.floor(math.log10(step) + 1e-9))
         return [((self.high - tick) / (self.high - self.low), number(tick, decimals)) for tick in self.ticks]
@@ -148,7 +148,7 @@ def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
 
 
 def round_step(least: float) -> float:
-    """The smallest of 1, 2, 5, 10, ... (and of their tenths, hundredths) that is at least ``least``."""
+    """Return the smallest of 1, 2, 5, 10, ... (and of their tenths, hundredths) that is at least ``least``."""
     power = 10.0 ** math.floor(math.log10(least))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= least * (1 - 1e-9))
 
@@ -187,17 +187,17 @@ class Row:
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """(share from the top, text) of each number beside the row."""
+        """Return (share from the top, text) of each number beside the row."""
         return [] if self.axis is None else self.axis.labels()
 
     @property
     def grid(self) -> str:
-        """A line at each tick, as an SVG path."""
+        """Return a line at each tick, as an SVG path."""
         return "".join(f"M0 {round(UNITS * top)}h{UNITS}" for top, _ in self.ticks)
 
 
 def heading(label: str) -> Row:
-    """The name of the rows below it."""
+    """Return the name of the rows below it."""
     return Row(label=label, height=0, kind="heading")
 
 
@@ -223,7 +223,7 @@ class Reading:
 
     @property
     def columns(self) -> list[tuple[str, Column]]:
-        """(role, column) of those that there are."""
+        """Return (role, column) of those that there are."""
         roles = ("text", "low", "high", "sigma", "state")
         return [(role, getattr(self, role)) for role in roles if getattr(self, role) is not None]
 
@@ -246,7 +246,7 @@ class Chart:
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """(share of the width, text) of round seconds along the bottom."""
+        """Return (share of the width, text) of round seconds along the bottom."""
         begin, end = float(self.bins.time_s[0]), float(self.bins.time_s[-1])
         if end <= begin:
             return [(0.5, f"{number(begin, 2)} s")]
@@ -270,7 +270,7 @@ class Chart:
 
     @property
     def csv(self) -> str:
-        """The numbers of all readings, as the rest of a data address."""
+        """Return the numbers of all readings, as the rest of a data address."""
         columns = _leading_columns(self.bins) + [column for reading in self.readings for _, column in reading.columns]
         lines = [",".join(column.name for column in columns)]
         lines += map(",".join, zip(*(column.cells for column in columns), strict=True))
@@ -278,7 +278,7 @@ class Chart:
 
 
 def _leading_columns(bins: Bins) -> list[Column]:
-    """Which frames each group holds, from when to when, and where it lies on the time axis."""
+    """Return which frames each group holds, from when to when, and where it lies on the time axis."""
     return [
         Column("first_frame", [str(frame) for frame in bins.frame[bins.start].tolist()]),
         Column("last_frame", [str(frame) for frame in bins.frame[bins.last].tolist()]),
@@ -289,7 +289,7 @@ def _leading_columns(bins: Bins) -> list[Column]:
 
 
 def lowest_and_highest(name: str, values: np.ndarray, bins: Bins, decimals: int) -> dict[str, Column]:
-    """Columns of the lowest and the highest value of each group; name: with a place for which of the two."""
+    """Return the columns of the lowest and the highest value of each group; name: with a place for which of the two."""
     line = envelope(values, bins)
     ends = {"low": ("lowest", line.low), "high": ("highest", line.high)}
     return {role: Column(name.format(which), cells(end, decimals)) for role, (which, end) in ends.items()}

@@ -47,14 +47,14 @@ class Span(NamedTuple):
 
 
 def grows_with_time(measure: Measure) -> bool:
-    """Whether twice the time of the same training would give a larger (or more extreme) number."""
+    """Return whether twice the time of the same training would give a larger (or more extreme) number."""
     name = measure.measure
     grows = name.endswith(("_time", *_EXTREMES)) or name.startswith("longest_") or measure.unit == "count"
     return (grows or name in (*_SWAY, *_LARGEST)) and name not in _AVERAGED
 
 
 def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> str | None:
-    """Why a change of this measure between two sessions says nothing about the patient; None where it may.
+    """Return why a change of this measure between two sessions says nothing about the patient; None where it may.
 
     first, later: all measures of the two sessions. A session of unknown length is not tested.
     """
@@ -65,7 +65,7 @@ def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Meas
 
 
 def span_sentences(first: Sequence[Measure], later: Sequence[Measure]) -> list[str]:
-    """One sentence for each time that differs between two sessions."""
+    """Return one sentence for each time that differs between two sessions."""
     return [
         f"{old.words}: {number(new.seconds, 1)} instead of {number(old.seconds, 1)} s, so that times, counts, extremes "
         "and paths taken over it are not tested"
@@ -102,7 +102,7 @@ MOST_NAMES: Final = 8  # of settings that differ; more are counted
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:
-    """Raises InputError where two are of the same recording, or their measures are defined differently."""
+    """Raise InputError where two are of the same recording, or their measures are defined differently."""
     first = sessions[0]
     for later in sessions[1:]:
         what = _other_definition(first, later)
@@ -134,7 +134,7 @@ def _full_stop(sentence: str) -> str:
 
 
 def _other_definition(first: Session, later: Session) -> str | None:
-    """How the definitions of two sessions' measures differ; None where they are the same."""
+    """Return how the definitions of two sessions' measures differ; None where they are the same."""
     old, new = first.definition, later.definition
     if old is None or new is None:
         return "one of them does not state how it was computed"
@@ -178,7 +178,7 @@ def _settings(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
 
 
 def _changed(old: Any, new: Any) -> list[str]:
-    """The names of all numbers in two nested configs that differ, or stand in one of them only."""
+    """Return the names of all numbers in two nested configs that differ, or stand in one of them only."""
     flat, own = _flat(old), _flat(new)
     return [name for name in dict.fromkeys([*flat, *own]) if flat.get(name) != own.get(name)]
 

@@ -50,7 +50,7 @@ def write_comparison(
     reliability: Path | None = None,
     dates: Sequence[str] = (),
 ) -> Path:
-    """Writes one page on two or more results folders, in the order given; the others are compared with the first.
+    """Write one page on two or more results folders, in the order given; the others are compared with the first.
 
     labels: one per session; by default the name of its recording, or of its folder where two recordings share a name.
     reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide. dates: one per
@@ -116,7 +116,7 @@ class Change:
 
     @property
     def exceeds(self) -> bool | None:
-        """Whether it is more than the errors; None where no error is stated."""
+        """Return whether it is more than the errors; None where no error is stated."""
         return None if self.detectable is None else abs(self.difference) > self.detectable
 
 
@@ -158,7 +158,8 @@ class ChangeGroup(NamedTuple):
 
 
 def change_groups(sessions: Sequence[Session], detectable: Detectable | None = None) -> list[ChangeGroup]:
-    """The measures of all sessions side by side; detectable: minimal detectable changes of ``read_detectable``.
+    """Return the measures of all sessions side by side; detectable: minimal detectable changes of
+    ``read_detectable``.
 
     Measures of one person are left out: people have no names that persist from session to session.
     """
@@ -218,7 +219,9 @@ def _signed(change: Change, measure: Measure) -> str:
 
 
 def angle_rows(sessions: Sequence[Session]) -> list[tuple[str, list[Markup]]]:
-    """(name, a cell per session): the range of each angle that all sessions have, and how much of it is inferred."""
+    """Return (name, a cell per session): the range of each angle that all sessions have, and how much of it is
+    inferred.
+    """
     names = [name for name in sessions[0].angles.names if all(name in each.angles.names for each in sessions)]
     return [(named_part(name), [_range(session, name) for session in sessions]) for name in names]
 

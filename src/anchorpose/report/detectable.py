@@ -17,7 +17,7 @@ RELIABILITY_REMEDY: Final = "give the table that 'anchorpose reliability SESSION
 
 
 def read_detectable(path: Path) -> Detectable:
-    """The measures that have a value; raises InputError for another table."""
+    """Return the measures that have a value; raises InputError for another table."""
     lines = [line for _, line in read_rows(path)]
     head = lines[0] if lines else []
     require_distinct(path, head)

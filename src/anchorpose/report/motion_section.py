@@ -123,7 +123,7 @@ def known_median(values: np.ndarray) -> float | None:
 
 
 def state_table(session: Session) -> list[tuple[str, list[Markup]]]:
-    """(name, cells) of each joint: per cent of its frames in each state, and its typical uncertainty."""
+    """Return (name, cells) of each joint: per cent of its frames in each state, and its typical uncertainty."""
     return [(named_part(name), _joint_cells(session, JOINT_INDEX[name])) for name in JOINT_NAMES]
 
 
@@ -134,7 +134,7 @@ def _joint_cells(session: Session, joint: int) -> list[Markup]:
 
 
 def joint_charts(session: Session) -> list[Chart | str]:
-    """The path of each joint or pair of joints (forward, up, to the right); a sentence where both are lost."""
+    """Return the path of each joint or pair of joints (forward, up, to the right); a sentence where both are lost."""
     pairs: dict[str, list[str]] = {}
     for name in JOINT_NAMES:
         pairs.setdefault(split_side(name)[0], []).append(name)

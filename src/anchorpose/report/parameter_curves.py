@@ -30,7 +30,7 @@ class Level(NamedTuple):
 
 
 def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray) -> list[Level]:
-    """The mean of the trials at each number, in rising order.
+    """Return the mean of the trials at each number, in rising order.
 
     at, value, sigma (n,); sigma NaN where unknown. The interval holds the scatter of the trials, at least their random
     errors; of a single trial these alone. The systematic error, which would move all levels alike, is left out.
@@ -50,7 +50,7 @@ def _level(at: float, value: np.ndarray, sigma: np.ndarray) -> Level:
 
 
 def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure]]) -> list[StillChart]:
-    """A chart for each measure and numeric column with two numbers or more; left and right in one chart."""
+    """Return a chart for each measure and numeric column with two numbers or more; left and right in one chart."""
     names = dict.fromkeys(key[0] for key in found)
     numeric = [column for column in trials.columns if column.unit is not None]
     charts = (
@@ -108,7 +108,7 @@ def _cells(side: str, level: Level, column: TrialColumn, unit: str) -> tuple[str
 
 
 def _ticks(levels: np.ndarray, span: tuple[float, float]) -> list[tuple[float, str]]:
-    """Every level, or the first, the last and some between them."""
+    """Return every level, or the first, the last and some between them."""
     if len(levels) > MOST_TICKS:
         levels = levels[np.unique(np.linspace(0, len(levels) - 1, MOST_TICKS).astype(int))]
     return [(float(share), f"{level:g}") for share, level in zip(across(levels, span), levels.tolist(), strict=True)]

@@ -66,7 +66,7 @@ def across(values: np.ndarray, span: tuple[float, float]) -> np.ndarray:
 
 
 def still_row(label: str, points: Sequence[Points], lines: Sequence[Line], span: tuple[float, float]) -> Row:
-    """The picture; span: the least and the greatest x."""
+    """Return the picture; span: the least and the greatest x."""
     values = [(each.y, each.y) for each in points] + [(each.y, each.y) for each in lines]
     bands = [(np.where(np.isnan(p.reach), p.y, p.y - p.reach), p.y + np.nan_to_num(p.reach)) for p in points]
     bands += [(np.fmin(each.low, each.y), np.fmax(each.high, each.y)) for each in lines]

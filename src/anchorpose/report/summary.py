@@ -46,7 +46,7 @@ def summary(session: Session) -> list[Markup]:
 
 
 def seen_shares(session: Session) -> np.ndarray:
-    """(21,) share of the frames in which each joint was seen."""
+    """Return (21,) share of the frames in which each joint was seen."""
     shares: np.ndarray = (session.joints.state_code == 0).mean(axis=0)
     return shares
 
@@ -75,7 +75,7 @@ def _measure(session: Session, name: str) -> Measure | None:
 
 
 def _posture(session: Session) -> Markup:
-    """The share that stands in the table of measures, and for how long posture is unknown."""
+    """Return the share that stands in the table of measures, and for how long posture is unknown."""
     share, unknown = _measure(session, "upright_share"), _measure(session, "unknown_time")
     if share is None or share.value is None:
         why = "measures.parquet does not say" if share is None else str(share.why)
@@ -90,7 +90,7 @@ def _posture(session: Session) -> Markup:
 
 
 def _transitions(session: Session) -> Markup:
-    """How often each was seen, which is a lower bound where posture is not known throughout."""
+    """Return how often each was seen, which is a lower bound where posture is not known throughout."""
     seen, least = [], "at least " if (session.posture.upright == UNKNOWN).any() else ""
     for kind, words in ((SIT_TO_STAND, "stood up"), (STAND_TO_SIT, "sat down")):
         count = sum(episode.kind == kind for episode in session.episodes)
@@ -102,7 +102,7 @@ def _transitions(session: Session) -> Markup:
 
 
 def _events(session: Session) -> Markup:
-    """How many events were seen; nothing where there were none, since some may have been hidden."""
+    """Return how many events were seen; nothing where there were none, since some may have been hidden."""
     words = (
         ("knee buckle", "knee buckles", (BUCKLE_LEFT, BUCKLE_RIGHT)),
         ("failed stand", "failed stands", (FAILED_STAND,)),
@@ -168,7 +168,7 @@ def _quality(session: Session) -> Markup:
 
 
 def _verdict(session: Session) -> Markup:
-    """How much is lost, and how much was seen of what is not: one does not make up for the other."""
+    """Return how much is lost, and how much was seen of what is not: one does not make up for the other."""
     lost = float(session.joints.lost.mean())
     seen = float(seen_shares(session).mean()) / (1.0 - lost)
     sentences = [_lost_verdict(lost), _seen_verdict(seen, whole=lost <= MUCH_LOST)]

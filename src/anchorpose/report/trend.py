@@ -39,7 +39,7 @@ NOT_MEASURED: Final = ("recorded_time", "found_time", "unknown_time", "sway_time
 
 
 def parse_dates(texts: Sequence[str], count: int, page: Path) -> list[date] | None:
-    """The dates of the sessions in their order; None for none. Raises InputError for others."""
+    """Return the dates of the sessions in their order; None for none. Raises InputError for others."""
     if not texts:
         return None
     if len(texts) != count:
@@ -59,7 +59,7 @@ def _parse(text: str, page: Path) -> date:
 
 
 def dates_in(labels: Sequence[str]) -> list[str]:
-    """The labels where all of them are dates in the order of time, else nothing."""
+    """Return the labels where all of them are dates in the order of time, else nothing."""
     try:
         dates = [date.fromisoformat(label) for label in labels]
     except ValueError:
@@ -82,7 +82,7 @@ class Fit:
     count: int
 
     def band(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The line at x (k,), and half of its 95 % interval there."""
+        """Return the line at x (k,), and half of its 95 % interval there."""
         half = self.quantile * self.scatter * np.sqrt(1.0 / self.count + (x - self.middle) ** 2 / self.squares)
         return self.intercept + self.slope * x, half
 
@@ -118,7 +118,7 @@ class TrendSection(NamedTuple):
 
 
 def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, detectable: Detectable) -> TrendSection:
-    """The trends of the main measures, in the order of reading; detectable: as for changes between sessions."""
+    """Return the trends of the main measures, in the order of reading; detectable: as for changes between sessions."""
     if dates is None:
         return TrendSection(NO_DATES, [], [])
     days = len(set(dates))
@@ -207,7 +207,7 @@ def _interval(value: float, half: float, like: Measure) -> Markup:
 
 
 def _chart(name: str, sides: Sequence[_Followed], dates: Sequence[date]) -> StillChart:
-    """All sessions of a measure, left and right in one chart, with the lines and their bands."""
+    """Return all sessions of a measure, left and right in one chart, with the lines and their bands."""
     points, lines, table = list[Points](), list[Line](), list[tuple[str, Sequence[str]]]()
     times, unit = unit_of(sides[0].like.unit)
     span = (float(sides[0].x[0]), float(sides[0].x[-1]))
@@ -259,7 +259,7 @@ APART: Final = 0.12
 
 
 def _spread(shares: np.ndarray, dates: Sequence[date]) -> list[tuple[float, date]]:
-    """The dates that have room beside each other."""
+    """Return the dates that have room beside each other."""
     kept = list[tuple[float, date]]()
     for share, day in zip(shares.tolist(), dates, strict=True):
         if not kept or share - kept[-1][0] >= APART:

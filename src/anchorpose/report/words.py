@@ -92,7 +92,7 @@ class Form:
     share: bool = False
 
     def write(self, value: float) -> str:
-        """The text people read."""
+        """Return the text people read."""
         text = number(self.times * value, self.decimals)
         if self.share and 0 < value < 1 and text in ("0", "100"):
             text = "under 1" if text == "0" else "over 99"
@@ -110,7 +110,7 @@ def figure(value: float | None, form: Form) -> Markup:
 
 
 def render_page(package: str, template: str, **values: object) -> str:
-    """The filled template, a file of ``package``; every value is escaped unless it is ``Markup``.
+    """Return the filled template, a file of ``package``; every value is escaped unless it is ``Markup``.
 
     Templates include others of the package and ``page_head.html``, which needs a ``title``, by name;
     ``inline(name)`` puts in a file as it is. Raises jinja2.UndefinedError for a value that is missing.
@@ -129,5 +129,5 @@ def _environment(package: str) -> Environment:
 
 
 def read_words(package: str, name: str) -> list[dict[str, str]]:
-    """The rows of a CSV of ``package``, by the names of their columns."""
+    """Return the rows of a CSV of ``package``, by the names of their columns."""
     return list(csv.DictReader(resources.files(package).joinpath(name).read_text("utf-8").splitlines()))

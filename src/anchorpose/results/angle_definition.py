@@ -26,7 +26,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(3, ...)."""
+    """Return (3, ...)."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
@@ -36,12 +36,12 @@ def length(vector: np.ndarray) -> np.ndarray:
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
-    """(3, ...) of length one; NaN where the vector has no length."""
+    """Return (3, ...) of length one; NaN where the vector has no length."""
     return rotations.unit(vector, axis=0)
 
 
 def square_to(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """(3, ...) unit vector along the part of ``vector`` that is perpendicular to the unit vector ``axis``."""
+    """Return (3, ...) unit vector along the part of ``vector`` that is perpendicular to the unit vector ``axis``."""
     return unit(vector - dot(vector, axis) * axis)
 
 
@@ -87,7 +87,7 @@ class AngleGroup:
 
 
 def hinge_sigma(points: Points, limb: tuple[str, str, str], aside_rad: float) -> np.ndarray:
-    """(n,) radians: standard deviation of the angle between the plane of a bent limb and that of its hinge.
+    """Return (n,) radians: standard deviation of the angle between the plane of a bent limb and that of its hinge.
 
     limb: the joints at its root, hinge and end. aside_rad: standard deviation of how far limbs are bowed to a side; the
     less the limb is bent, the more that rotates its plane.

@@ -114,7 +114,7 @@ class NamedPatient:
 
     @property
     def xz_m(self) -> tuple[float, float]:
-        """The place on the floor."""
+        """Return the place on the floor."""
         return self.position_m[0], self.position_m[2]
 
 
@@ -122,15 +122,16 @@ Correction = UnusableInterval | JointCorrection | NamedPatient
 
 
 def _subject(entry: Correction) -> tuple[int, str] | str | None:
-    """What an entry is about, of which one entry holds at a time: a joint in a frame, or who the patient is; None for
-    an interval, of which any number may hold."""
+    """Return what an entry is about, of which one entry holds at a time: a joint in a frame, or who the patient is;
+    None for an interval, of which any number may hold.
+    """
     if isinstance(entry, JointCorrection):
         return entry.frame, entry.joint
     return "patient" if isinstance(entry, NamedPatient) else None
 
 
 def _kind_of(value: Any) -> str:
-    """A correction is of a joint where it has the key ``joint``, else of the patient where it has a place."""
+    """Return a correction is of a joint where it has the key ``joint``, else of the patient where it has a place."""
     if not isinstance(value, dict):
         return "UnusableInterval"
     return "JointCorrection" if "joint" in value else "NamedPatient" if "position_m" in value else "UnusableInterval"
@@ -190,7 +191,7 @@ class Corrections:
 
     @property
     def valid(self) -> tuple[Correction, ...]:
-        """All that hold."""
+        """Return all that hold."""
         return (*self.unusable, *self.joints, *(() if self.patient is None else (self.patient,)))
 
     def added(self, entry: Correction) -> Corrections:
@@ -229,12 +230,12 @@ class Corrections:
 
 
 def now_utc() -> str:
-    """The time for ``when``, to the second."""
+    """Return the time for ``when``, to the second."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def require_recording(path: Path, corrections: Corrections, recording: ReviewedRecording) -> None:
-    """Raises InputError where the corrections read from ``path`` are about another recording or another world."""
+    """Raise InputError where the corrections read from ``path`` are about another recording or another world."""
     theirs = corrections.recording
     if theirs.sha256 != recording.sha256:
         problem = f"is about another recording ('{theirs.name}', other depth images or times)"

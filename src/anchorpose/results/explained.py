@@ -68,7 +68,7 @@ EXPLAINED_FILE, read_explained, write_explained = EXPLAINED.file, EXPLAINED.read
 
 
 def explained_frame(frame: int, time_s: float, explanation: Explanation | None) -> ExplainedFrame:
-    """The row of a frame; explanation: None where the patient is lost."""
+    """Return the row of a frame; explanation: None where the patient is lost."""
     if explanation is None:
         return ExplainedFrame(frame, time_s, np.nan, np.full(PARTS, np.nan))
     anything_seen = len(explanation.covered) + len(explanation.node) > 0
@@ -77,8 +77,9 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
-    """(n,) how many times the limit is reached by the uncovered area or by the share of a part that is seen past,
-    whichever is more: from 1 on a limb is probably elsewhere. NaN where neither is known."""
+    """Return (n,) how many times the limit is reached by the uncovered area or by the share of a part that is seen
+    past, whichever is more: from 1 on a limb is probably elsewhere. NaN where neither is known.
+    """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)
 
@@ -106,7 +107,7 @@ class ExplainedSummary:
 
 
 def summarise(table: ExplainedTable) -> ExplainedSummary:
-    """Share of frames with uncovered surface, and the worst moments."""
+    """Return the share of frames with uncovered surface, and the worst moments."""
     known = table.uncovered_cm2[np.isfinite(table.uncovered_cm2)]
     share = float((known >= UNCOVERED_CM2).mean()) if len(known) else None
     return ExplainedSummary(UNCOVERED_CM2, len(known), share, worst_moments(table))

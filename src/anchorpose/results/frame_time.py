@@ -20,15 +20,16 @@ FRAMES_AT_ONCE: Final = 4096
 
 
 def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
-    """All rows from 0 to ``frames``, ``at_once`` at a time (None: ``FRAMES_AT_ONCE``), for what needs much more memory
-    than its result."""
+    """Yield all rows from 0 to ``frames``, ``at_once`` at a time (None: ``FRAMES_AT_ONCE``), for what needs much more
+    memory than its result.
+    """
     at_once = FRAMES_AT_ONCE if at_once is None else at_once
     for first in range(0, frames, at_once):
         yield slice(first, min(first + at_once, frames))
 
 
 def usual_step_s(time_s: np.ndarray) -> float:
-    """The median step between frames; NaN for fewer than two."""
+    """Return the median step between frames; NaN for fewer than two."""
     return float(np.median(np.diff(time_s))) if len(time_s) > 1 else float("nan")
 
 
@@ -38,7 +39,7 @@ def longest_even_step_s(time_s: np.ndarray) -> float:
 
 
 def longest_known_gap_s(time_s: np.ndarray) -> float:
-    """What happened in a longer step is unknown; slow cameras may take ``LONGEST_STEP`` of their own steps."""
+    """Return what happened in a longer step is unknown; slow cameras may take ``LONGEST_STEP`` of their own steps."""
     return max(LONGEST_GAP_S, longest_even_step_s(time_s))
 
 
@@ -48,7 +49,8 @@ def recorded_seconds(time_s: np.ndarray) -> float:
 
 
 def frame_seconds(time_s: np.ndarray) -> np.ndarray:
-    """(n,) seconds: half the way to both neighbours, half a usual step at either end and at a gap of unknown time.
+    """Return (n,) seconds: half the way to both neighbours, half a usual step at either end and at a gap of unknown
+    time.
 
     All zeros for a single frame, which has no duration. The sum is that of ``recorded_seconds`` less the unknown time.
     """
@@ -71,7 +73,7 @@ def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> 
 
 
 def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float | None = None) -> list[slice]:
-    """Runs of frames that are all ``chosen`` (n,) bool; a step longer than longest_step_s ends them, too.
+    """Run of frames that are all ``chosen`` (n,) bool; a step longer than longest_step_s ends them, too.
 
     longest_step_s: ``longest_known_gap_s`` where None, so that a dropped frame does not end a run.
     """
@@ -80,7 +82,7 @@ def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float 
 
 
 def runs_of(chosen: np.ndarray, joined: np.ndarray | None = None) -> list[slice]:
-    """Runs of True in ``chosen`` (n,) bool.
+    """Run of True in ``chosen`` (n,) bool.
 
     joined (n - 1,) bool: whether a row and the next one belong together; None where all do.
     """

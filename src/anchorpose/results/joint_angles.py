@@ -39,7 +39,8 @@ from anchorpose.results.tables import AngleTable, JointTable
 
 
 def trunk_lean(points: Points) -> tuple[Reading, ...]:
-    """The line from SpineBase to SpineShoulder against the world's vertical: forwards, then to the patient's right.
+    """Return the line from SpineBase to SpineShoulder against the world's vertical: forwards, then to the patient's
+    right.
 
     Forwards is horizontal and perpendicular to the hip joints; where their line is nearly vertical (lying on a side),
     both angles are undetermined.
@@ -54,7 +55,7 @@ def trunk_lean(points: Points) -> tuple[Reading, ...]:
 
 
 def trunk_heading(points: Points) -> tuple[Reading, ...]:
-    """Where the shoulders face, about the world's vertical: 0 = along the world's X, positive to the left."""
+    """Return where the shoulders face, about the world's vertical: 0 = along the world's X, positive to the left."""
     z = unit(points["ShoulderRight"] - points["ShoulderLeft"])
     return ((np.arctan2(z[0], z[2]), np.hypot(z[0], z[2])),)
 
@@ -69,7 +70,7 @@ def trunk_on_pelvis(points: Points) -> tuple[Reading, ...]:
 
 
 def neck_lean(points: Points) -> tuple[Reading, ...]:
-    """The line from Neck to Head against the thorax: flexion, then bend to the right."""
+    """Return the line from Neck to Head against the thorax: flexion, then bend to the right."""
     thorax, line = thorax_axes(points), unit(points["Head"] - points["Neck"])
     aside = dot(thorax.z, line)
     return (_flexion(thorax, line), np.sqrt(np.clip(1.0 - aside**2, 0.0, 1.0))), (arcsin(aside), 1.0)
@@ -113,8 +114,8 @@ def hip_to_pelvis(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Rotation of the thigh about its long axis, by the plane in which the leg is bent: 0 = the shank points straight
-    back from the knee, perpendicular to the hip joints; positive = inwards, the foot to the outside.
+    """Return the rotation of the thigh about its long axis, by the plane in which the leg is bent: 0 = the shank points
+    straight back from the knee, perpendicular to the hip joints; positive = inwards, the foot to the outside.
 
     The last of ISB's Cardan angles z, x, y, the plane's normal being the thigh's z. A leg that is bent by less than
     ``PLANE_KNOWN_RAD`` has no such plane, and one that is bent backwards has it reversed: no value.
@@ -130,7 +131,7 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
-    """How far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
+    """Return how far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
 
     The plane of bending of a nearly straight leg is that of noise and of bow legs, so only the rotation about the line
     of the hips counts, with either sign, so that noise about a straight knee has the mean zero. A clearly bent leg is
@@ -179,8 +180,8 @@ def shoulder_plane(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Rotation of the upper arm about its long axis, by the plane in which the arm is bent: 0 = the forearm of the
-    hanging arm points forward; positive = inwards, the hand towards the other side.
+    """Return the rotation of the upper arm about its long axis, by the plane in which the arm is bent: 0 = the forearm
+    of the hanging arm points forward; positive = inwards, the hand towards the other side.
 
     It is the arm's rotation relative to the trunk without the shortest swing from hanging. ISB's third angle is
     undetermined for a hanging arm, which is where patients hold theirs. An arm that is bent by less than
@@ -199,7 +200,7 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def elbow_flexion(points: Points, side: str) -> tuple[Reading, ...]:
-    """How far the arm is bent at the elbow: 0 = straight, pi = folded."""
+    """Return how far the arm is bent at the elbow: 0 = straight, pi = folded."""
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     return ((between(elbow - shoulder, wrist - elbow), 1.0),)
 
@@ -212,7 +213,7 @@ _HINGES: Final = {
 
 
 def _sided(*rows: tuple[str, str, Callable[..., tuple[Reading, ...]]]) -> tuple[AngleGroup, ...]:
-    """The left groups, then the right ones, from rows of names, joints (with ``*`` for the side) and formula."""
+    """Return the left groups, then the right ones, from rows of names, joints (with ``*`` for the side) and formula."""
     return tuple(
         AngleGroup(
             tuple(f"{name}_{side.lower()}" for name in names.split()),
@@ -265,7 +266,8 @@ AT_ONCE: Final = 128
 
 
 def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A group's angles and their standard deviations, (k, n) radians each; NaN where a joint is or the lever is short.
+    """Return a group's angles and their standard deviations, (k, n) radians each; NaN where a joint is or the lever is
+    short.
 
     position_m (21, 3, n), sigma_m (21, n): errors are taken as independent between joints and axes. Each coordinate is
     moved by its own sigma, both ways, instead of using a derivative: at a straight knee the derivative of the angle is
@@ -292,7 +294,8 @@ def _angles_of_some(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> t
 
 
 def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points:
-    """Each joint (3, 1 + 6 joints, n): as it is, then each coordinate of each joint moved by its sigma, down and up.
+    """Return each joint (3, 1 + 6 joints, n): as it is, then each coordinate of each joint moved by its sigma, down and
+    up.
 
     All at once, because a live frame, n = 1, would take longer to call the formula for each than to track.
     """
@@ -305,7 +308,7 @@ def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points
 
 
 def _shorter_way(angle: np.ndarray) -> np.ndarray:
-    """The same angle between minus pi and pi."""
+    """Return the same angle between minus pi and pi."""
     turn: np.ndarray = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
     return turn
 

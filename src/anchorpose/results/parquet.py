@@ -36,27 +36,28 @@ class RowGroups(Generic[Row]):
         self._writer, self._to_table, self._size, self._rows = writer, to_table, size, list[Row]()
 
     def append(self, row: Row) -> None:
-        """Adds one row."""
+        """Add one row."""
         self._rows.append(row)
         if len(self._rows) == self._size:
             self.flush()
 
     def flush(self) -> None:
-        """Writes the rows that are still in memory."""
+        """Write the rows that are still in memory."""
         if self._rows:
             self._writer.write_table(self._to_table(self._rows))
             self._rows = []
 
 
 def open_parquet(path: Path, schema: pa.Schema) -> Any:
-    """A parquet writer with everything fixed that decides the bytes."""
+    """Return a parquet writer with everything fixed that decides the bytes."""
     return pq.ParquetWriter(
         path, schema, version="2.6", compression="zstd", compression_level=3, write_page_checksum=True
     )
 
 
 def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping[str, Any] | None = None) -> pa.Table:
-    """A table with exactly the columns of ``schema``, without a null where it has none; raises InputError otherwise.
+    """Return a table with exactly the columns of ``schema``, without a null where it has none; raises InputError
+    otherwise.
 
     rows: a pyarrow expression that selects the rows to read; None for all. later: columns that files of older versions
     lack, and the value that they have there.
@@ -70,7 +71,7 @@ def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping
 
 
 def _with_columns(table: pa.Table, schema: pa.Schema, later: Mapping[str, Any]) -> pa.Table:
-    """The table with each column of ``later`` that it lacks, at its place in ``schema``."""
+    """Return the table with each column of ``later`` that it lacks, at its place in ``schema``."""
     for place, column in enumerate(schema):
         if column.name in later and column.name not in table.schema.names:
             values = pa.array([later[column.name]] * table.num_rows, column.type)
@@ -79,7 +80,8 @@ def _with_columns(table: pa.Table, schema: pa.Schema, later: Mapping[str, Any]) 
 
 
 def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = None) -> pa.Table:
-    """A table whatever its columns are, or those named; raises InputError where it is damaged or lacks one of them.
+    """Return a table whatever its columns are, or those named; raises InputError where it is damaged or lacks one of
+    them.
 
     rows: as of ``read_parquet``.
     """
@@ -90,7 +92,7 @@ def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = N
 
 
 def read_parquet_schema(path: Path) -> pa.Schema:
-    """The names, types and metadata of a table, without reading it; raises InputError where it is damaged."""
+    """Return the names, types and metadata of a table, without reading it; raises InputError where it is damaged."""
     with refuse_unreadable(path):
         schema = pq.read_schema(path)
         _require_names(schema)
@@ -98,7 +100,9 @@ def read_parquet_schema(path: Path) -> pa.Schema:
 
 
 def _require_names(schema: pa.Schema) -> list[str]:
-    """The names of the columns, which pyarrow decodes only here; raises UnicodeDecodeError where they are damaged."""
+    """Return the names of the columns, which pyarrow decodes only here; raises UnicodeDecodeError where they are
+    damaged.
+    """
     return list(schema.names)
 
 
@@ -145,7 +149,7 @@ def _attribute(column: str) -> str:
 
 @contextmanager
 def refuse_unreadable(path: Path) -> Iterator[None]:
-    """Raises InputError where the file at ``path`` proves in the block to be missing or unreadable."""
+    """Raise InputError where the file at ``path`` proves in the block to be missing or unreadable."""
     try:
         require_regular(path, LARGEST_ARRAYS)
         yield
@@ -159,13 +163,13 @@ def refuse_unreadable(path: Path) -> Iterator[None]:
 
 
 def require_columns(path: Path, found: pa.Schema, schema: pa.Schema) -> None:
-    """Raises InputError unless the file at ``path`` has the names and types of ``schema``."""
+    """Raise InputError unless the file at ``path`` has the names and types of ``schema``."""
     if found.names != schema.names or found.types != schema.types:
         raise InputError(path, f"its columns are not {', '.join(schema.names)}", TRACK_AGAIN)
 
 
 def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[float, float], remedy: str) -> None:
-    """Raises InputError where a value (n,) of a column is none, or outside of the limits, which it may be."""
+    """Raise InputError where a value (n,) of a column is none, or outside of the limits, which it may be."""
     wrong = values[~((values >= limits[0]) & (values <= limits[1]))]
     if len(wrong):
         raise InputError(path, f"has the {name} {wrong[0]:.6g}, not {limits[0]:g} to {limits[1]:g}", remedy)
@@ -192,14 +196,14 @@ class RecordTable(Generic[Row]):
     remedy: str
 
     def write(self, path: Path, records: Sequence[Row], metadata: dict[str, str] | None = None) -> None:
-        """Writes the whole table, rows in the order given."""
+        """Write the whole table, rows in the order given."""
         schema = self.schema.with_metadata(metadata) if metadata else self.schema
         with open_parquet(path, schema) as writer:
             writer.write_table(self._to_table(records).replace_schema_metadata(metadata))
 
     @contextmanager
     def open(self, path: Path, metadata: dict[str, str] | None = None) -> Iterator[RowGroups[Row]]:
-        """Opens the file for writing row by row; it is complete when the block ends without an error."""
+        """Open the file for writing row by row; it is complete when the block ends without an error."""
         with open_parquet(path, self.schema.with_metadata(metadata) if metadata else self.schema) as writer:
             groups: RowGroups[Row] = RowGroups(
                 writer, lambda rows: self._to_table(rows).replace_schema_metadata(metadata), self.rows_per_group
@@ -208,14 +212,16 @@ class RecordTable(Generic[Row]):
             groups.flush()
 
     def read(self, path: Path, rows: Any = None) -> tuple[Row, ...]:
-        """All records, or those that the pyarrow expression ``rows`` selects; raises InputError for another table."""
+        """Return all records, or those that the pyarrow expression ``rows`` selects; raises InputError for another
+        table.
+        """
         table = read_parquet(path, self.schema, rows, self.later)
         if rows is None and not self.may_be_empty and not table.num_rows:
             raise InputError(path, "has no rows", self.remedy)
         return self.records(path, table)
 
     def records(self, path: Path, table: pa.Table) -> tuple[Row, ...]:
-        """The rows of a table as records; path: of its file, for messages."""
+        """Return the rows of a table as records; path: of its file, for messages."""
         for column, known in self.known.items():
             for text in table[column].unique().to_pylist():
                 if text not in known:

@@ -72,14 +72,14 @@ def _motion(step_s: float) -> np.ndarray:
 
 @njit(cache=True)
 def _random_walk(step_s: float) -> np.ndarray:
-    """(3, 3) covariance that position, speed and acceleration gain in a step, for a jerk of one."""
+    """Return (3, 3) covariance that position, speed and acceleration gain in a step, for a jerk of one."""
     h = step_s
     return np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
 
 
 @njit(cache=True)
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The product of two (3, 3); written out, since numba takes half a minute to compile one of any size."""
+    """Return the product of two (3, 3); written out, since numba takes half a minute to compile one of any size."""
     product = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -106,17 +106,17 @@ see frequencies (Winter, Biomechanics and Motor Control of Human Movement, on di
 
 
 def highest_cutoff_hz(rate_hz: float) -> float:
-    """The cutoff must lie below this: nine tenths of half the rate."""
+    """Return the cutoff must lie below this: nine tenths of half the rate."""
     return 0.45 * rate_hz
 
 
 def shortest_frames(rate_hz: float, cutoff_hz: float) -> int:
-    """Frames a stretch must have: two periods of the cutoff, and more than the filter's own padding."""
+    """Return the frames a stretch must have: two periods of the cutoff, and more than the filter's own padding."""
     return max(3 * (2 * _ORDER + 1) + 1, int(np.ceil(2.0 * rate_hz / cutoff_hz)))
 
 
 def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray:
-    """Values (n, ...) filtered along the first axis by a Butterworth of effective order four, zero lag.
+    """Return the values (n, ...) filtered along the first axis by a Butterworth of effective order four, zero lag.
 
     rate_hz: of the evenly spaced, finite values. cutoff_hz: where the two passes together are 3 dB down. Raises
     ValueError for a cutoff that is not below ``highest_cutoff_hz`` and for fewer than ``shortest_frames``.
@@ -136,7 +136,7 @@ MOST_UNEVEN: Final = 0.25
 
 
 def evenness(time_s: np.ndarray) -> float:
-    """The greatest deviation of a step within these frames (n,) from their usual one, in usual steps."""
+    """Return the greatest deviation of a step within these frames (n,) from their usual one, in usual steps."""
     step = np.diff(time_s)
     return float(np.abs(step / np.median(step) - 1.0).max()) if len(step) else 0.0
 
@@ -175,7 +175,7 @@ class Filled(NamedTuple):
 def fill_gaps(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, fill: Filling, longest_s: float
 ) -> Filled:
-    """One joint, position_m (n, 3), NaN where it is lost, with its gaps up to longest_s filled.
+    """Return one joint, position_m (n, 3), NaN where it is lost, with its gaps up to longest_s filled.
 
     A gap stays where it is longer (from the last frame before to the first after), where it begins or ends the
     recording, where frames are missing around it, and where the joint was not seen for long enough elsewhere to measure
@@ -212,7 +212,7 @@ def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -
 
 
 def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
-    """(m, 2 or 4) weights of the known positions in each missing one.
+    """Return (m, 2 or 4) weights of the known positions in each missing one.
 
     Two known ones give the straight line between them; four give the cubic that passes the inner two with the speed
     from the outer to the inner ones (Hermite).
@@ -231,7 +231,9 @@ def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
 def _trial_error(
     time_s: np.ndarray, position_m: np.ndarray, known: np.ndarray, reach: int, missing: int
 ) -> np.ndarray | None:
-    """(missing,) rms error along each axis of the same filling where the joint is known; None with too few places."""
+    """Return (missing,) rms error along each axis of the same filling where the joint is known; None with too few
+    places.
+    """
     span = missing + 2 * reach
     if len(time_s) < span:
         return None
@@ -272,12 +274,14 @@ class ProcessingConfig:
 
     @property
     def active(self) -> bool:
-        """Whether anything is to be done."""
+        """Return whether anything is to be done."""
         return self.smooth != "none" or self.fill != "none"
 
 
 def policy_text(config: ProcessingConfig, counts: dict[str, int]) -> str:
-    """The settings as JSON, without those that were not used; counts: joint positions smoothed, filled and so on."""
+    """Return the settings as JSON, without those that were not used; counts: joint positions smoothed, filled and so
+    on.
+    """
     used = asdict(config)
     if config.smooth != "butterworth":
         del used["cutoff_hz"]

@@ -70,7 +70,7 @@ class Contact:
 
     @property
     def toucher(self) -> str:
-        """The person's name, or that of the part of the equipment."""
+        """Return the person's name, or that of the part of the equipment."""
         return self.with_ if self.person is None else self.person
 
 
@@ -189,7 +189,7 @@ def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
 
 
 def read_episodes(path: Path) -> tuple[Episode, ...]:
-    """All rows of an episodes.parquet; raises InputError for another table."""
+    """Return all rows of an episodes.parquet; raises InputError for another table."""
     return tuple(replace(episode, state=JointState(episode.state)) for episode in EPISODES.read(path))
 
 
@@ -227,7 +227,7 @@ class Measure:
 
     @property
     def key(self) -> MeasureKey:
-        """What is measured, of which side, part and person, whatever trial it is of."""
+        """Return what is measured, of which side, part and person, whatever trial it is of."""
         return self.measure, self.side, self.part, self.person
 
 
@@ -252,12 +252,12 @@ MEASURES_FILE: Final = MEASURES.file
 
 
 def read_measures(path: Path) -> tuple[Measure, ...]:
-    """The measures of the whole recording; raises InputError for another table."""
+    """Return the measures of the whole recording; raises InputError for another table."""
     return tuple(row for row in MEASURES.read(path) if row.condition is None)
 
 
 def read_trial_measures(path: Path) -> tuple[Measure, ...]:
-    """The measures of all trials, then of all conditions; none where the results have no trials.
+    """Return the measures of all trials, then of all conditions; none where the results have no trials.
 
     Raises InputError for another table.
     """
@@ -280,13 +280,13 @@ class Definition:
 
 
 def write_measures(path: Path, measures: Sequence[Measure], config: dict[str, Any]) -> None:
-    """Writes measures.parquet in the order given, with this version and ``config`` as its ``Definition``."""
+    """Write measures.parquet in the order given, with this version and ``config`` as its ``Definition``."""
     definition = json.dumps({"anchorpose": __version__, "config": config}, sort_keys=True)
     MEASURES.write(path, measures, {DEFINITION_KEY: definition})
 
 
 def read_definition(path: Path) -> Definition | None:
-    """The definition of a measures.parquet; None where the file is older than this record.
+    """Return the definition of a measures.parquet; None where the file is older than this record.
 
     Raises InputError where the record cannot be read.
     """
@@ -328,7 +328,7 @@ PEOPLE_FILE, write_people = PEOPLE.file, PEOPLE.open
 
 
 def encode_labels(frame: int, camera: str, view: View) -> LabelImage:
-    """The segmentation of one camera's view."""
+    """Return the segmentation of one camera's view."""
     labelled = (view.labels >= PixelLabel.PATIENT) | (view.labels == PixelLabel.EQUIPMENT)
     labels = np.where(labelled, view.labels, np.uint8(ROOM))
     _, encoded = cv2.imencode(".png", labels, _PNG_SETTINGS)
@@ -336,7 +336,7 @@ def encode_labels(frame: int, camera: str, view: View) -> LabelImage:
 
 
 def decode_labels(image: LabelImage) -> np.ndarray:
-    """(height, width) uint8 labels. Raises ValueError where the bytes are not an 8-bit image."""
+    """Return (height, width) uint8 labels. Raises ValueError where the bytes are not an 8-bit image."""
     labels = cv2.imdecode(np.frombuffer(image.labels, np.uint8), cv2.IMREAD_UNCHANGED)
     if labels is None or labels.dtype != np.uint8 or labels.ndim != 2:
         raise ValueError(f"frame {image.frame}, camera {image.camera}: the labels are not an 8-bit image")
@@ -344,7 +344,9 @@ def decode_labels(image: LabelImage) -> np.ndarray:
 
 
 def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[int, str], LabelImage]:
-    """The images of some frames, or of all, still encoded, by frame and camera; raises InputError for two of one."""
+    """Return the images of some frames, or of all, still encoded, by frame and camera; raises InputError for two of
+    one.
+    """
     rows = PEOPLE.read(path, None if frames is None else pc.field("frame").isin(frames))
     images = {(row.frame, row.camera): row for row in rows}
     if len(images) != len(rows):
@@ -353,7 +355,7 @@ def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[i
 
 
 def frames_of_people(path: Path) -> np.ndarray:
-    """(k,) int32, increasing: the frames of which there is an image, without reading the images."""
+    """Return (k,) int32, increasing: the frames of which there is an image, without reading the images."""
     frames: np.ndarray = np.unique(read_any_parquet(path, columns=["frame"])["frame"].to_numpy())
     return frames
 

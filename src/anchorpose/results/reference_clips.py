@@ -47,7 +47,7 @@ def _read(source: Path, rate_hz: float | None) -> ReferenceClips:
 
 
 def clips_of_results(folder: Path) -> ReferenceClips:
-    """The stretches of a results folder, at least half a second long, in which no joint is lost.
+    """Return the stretches of a results folder, at least half a second long, in which no joint is lost.
 
     Frames with a lost joint and gaps in time end them. Raises InputError where the table cannot be used or no stretch
     is left.

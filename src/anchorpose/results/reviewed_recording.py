@@ -63,7 +63,7 @@ class ReviewedRecording:
 
     @property
     def clocks(self) -> dict[str, Clock]:
-        """Those that are known, by the camera's name."""
+        """Return those that are known, by the camera's name."""
         return {camera.name: camera.clock for camera in self.cameras if camera.clock is not None}
 
 
@@ -89,7 +89,7 @@ def reviewed_recording(
 
 
 def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
-    """The recording and the world of a run.json (``read_run``)."""
+    """Return the recording and the world of a run.json (``read_run``)."""
     poses = {
         camera["name"]: None if camera["camera_to_world"] is None else np.array(camera["camera_to_world"])
         for camera in run["cameras"]
@@ -105,7 +105,7 @@ def poses_of(cameras: Iterable[Camera]) -> dict[str, np.ndarray | None]:
 
 
 def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None]) -> bool:
-    """Whether two sets of camera poses, (4, 4) by name, are the same but for rounding."""
+    """Return whether two sets of camera poses, (4, 4) by name, are the same but for rounding."""
     nowhere = np.full((4, 4), np.nan)
     first, second = ([nowhere if pose is None else pose for _, pose in sorted(poses.items())] for poses in (a, b))
     pairs = zip(first, second, strict=False)

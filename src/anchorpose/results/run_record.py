@@ -291,7 +291,7 @@ def sentence(poor: PoorDepth) -> str:
 
 
 def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ...]:
-    """(path relative to ``folder``, SHA-256 in hex) of each file.
+    """Return (path relative to ``folder``, SHA-256 in hex) of each file.
 
     Raises InputError for one of more than ``LARGEST_ARRAYS``: no table and no image is as large.
     """
@@ -335,7 +335,9 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
-    """The content without hashes that are sound: the 324,000 of an hour's inputs would cost more than the rest."""
+    """Return the content without hashes that are sound: the 324,000 of an hour's inputs would cost more than the
+    rest.
+    """
     hashes = run.get("inputs_sha256")
     if not isinstance(hashes, dict):
         return run

@@ -51,7 +51,7 @@ class JointFrame:
 
     @property
     def state_code(self) -> np.ndarray:
-        """(21,) int8, ``STATE_CODE`` of each state."""
+        """Return (21,) int8, ``STATE_CODE`` of each state."""
         return np.array([STATE_CODE[state] for state in self.state], dtype=np.int8)
 
 
@@ -71,11 +71,11 @@ class JointTable:
 
     @property
     def lost(self) -> np.ndarray:
-        """(n, 21) bool."""
+        """Return (n, 21) bool."""
         return self.state_code == LOST
 
     def frames(self, chosen: slice | np.ndarray) -> JointTable:
-        """Some of the frames."""
+        """Return some of the frames."""
         return JointTable(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
@@ -155,7 +155,7 @@ class AngleTable:
     sigma_deg: np.ndarray
 
     def column(self, name: str) -> int:
-        """Index of the angle ``name`` on the second axis; raises ValueError where there is none."""
+        """Return the index of the angle ``name`` on the second axis; raises ValueError where there is none."""
         return self.names.index(name)
 
 
@@ -277,7 +277,7 @@ POSES_FILE, read_poses, write_poses = POSES.file, POSES.read, POSES.open
 
 
 def pose_of(asset: BodyAsset, head_m: np.ndarray, quaternion: np.ndarray) -> Pose:
-    """The body's pose in one frame of the table; ``BodyMesh.bone_transforms`` gives the place of every bone.
+    """Return the body's pose in one frame of the table; ``BodyMesh.bone_transforms`` gives the place of every bone.
 
     head_m (21, 3), quaternion (21, 4) of a frame in which the patient is not lost. Bones that do not move keep their
     rest pose. Raises ValueError for a lost frame.

@@ -49,7 +49,7 @@ def write_trials(path: Path, trials: Trials) -> None:
 
 
 def read_trial_table(path: Path) -> Trials:
-    """The trials of a results folder; raises InputError for another table."""
+    """Return the trials of a results folder; raises InputError for another table."""
     table = read_any_parquet(path)
     columns = _columns(path, table.schema.metadata or {})
     own = [pa.field(column.name, _type_of(column)) for column in columns]
@@ -92,7 +92,8 @@ def _columns(path: Path, metadata: dict[bytes, bytes]) -> tuple[TrialColumn, ...
 
 
 def trial_rows(trial: Trial, time_s: np.ndarray) -> slice:
-    """The rows of a trial among frames at time_s (n,), increasing; a frame at its end belongs to the next trial.
+    """Return the rows of a trial among frames at time_s (n,), increasing; a frame at its end belongs to the next
+    trial.
 
     Half a millisecond is allowed for the rounding of written times.
     """

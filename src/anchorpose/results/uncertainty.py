@@ -22,7 +22,8 @@ CORRELATION_S: Final = 1.5
 
 
 def sigma_of_mean(sigma: np.ndarray, seconds: float) -> float:
-    """Sigma of the mean of values (k,) that are spread over ``seconds`` and have the standard deviations ``sigma``.
+    """Return the sigma of the mean of values (k,) that are spread over ``seconds`` and have the standard deviations
+    ``sigma``.
 
     The systematic share stays whole; the random rest shrinks as if every two correlation times gave one independent
     value.
@@ -32,17 +33,17 @@ def sigma_of_mean(sigma: np.ndarray, seconds: float) -> float:
 
 
 def systematic_sigma(sigma: np.ndarray) -> np.ndarray:
-    """The part of sigma that stays the same through a recording."""
+    """Return the part of sigma that stays the same through a recording."""
     return np.sqrt(SYSTEMATIC_SHARE) * sigma
 
 
 def random_sigma(sigma: np.ndarray) -> np.ndarray:
-    """The part of sigma that differs from time to time."""
+    """Return the part of sigma that differs from time to time."""
     return np.sqrt(1.0 - SYSTEMATIC_SHARE) * sigma
 
 
 def sigma_of_difference(first: float, second: float) -> float:
-    """Sigma of the difference between two times of one recording, from that of either value.
+    """Return the sigma of the difference between two times of one recording, from that of either value.
 
     The systematic share is common to both and cancels as far as the two are alike.
     """

@@ -83,7 +83,9 @@ def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) 
 
 
 def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
-    """The body with every bone's segment scaled along and across itself, joined again by its skinning weights."""
+    """Return the body with every bone's segment scaled along and across itself, joined again by its skinning
+    weights.
+    """
     asset, heads = body.asset, body.bone_heads
     stretch = np.tile(np.eye(3), (len(heads), 1, 1))
     for bone, name in enumerate(asset.bone_names):
@@ -116,14 +118,14 @@ def _carry_to_ends(names: tuple[str, ...], parents: np.ndarray, stretch: np.ndar
 
 
 def to_height(body: BodyMesh, height_m: float) -> BodyMesh:
-    """The whole body larger or smaller, its feet on the floor."""
+    """Return the whole body larger or smaller, its feet on the floor."""
     factor = height_m / float(np.ptp(body.vertices[:, 1]))
     drop = np.array([0.0, body.vertices[:, 1].min(), 0.0])
     return BodyMesh(body.asset, *(factor * (part - drop) for part in (body.vertices, body.bone_heads, body.bone_tails)))
 
 
 def with_belly(body: BodyMesh, normals: np.ndarray, out_m: float) -> BodyMesh:
-    """A bulge of fat in front of the lower trunk."""
+    """Return a bulge of fat in front of the lower trunk."""
     asset = body.asset
     trunk = np.isin(asset.main_bone(), [asset.bone(name) for name in ("Hips", "LowerBack", "Spine")])
     waist_m = float(body.bone_heads[asset.bone("LowerBack"), 1] + 0.05)
@@ -134,7 +136,7 @@ def with_belly(body: BodyMesh, normals: np.ndarray, out_m: float) -> BodyMesh:
 
 
 def with_shoes(body: BodyMesh, normals: np.ndarray, upper_m: float, sole_m: float) -> BodyMesh:
-    """Skin of the feet off by the upper of a shoe all round, and by its sole below."""
+    """Return the skin of the feet off by the upper of a shoe all round, and by its sole below."""
     asset = body.asset
     foot = np.isin(asset.bone_names, [f"{side}{end}" for side in ("Left", "Right") for end in ("Foot", "ToeBase")])
     share = (asset.skin_weights * foot[asset.skin_bones]).sum(axis=1)
@@ -145,7 +147,7 @@ def with_shoes(body: BodyMesh, normals: np.ndarray, upper_m: float, sole_m: floa
 
 
 def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[BodyMesh, np.ndarray]:
-    """A stiff shell around the segments of some bones, and which vertices (v,) it covers, 0 to 1.
+    """Return a stiff shell around the segments of some bones, and which vertices (v,) it covers, 0 to 1.
 
     The shell is as wide as nine tenths of the skin beneath it and as much as ``off_m`` wider.
     """
@@ -165,7 +167,7 @@ def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[Bo
 
 
 def amputated(body: BodyMesh, parts: tuple[MissingPart, ...]) -> BodyMesh:
-    """The body whose missing parts are a point at the stump, and move with what it hangs on; the bones stay."""
+    """Return the body whose missing parts are a point at the stump, and move with what it hangs on; the bones stay."""
     asset, vertices = body.asset, body.vertices.copy()
     bones, weights = asset.skin_bones.copy(), asset.skin_weights.copy()
     for part in parts:

@@ -62,13 +62,13 @@ def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: floa
 
 
 def _overlap(clips: Clips, index: int) -> int:
-    """Rows that a clip shares with the next one."""
+    """Return the rows that a clip shares with the next one."""
     shortest = min(len(clips.joints_m[index]), len(clips.joints_m[(index + 1) % len(clips.joints_m)]))
     return min(int(OVERLAP_S * CLIP_HZ), shortest // 3)
 
 
 def _chain(clips: Clips, index: int, count: int) -> np.ndarray:
-    """(count, j, 3) clips from ``index`` on, each moved so that its feet begin where those of the last end."""
+    """Return (count, j, 3) clips from ``index`` on, each moved so that its feet begin where those of the last end."""
     feet = [clips.joint_names.index(name) for name in ("LFoot", "RFoot")]
     series = clips.joints_m[index].copy()
     while len(series) < count:
@@ -118,12 +118,14 @@ def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float, seate
 
 
 def _frames(up: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) turns from upright of a segment that points ``up`` (n, 3) with its right side to ``right`` (n, 3)."""
+    """Return (n, 3, 3) turns from upright of a segment that points ``up`` (n, 3) with its right side to ``right`` (n,
+    3).
+    """
     return orthonormal_frame(up, right) @ orthonormal_frame(UP, RIGHT).T
 
 
 def _bending_axis(arm: np.ndarray) -> np.ndarray:
-    """(n, 3) axis about which a positive turn bends the elbow; arm (n, 2, 3).
+    """Return (n, 3) axis about which a positive turn bends the elbow; arm (n, 2, 3).
 
     A straight elbow has none: there the axis of the frames before is carried along with the upper arm.
     """

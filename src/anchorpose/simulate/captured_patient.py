@@ -31,7 +31,8 @@ ARMS: Final = (*FOREARMS, "Arm", "Shoulder")
 
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
-    """The configuration's movement, from a moment on that is drawn: a recording may begin in the middle of one.
+    """Return the configuration's movement, from a moment on that is drawn: a recording may begin in the middle of
+    one.
 
     Another subject's is drawn, a few times, where the arms cannot be kept out of the body.
     """
@@ -48,7 +49,8 @@ def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Pe
 
 
 def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor, bool]:
-    """The movement with arms abducted by the least angle at which no forearm is within trunk or legs, and True.
+    """Return the movement with arms abducted by the least angle at which no forearm is within trunk or legs, and
+    True.
 
     The last of ``ANGLES_RAD`` and False where none of them is enough. seconds: how long from time 0 on matters.
     """
@@ -62,7 +64,7 @@ def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor
 
 
 def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
-    """(t,) how deep forearms and hands are within trunk or legs at most, metres, 0 where they are outside."""
+    """Return (t,) how deep forearms and hands are within trunk or legs at most, metres, 0 where they are outside."""
     from scipy.spatial import cKDTree
 
     points = body_points()
@@ -82,7 +84,7 @@ def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
 
 
 def _abducted(capture: Capture, angle: float) -> Capture:
-    """Arms turned outward about the way the thorax faces, the less the higher they are raised."""
+    """Return the arms turned outward about the way the thorax faces, the less the higher they are raised."""
     arms, axes = capture.arms.copy(), capture.arm_axis.copy()
     forward = rotate(capture.thorax, np.broadcast_to(FORWARD, (len(arms), 3)))
     down = rotate(capture.thorax, np.broadcast_to(-UP, (len(arms), 3)))

@@ -35,7 +35,7 @@ HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that 
 
 
 def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person) -> HeldEquipment | None:
-    """What a patient who follows motions stands in and holds; fitted to upright standing."""
+    """Return what a patient who follows motions stands in and holds; fitted to upright standing."""
     if config.equipment not in HELD:
         return None
     sweep = sweep_of(person, _posed(person).bones(np.zeros(1)))
@@ -47,7 +47,7 @@ def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person)
 def fit_around(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, held: HeldEquipment | None
 ) -> tuple[EquipmentPart, ...]:
-    """All equipment of a configuration; ``held``: what ``fit_held`` returned, None for a captured movement."""
+    """Return all equipment of a configuration; ``held``: what ``fit_held`` returned, None for a captured movement."""
     parts = () if held is None else held.parts
     captured = isinstance(patient, CapturedActor)
     if config.equipment != "none" and (captured or config.equipment not in HELD or config.chest_pad):
@@ -111,7 +111,7 @@ def _knee_m(person: Person) -> float:
 
 
 def _handle_m(person: Person) -> float:
-    """A walker's handles are as high as the wrists of hanging arms: a little below the hips."""
+    """Return a walker's handles are as high as the wrists of hanging arms: a little below the hips."""
     return 0.96 * standing_pelvis_m(person.body)
 
 
@@ -120,7 +120,7 @@ SEAT_BONES: Final = ("Hips", "LHipJoint", "RHipJoint", "LeftUpLeg", "RightUpLeg"
 
 
 def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> tuple[EquipmentPart, ...]:
-    """A stool under the seated patient: its top just where the buttocks' lowest skin is."""
+    """Return a stool under the seated patient: its top just where the buttocks' lowest skin is."""
     person, foremost_m = patient.person, np.inf
     if isinstance(patient, CapturedActor):
         bones = patient.bones(patient.lowest_s())[0]
@@ -139,6 +139,6 @@ def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> t
 
 
 def _posed(person: Person) -> Actor:
-    """A person who stands as the asset does, for measuring."""
+    """Return a person who stands as the asset does, for measuring."""
     feet = stand(np.array([ball_ahead_m(person.body), 0.0]), 0.0, STANCE_M)
     return Actor(person, resting_channels(person, False), [Movement((), LONG_AGO_S, 1.0, 1e3, 1.0)], feet, ())

@@ -52,19 +52,19 @@ class Hold:
 
     @property
     def reference_m(self) -> np.ndarray:
-        """(3,) between the two."""
+        """Return (3,) between the two."""
         return self.places_m.mean(axis=0)
 
 
 def nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: np.ndarray) -> float:
-    """When the joints to hold come nearest to the therapist, who needs room for it."""
+    """Return when the joints to hold come nearest to the therapist, who needs room for it."""
     joints_m = np.array([patient.person.body.joints(bones) for bones in patient.bones(times_s)])
     held = joints_m[:, [JOINT_INDEX[name] for name in task.holds]].mean(axis=1)
     return float(times_s[np.argmax(held @ outward)])
 
 
 def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, at_s: float) -> Hold:
-    """Skin points around the joints to hold, on the sides that the therapist's hands come to."""
+    """Return the skin points around the joints to hold, on the sides that the therapist's hands come to."""
     person = patient.person
     bones = patient.bones(np.array([at_s]))
     everything = np.arange(len(person.normals))
@@ -82,7 +82,9 @@ def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, 
 
 
 def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name: str, wanted: np.ndarray) -> int:
-    """The vertex of the parts beside a joint that lies farthest in a level direction, near the joint's height."""
+    """Return the vertex of the parts beside a joint that lies farthest in a level direction, near the joint's
+    height.
+    """
     asset = person.body.asset
     side = "Left" if name.endswith("Left") else "Right"
     patterns = next(bones for key, bones in HOLD_BONES.items() if name.startswith(key))

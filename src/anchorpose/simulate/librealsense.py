@@ -28,7 +28,7 @@ MEMORY: Final = 4  # frames; the weight of older ones is below a tenth
 
 
 def decimated_mm(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-    """(height, width) uint16 millimetres: the imager has twice as many rows and columns; the median of four."""
+    """Return (height, width) uint16 millimetres: the imager has twice as many rows and columns; the median of four."""
     imager = replace(spec, width=HALF * spec.width, height=HALF * spec.height, focal_px=HALF * spec.focal_px)
     fine = [np.repeat(np.repeat(layer, HALF, axis=0), HALF, axis=1) for layer in (depth_m, cosine)]
     reading = sense(rng, imager, fine[0], fine[1], np.zeros_like(fine[0])).astype(np.float32)
@@ -42,7 +42,9 @@ def decimated_mm(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray
 
 
 def smoothed_mm(spec: SensorSpec, readings_mm: Sequence[np.ndarray]) -> np.ndarray:
-    """The last of some consecutive depth images (height, width) uint16 millimetres, smoothed over space and time."""
+    """Return the last of some consecutive depth images (height, width) uint16 millimetres, smoothed over space and
+    time.
+    """
     gain = np.float32(HALF * spec.focal_px * spec.baseline_m * 1000.0)
     blended: np.ndarray | None = None
     for reading in readings_mm[-MEMORY:]:

@@ -72,19 +72,20 @@ class Clips:
     joint_names: tuple[str, ...]
 
     def joint(self, clip: int, name: str) -> np.ndarray:
-        """(n, 3) metres."""
+        """Return (n, 3) metres."""
         return np.asarray(self.joints_m[clip][:, self.joint_names.index(name)])
 
 
 def movement_of(name: str) -> str | None:
-    """The movement of a clip's or a movement's name; None where it is neither."""
+    """Return the movement of a clip's or a movement's name; None where it is neither."""
     found = _NAME.fullmatch(name)
     names = [key for key, number in MOVEMENTS.items() if found and number == int(found["movement"])]
     return next(iter(names), name if name in MOVEMENTS else None)
 
 
 def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tuple[int, ...] = SUBJECTS) -> Clips:
-    """All repetitions by one subject, who is drawn, as is whether they were done correctly; or one clip by its name.
+    """Return all repetitions by one subject, who is drawn, as is whether they were done correctly; or one clip by its
+    name.
 
     movement: one of ``MOVEMENTS`` or the name of a clip, such as c_m05_s01_e01. Raises InputError where the file is
     not such a file or has no such movement by one of the subjects.
@@ -103,7 +104,7 @@ def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tu
 def _drawn(
     path: Path, arrays: dict[str, np.ndarray], movement: str, rng: np.random.Generator, subjects: tuple[int, ...]
 ) -> list[int]:
-    """Indices of the clips of one subject, all done correctly or all not."""
+    """Return the indices of the clips of one subject, all done correctly or all not."""
     series: dict[tuple[str, str], list[int]] = {}
     for index, name in enumerate(str(name) for name in arrays["names"]):
         found = _NAME.fullmatch(name)
@@ -119,7 +120,7 @@ def _drawn(
 
 
 def _loses_a_limb(arrays: dict[str, np.ndarray], index: int) -> bool:
-    """Whether a wrist or an ankle jumps from one frame to the next."""
+    """Return whether a wrist or an ankle jumps from one frame to the next."""
     ends = np.isin(arrays["joint_names"], ["LHand", "RHand", "LFoot", "RFoot"])
     clip = arrays["joints_mm"][arrays["offsets"][index] : arrays["offsets"][index + 1], ends]
     steps_m = np.linalg.norm(np.diff(clip.astype(np.float64), axis=0), axis=2) / 1000.0

@@ -53,7 +53,7 @@ class Wave:
     phase: np.ndarray
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
-        """(t,)."""
+        """Return (t,)."""
         angle = 2.0 * np.pi * times_s[:, None] * self.frequency_hz + self.phase
         return (self.amplitude * np.sin(angle)).sum(axis=1)
 
@@ -70,19 +70,19 @@ class Actor:
     grip_m: np.ndarray | None = None  # (2, 3)
 
     def channels(self, times_s: np.ndarray) -> np.ndarray:
-        """(c, t)."""
+        """Return (c, t)."""
         values = channel_values(self.base, self.movements, times_s)
         for wave in self.waves:
             values[CHANNEL_INDEX[wave.channel]] += wave.at(times_s)
         return values
 
     def sits(self) -> bool:
-        """Whether the programme has the person seated at any time."""
+        """Return whether the programme has the person seated at any time."""
         seated = seated_offsets(self.person)[0]
         return any(seated in movement.offsets for movement in self.movements)
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
-        """(t, b, 4, 4) T_world_rest."""
+        """Return (t, b, 4, 4) T_world_rest."""
         goals = HandGoals.none(len(times_s))
         if self.grip_m is not None:
             goals = _rail_goals(self.person, self.grip_m, len(times_s))
@@ -91,7 +91,7 @@ class Actor:
 
 
 def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
-    """(c,) upright, arms beside the body, or on the rails of a frame."""
+    """Return (c,) upright, arms beside the body, or on the rails of a frame."""
     base = np.zeros(len(CHANNELS))
     base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # the rest pose stands with bent knees
     for side in ("left", "right"):
@@ -123,7 +123,7 @@ def draw_waves(rng: np.random.Generator) -> tuple[Wave, ...]:
 def draw_patient(
     rng: np.random.Generator, config: SimulationConfig, person: Person, frame: HeldEquipment | None
 ) -> Actor:
-    """A patient's programme for the recording."""
+    """Return a patient's programme for the recording."""
     base = resting_channels(person, frame is not None)
     if frame is None:
         _loosen_arms(rng, base)
@@ -190,7 +190,7 @@ def _first_stance(rng: np.random.Generator, person: Person) -> Footwork:
 def _draw_sitting(
     rng: np.random.Generator, config: SimulationConfig, person: Person
 ) -> tuple[float, float, list[Movement]]:
-    """When the patient is standing (start, end), and the movements of standing up or sitting down."""
+    """Return when the patient is standing (start, end), and the movements of standing up or sitting down."""
     named = "sit-to-stand" in config.motions
     possible = named or ("mixed" in config.motions and config.stool and config.equipment == "none")
     if not possible or (not named and rng.random() > SIT_CHANCE):
@@ -225,7 +225,7 @@ def seated_offsets(person: Person) -> tuple[tuple[str, float], ...]:
 def _draw_steps(
     rng: np.random.Generator, footwork: Footwork, start_s: float, pace: float, here: Situation
 ) -> tuple[Footwork, list[Movement]]:
-    """Two to four steps, in place or forward and back again, the weight over the standing foot."""
+    """Return two to four steps, in place or forward and back again, the weight over the standing foot."""
     places, yaws = final_stance(footwork)
     stride_m = 0.0 if here.in_frame or rng.random() < 0.4 else rng.uniform(0.12, 0.28)
     if float(np.mean(np.asarray(places)[:, 0])) > FARTHEST_FORWARD_M:

@@ -27,7 +27,7 @@ class Reader:
     recent: dict[int, np.ndarray] = field(default_factory=dict)
 
     def raw_mm(self, rng: np.random.Generator, image: TrueImage) -> np.ndarray:
-        """(height, width) uint16 millimetres before smoothing, 0 = no reading."""
+        """Return (height, width) uint16 millimetres before smoothing, 0 = no reading."""
         if self.spec.filtered:
             reading = decimated_mm(rng, self.spec, image.depth_m, image.cosine)
         else:
@@ -43,5 +43,5 @@ class Reader:
             del self.recent[old]
 
     def stored_mm(self, readings_mm: list[np.ndarray]) -> np.ndarray:
-        """What is stored of the last of some consecutive depth images before smoothing."""
+        """Return what is stored of the last of some consecutive depth images before smoothing."""
         return smoothed_mm(self.spec, readings_mm) if self.spec.filtered else readings_mm[-1]

@@ -42,7 +42,7 @@ class Figure:
 
 
 def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> TrueImage:
-    """The room and the equipment, (n, 3, 3) triangles each; rays through pixel centres."""
+    """Return the room and the equipment, (n, 3, 3) triangles each; rays through pixel centres."""
     shape = (camera.height, camera.width)
     empty = TrueImage(
         np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
@@ -84,7 +84,7 @@ def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) 
 
 
 def ray_directions(camera: Camera) -> np.ndarray:
-    """(height * width, 3) float32 world; the optical axis where a pixel has no ray (``Camera.valid_pixels``)."""
+    """Return (height * width, 3) float32 world; the optical axis where a pixel has no ray (``Camera.valid_pixels``)."""
     rays = np.nan_to_num(camera.pixel_rays()).reshape(-1, 2)
     rays = np.column_stack([rays, np.ones(len(rays), np.float32)])
     return np.asarray((rays @ camera.require_pose()[:3, :3].T).astype(np.float32))
@@ -159,7 +159,7 @@ def _draw_face(points: np.ndarray, face: np.ndarray, part: int, label: int, lens
 
 @nb.njit(cache=True)
 def _normal(points: np.ndarray, i: int, j: int, k: int) -> tuple[float, float, float]:
-    """Normal of a triangle, as long as twice its area."""
+    """Return the normal of a triangle, as long as twice its area."""
     ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
     bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

@@ -51,23 +51,23 @@ class CapturedActor:
     heel: np.ndarray
 
     def sits(self) -> bool:
-        """Whether the movement leads to a seat."""
+        """Return whether the movement leads to a seat."""
         return self.capture.seated
 
     def lowest_s(self) -> np.ndarray:
-        """(1,) when the pelvis is lowest."""
+        """Return (1,) when the pelvis is lowest."""
         return np.array([self.capture.start_s + np.argmin(self.pelvis_m[:, 1]) / CLIP_HZ])
 
     def highest_s(self) -> np.ndarray:
-        """(1,) when the pelvis is highest."""
+        """Return (1,) when the pelvis is highest."""
         return np.array([self.capture.start_s + np.argmax(self.pelvis_m[:, 1]) / CLIP_HZ])
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
-        """(t, b, 4, 4) T_world_rest."""
+        """Return (t, b, 4, 4) T_world_rest."""
         return pose_bones(self.person.body, self.posture(times_s))
 
     def posture(self, times_s: np.ndarray) -> Posture:
-        """The posture at times (t,); raises ValueError where the movement does not last until then."""
+        """Return the posture at times (t,); raises ValueError where the movement does not last until then."""
         body, capture = self.person.body, self.capture
         at = _Resampler(capture, times_s)
         pelvis = at.turn(capture.pelvis)
@@ -123,7 +123,9 @@ class _Resampler:
 
 
 def retarget(person: Person, capture: Capture) -> CapturedActor:
-    """The movement with the person's own lengths, facing +X; feet that stand do not move, and stand on the floor."""
+    """Return the movement with the person's own lengths, facing +X; feet that stand do not move, and stand on the
+    floor.
+    """
     body = person.body
     hips_m, lengths_m, back = _legs(body)
     scale = float(lengths_m.sum(axis=1).mean()) / capture.leg_m
@@ -143,7 +145,9 @@ def retarget(person: Person, capture: Capture) -> CapturedActor:
 
 
 def _legs(body: BodyMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(2, 3) from the pelvis to the hips; (2, 2) lengths of thigh and shank; (2, 3) from the ball to the ankle."""
+    """Return (2, 3) from the pelvis to the hips; (2, 2) lengths of thigh and shank; (2, 3) from the ball to the
+    ankle.
+    """
     heads, bone = body.bone_heads, body.asset.bone
     hip, knee, ankle, ball = (
         np.array([heads[bone(f"{side}{name}")] for side in SIDES]) for name in ("UpLeg", "Leg", "Foot", "ToeBase")
@@ -153,12 +157,12 @@ def _legs(body: BodyMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _sole_m(body: BodyMesh) -> np.ndarray:
-    """(2, 3) from the floor up to the ankles of flat feet."""
+    """Return (2, 3) from the floor up to the ankles of flat feet."""
     return np.array([body.bone_heads[body.asset.bone(f"{side}Foot"), 1] * UP for side in SIDES])
 
 
 def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
-    """(n, 3) the pelvis between the places (n, 2, 3) in which either foot would have it, by who bears weight."""
+    """Return (n, 3) the pelvis between the places (n, 2, 3) in which either foot would have it, by who bears weight."""
     weight = np.maximum(feet.stands, 1e-3)[..., None]
     pelvis = (weight * wanted_m).sum(axis=1) / weight.sum(axis=1)
     return gaussian_filter1d(pelvis, PELVIS_S * CLIP_HZ, axis=0, mode="nearest")
@@ -174,7 +178,7 @@ def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
 
 
 def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray:
-    """(n, 2) radians about the ankle, toes down positive: a foot in the air keeps its angle to the shank."""
+    """Return (n, 2) radians about the ankle, toes down positive: a foot in the air keeps its angle to the shank."""
     shank = capture.legs[:, :, 1]
     ahead = shank[..., 0] * np.cos(feet.yaw) - shank[..., 2] * np.sin(feet.yaw)
     pitch = TOES_DOWN_RAD - np.arctan2(ahead, -shank[..., 1])
@@ -183,7 +187,9 @@ def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray
 
 
 def _knee_directions(pelvis: np.ndarray, legs: np.ndarray, knee_m: np.ndarray) -> np.ndarray:
-    """(t, 2, 3) where the knees point: forward of the leg, and as captured where they are bent and bend that way."""
+    """Return (t, 2, 3) where the knees point: forward of the leg, and as captured where they are bent and bend that
+    way.
+    """
     along = legs.sum(axis=2)
     forward = unit(np.cross(pelvis[:, None, :, 2], along))
     off_m = np.linalg.norm(knee_m, axis=2, keepdims=True)
@@ -193,23 +199,23 @@ def _knee_directions(pelvis: np.ndarray, legs: np.ndarray, knee_m: np.ndarray) -
 
 
 def _bend(parent: np.ndarray, child: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
-    """(t, 3) bend forward, to the right, turn to the left, from one segment to the next, within limits."""
+    """Return (t, 3) bend forward, to the right, turn to the left, from one segment to the next, within limits."""
     vector = Rotation.from_matrix(np.swapaxes(parent, -1, -2) @ child).as_rotvec()
     return np.asarray(np.stack([-vector[:, 2], vector[:, 0], vector[:, 1]], axis=1).clip(*limits))
 
 
 def _bend_turn(bend: np.ndarray) -> np.ndarray:
-    """(t, 3, 3) the turn of ``_bend``."""
+    """Return (t, 3, 3) the turn of ``_bend``."""
     return turns(np.stack([bend[:, 1], bend[:, 2], -bend[:, 0]], axis=1))
 
 
 def _head_turn(thorax: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """(t, 3, 3) the head's turn: its top towards ``up``, its face where the thorax faces."""
+    """Return (t, 3, 3) the head's turn: its top towards ``up``, its face where the thorax faces."""
     return np.asarray(orthonormal_frame(up, thorax[:, :, 2]) @ _UP_RIGHT.T)
 
 
 def _swing(thorax: np.ndarray, upper: np.ndarray, side: int) -> np.ndarray:
-    """(t, 3) flexion, abduction, 0 of an upper arm along ``upper`` (t, 3)."""
+    """Return (t, 3) flexion, abduction, 0 of an upper arm along ``upper`` (t, 3)."""
     local = rotate(np.swapaxes(thorax, -1, -2), upper)
     axis = np.cross(-UP, local)
     sine = np.linalg.norm(axis, axis=1)
@@ -218,7 +224,7 @@ def _swing(thorax: np.ndarray, upper: np.ndarray, side: int) -> np.ndarray:
 
 
 def _arm(body: BodyMesh, side: int, arm: np.ndarray, axis: np.ndarray, elbow: np.ndarray) -> np.ndarray:
-    """(t, 2, 3, 3) world turns of upper arm and forearm, whose directions are arm (t, 2, 3)."""
+    """Return (t, 2, 3, 3) world turns of upper arm and forearm, whose directions are arm (t, 2, 3)."""
     name = SIDES[side]
     limb = rest_limb(body, (f"{name}Arm", f"{name}ForeArm", f"{name}Hand"))
     upper = orthonormal_frame(arm[:, 0], axis) @ orthonormal_frame(limb.first, limb.axis).T

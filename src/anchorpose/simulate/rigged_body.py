@@ -30,7 +30,8 @@ ENDS: Final = {
 
 
 def read_rigged_body(path: Path) -> BodyMesh:
-    """The body in the rest pose of the asset, so that every movement fits it; its joints are heads of its own bones.
+    """Return the body in the rest pose of the asset, so that every movement fits it; its joints are heads of its own
+    bones.
 
     Axes X forward, Y up, Z to the body's right, metres. Raises InputError where the file is not such a body.
     """
@@ -54,7 +55,9 @@ def read_rigged_body(path: Path) -> BodyMesh:
 
 @cache
 def sampled_vertices(asset: BodyAsset) -> np.ndarray:
-    """(p,) the vertex of a body that lies at each of the tracker's skin points: the nearest, at the same height."""
+    """Return (p,) the vertex of a body that lies at each of the tracker's skin points: the nearest, at the same
+    height.
+    """
     points = body_points()
     if len(asset.vertices) == len(points.asset.vertices):
         return points.vertex
@@ -87,7 +90,7 @@ def _in_rest_pose(rig: BodyAsset, asset: BodyAsset, heads: np.ndarray, tails: np
 
 
 def _least_turn(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """(3, 3) the smallest rotation that turns one direction into another."""
+    """Return (3, 3) the smallest rotation that turns one direction into another."""
     a, b = source / np.linalg.norm(source), target / np.linalg.norm(target)
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis)

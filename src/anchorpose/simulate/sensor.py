@@ -160,7 +160,7 @@ JOINED_M = 0.1  # of depth: what ARKit smooths as one surface, for the colour im
 
 
 def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:
-    """A sensor behind one of ``LENSES``; None: its own."""
+    """Return a sensor behind one of ``LENSES``; None: its own."""
     model, coefficients, radius = LENSES[spec.lens if lens is None else lens]
     return Intrinsics(
         fx=spec.focal_px,
@@ -174,7 +174,7 @@ def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:
 
 
 def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:
-    """(height, width) float32 metres: the smooth error of one device, the same in all its images."""
+    """Return (height, width) float32 metres: the smooth error of one device, the same in all its images."""
     import cv2
 
     coarse = rng.normal(0.0, spec.wiggle_m, (6, 7)).astype(np.float32)
@@ -184,7 +184,7 @@ def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:
 def sense(
     rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray, cosine: np.ndarray, wiggle_m: np.ndarray
 ) -> np.ndarray:
-    """A noisy depth image in whole millimetres, (height, width) uint16, 0 = no reading.
+    """Return a noisy depth image in whole millimetres, (height, width) uint16, 0 = no reading.
 
     depth_m (height, width) float32 true depth along the optical axis, 0 = nothing there; cosine likewise, of the angle
     between ray and surface normal.
@@ -272,7 +272,7 @@ def _sense_stereo(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarra
 
 @nb.njit(cache=True)
 def _shadowed(disparity: np.ndarray) -> np.ndarray:
-    """Pixels of the left imager that the right imager cannot see past something nearer."""
+    """Return the pixels of the left imager that the right imager cannot see past something nearer."""
     height, width = disparity.shape
     hidden = np.zeros((height, width), dtype=np.bool_)
     for row in range(height):

@@ -52,7 +52,7 @@ class Studio:
     room_picture: RoomPicture | None = None  # of the camera of a real room
 
     def shoot(self, frame: int) -> Shot:
-        """All cameras' images with one number."""
+        """Return all cameras' images with one number."""
         clinic = self.clinic
         figures = {id(p): p.figures(frame) for p in self.performances}
         images, depths, seen, behind = [], [], [], []
@@ -74,7 +74,7 @@ class Studio:
         )
 
     def _without_people(self, index: int, frame: int, people: tuple[Figure, ...]) -> TrueImage:
-        """What one camera would see if nobody were there; people are in the mirror of a real room."""
+        """Return what one camera would see if nobody were there; people are in the mirror of a real room."""
         clinic, time_s = self.clinic, float(self.performances[index].times_s[frame])
         if clinic.scene is not None and self.room_picture is not None:
             return self.room_picture.with_movers(tuple(m.figure(time_s) for m in clinic.scene.movers), people)
@@ -84,7 +84,7 @@ class Studio:
         return (self.stills_after if moves_at_s is not None and time_s >= moves_at_s else self.stills)[index]
 
     def _reading_mm(self, index: int, frame: int, image: TrueImage) -> np.ndarray:
-        """What the recorder stores; smoothing over time needs the frames before."""
+        """Return what the recorder stores; smoothing over time needs the frames before."""
         reader = self.readers[index]
         first = max(0, frame - MEMORY + 1) if reader.spec.filtered else frame
         raw = []
@@ -100,7 +100,7 @@ class Studio:
         return draw_figures(self.clinic.cameras[index], self._without_people(index, frame, people), people)
 
     def background_mm(self, index: int) -> np.ndarray:
-        """(height, width) uint16: the empty room with its equipment, as a recorder would average it."""
+        """Return (height, width) uint16: the empty room with its equipment, as a recorder would average it."""
         config, still = self.clinic.config, self.stills[index]
         reader, frames = self.readers[index], range(config.frames, config.frames + BACKGROUND_FRAMES)
         raw = [reader.raw_mm(random_stream(config, "sensor", index, frame), still) for frame in frames]
@@ -142,14 +142,16 @@ def _reader(clinic: Clinic, index: int, picture: RoomPicture | None) -> Reader:
 
 
 def empty_rooms(clinic: Clinic, equipment: np.ndarray, curtain: bool = False) -> tuple[TrueImage, ...]:
-    """What each camera sees when nobody is there; equipment (n, 3, 3) triangles; curtain: before every camera."""
+    """Return what each camera sees when nobody is there; equipment (n, 3, 3) triangles; curtain: before every
+    camera.
+    """
     hung = [[curtain_triangles(camera)] if curtain else [] for camera in clinic.cameras]
     rooms = [np.concatenate([clinic.room, *triangles]) for triangles in hung]
     return tuple(render_still(camera, room, equipment) for camera, room in zip(clinic.cameras, rooms, strict=True))
 
 
 def equipment_triangles(clinic: Clinic, moved: bool) -> np.ndarray:
-    """(n, 3, 3) world metres, before or after it was pushed."""
+    """Return (n, 3, 3) world metres, before or after it was pushed."""
     if clinic.equipment is None:
         return np.zeros((0, 3, 3))
     vertices, faces = clinic.equipment.triangles()
@@ -166,7 +168,7 @@ def _curtain_hangs(clinic: Clinic, time_s: float) -> bool:
 
 
 def curtain_triangles(camera: Camera) -> np.ndarray:
-    """(2, 3, 3) world metres: a curtain from the floor up that hides the patient's place from one camera."""
+    """Return (2, 3, 3) world metres: a curtain from the floor up that hides the patient's place from one camera."""
     towards = camera.position_m * [1.0, 0.0, 1.0]
     towards /= np.linalg.norm(towards)
     middle, aside = CURTAIN_M * towards, CURTAIN_HALF_WIDTH_M * np.cross(towards, [0.0, 1.0, 0.0])
@@ -176,7 +178,7 @@ def curtain_triangles(camera: Camera) -> np.ndarray:
 
 
 def body_centre_m(cameras: tuple[Camera, ...], images: list[TrueImage]) -> np.ndarray | None:
-    """(3,) mean of the patient's visible points of all cameras, world frame; None where there are none."""
+    """Return (3,) mean of the patient's visible points of all cameras, world frame; None where there are none."""
     seen = [
         transform_points(camera.require_pose(), camera.back_project(image.depth_m)[image.label == PATIENT])
         for camera, image in zip(cameras, images, strict=True)
@@ -186,7 +188,7 @@ def body_centre_m(cameras: tuple[Camera, ...], images: list[TrueImage]) -> np.nd
 
 
 def _with_hole(clinic: Clinic, images: list[TrueImage], depths_mm: list[np.ndarray]) -> list[np.ndarray]:
-    """The paper's hole (Section V): every reading within a radius of the body's centre is gone."""
+    """Return the paper's hole (Section V): every reading within a radius of the body's centre is gone."""
     centre_m = body_centre_m(clinic.cameras, images)
     if centre_m is None:
         return depths_mm
@@ -206,7 +208,8 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
 
 
 def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """(21,) of the patient's skin around each joint that faces a camera, the share that nothing hides from it.
+    """Return (21,) of the patient's skin around each joint that faces a camera, the share that nothing hides from
+    it.
 
     Hidden is what other skin of the patient, people or equipment cover and what lies outside the image; 0 where no skin
     around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient when the image was taken.
@@ -235,7 +238,7 @@ def share_behind(
 
 
 def _unhidden(inside_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """(p,) bool: points in the camera's frame whose pixel shows the patient at their depth."""
+    """Return (p,) bool: points in the camera's frame whose pixel shows the patient at their depth."""
     ahead = inside_m[:, 2] > 0.0
     columns, rows = np.rint(camera.project(np.where(ahead[:, None], inside_m, [0.0, 0.0, 1.0]))).astype(np.int64).T
     inside = ahead & (rows >= 0) & (rows < camera.height) & (columns >= 0) & (columns < camera.width)

@@ -29,29 +29,31 @@ class Guard:
     loopback: bool
 
     def path_within(self, path: str) -> str | None:
-        """The rest of a request's path after the token, without the query; None where the token is missing."""
+        """Return the rest of a request's path after the token, without the query; None where the token is missing."""
         first, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
         return rest if hmac.compare_digest(first.encode(), self.token.encode()) else None
 
     def host_is_ours(self, headers: Mapping[str, str]) -> bool:
-        """Whether the request was made to a name of this machine; on any port, since the other end of a tunnel has
-        another one."""
+        """Return whether the request was made to a name of this machine; on any port, since the other end of a tunnel
+        has another one.
+        """
         return not self.loopback or is_loopback(_name_in(headers.get("Host", "")))
 
     def comes_from_the_page(self, headers: Mapping[str, str]) -> bool:
-        """Whether a request that changes something was made by our page: browsers name the origin, and pages from
-        elsewhere cannot send JSON without a preflight request."""
+        """Return whether a request that changes something was made by our page: browsers name the origin, and pages
+        from elsewhere cannot send JSON without a preflight request.
+        """
         origin, host = headers.get("Origin"), headers.get("Host", "")
         return headers.get("Content-Type", "") == "application/json" and origin == f"http://{host}"
 
 
 def new_token() -> str:
-    """A token that cannot be guessed, of characters that are valid in an address."""
+    """Return a token that cannot be guessed, of characters that are valid in an address."""
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 
 def _name_in(host: str) -> str:
-    """The name in a Host header without its port; empty where it is malformed."""
+    """Return the name in a Host header without its port; empty where it is malformed."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:
@@ -59,7 +61,7 @@ def _name_in(host: str) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach the address."""
+    """Return whether only this machine can reach the address."""
     if host == "localhost":
         return True
     try:
@@ -89,7 +91,7 @@ class Connections:
         self._changed = Condition()
 
     def add(self, request: socket.socket, client: str) -> bool:
-        """Whether there is room for a connection from the address ``client``; it is counted from now on."""
+        """Return whether there is room for a connection from the address ``client``; it is counted from now on."""
         with self._changed:
             while full := self._in_the_way(client):
                 strangers = [one for one in full if not one.known and not one.leaving]
@@ -111,14 +113,16 @@ class Connections:
             self._changed.notify_all()
 
     def _in_the_way(self, client: str) -> list[_Connection]:
-        """The connections of which one must go before another one of ``client`` may come; empty where none must."""
+        """Return the connections of which one must go before another one of ``client`` may come; empty where none
+        must.
+        """
         if len(self._open) >= MOST:
             return self._open
         own = [one for one in self._open if one.client == client]
         return own if len(own) >= MOST_PER_CLIENT else []
 
     def _close(self, stranger: _Connection) -> bool:
-        """Whether it is closed by the thread that serves it, soon."""
+        """Return whether it is closed by the thread that serves it, soon."""
         stranger.leaving = True
         with suppress(OSError):  # it has gone by itself
             stranger.request.shutdown(socket.SHUT_RDWR)

@@ -23,7 +23,9 @@ from anchorpose.surface.mesh import build_surface, faces
 
 
 def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> tuple[Clock, ...]:
-    """One per camera, in the order of the names, from the run.json at ``path``; raises InputError where it has none."""
+    """Return one per camera, in the order of the names, from the run.json at ``path``; raises InputError where it has
+    none.
+    """
     clocks = {camera["name"]: camera.get("clock") for camera in run["cameras"]}
     if not all(clocks.get(camera) for camera in cameras):
         raise InputError(path, "does not state the cameras' clocks", "track the recording again with this version")
@@ -39,7 +41,7 @@ _LIGHT: Final = np.array(
 
 
 def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """(height, width) uint8, 255 = facing the light; only for display, so that points do not look flat.
+    """Return (height, width) uint8, 255 = facing the light; only for display, so that points do not look flat.
 
     depth_m (height, width) metres, 0 = no reading. The slope is 0 where a neighbour is missing or on another surface.
     """
@@ -51,7 +53,7 @@ def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _slope(depth_m: np.ndarray, axis: int) -> np.ndarray:
-    """The change of depth over ``2 * REACH_PX`` pixels along an axis; 0 where it is unknown."""
+    """Return the change of depth over ``2 * REACH_PX`` pixels along an axis; 0 where it is unknown."""
     before, after = np.roll(depth_m, REACH_PX, axis), np.roll(depth_m, -REACH_PX, axis)
     change = after - before
     known = (before > 0) & (after > 0) & (np.abs(change) < JUMP_M)
@@ -107,7 +109,8 @@ class DepthFrames:
         return found, problems
 
     def surface(self, position: int) -> tuple[np.ndarray, np.ndarray]:
-        """The patient's seen skin, all cameras: vertices (v, 3) world metres, faces (f, 3) int32; empty without labels.
+        """Return the patient's seen skin, all cameras: vertices (v, 3) world metres, faces (f, 3) int32; empty without
+        labels.
 
         Each camera's own mesh as ``surface.mesh`` makes it, not cut at contacts and not joined.
         """
@@ -124,7 +127,7 @@ class DepthFrames:
         return np.concatenate(vertices), np.concatenate(triangles)
 
     def place_of_person(self, position: int, camera: str, column: int, row: int) -> tuple[np.ndarray | None, str]:
-        """(3,) metres, world: the point of a person that a pixel shows; or None and the reason, for the user.
+        """Return (3,) metres, world: the point of a person that a pixel shows; or None and the reason, for the user.
 
         Without labels any reading will do: ``track`` looks whether a person is there. Raises ValueError for a camera or
         a pixel that does not exist.
@@ -153,7 +156,7 @@ class DepthFrames:
         return place_m, ""
 
     def depth(self, position: int, camera: int) -> tuple[np.ndarray | None, str]:
-        """The depth image in metres, or None and the reason."""
+        """Return the depth image in metres, or None and the reason."""
         index = self.pairs[position, camera]
         if index < 0:
             return None, "there is no picture of this time"
@@ -161,7 +164,9 @@ class DepthFrames:
         return picture.depth_m, f"the picture {picture.problem}" if picture.problem else ""
 
     def labels(self, position: int, camera: int) -> np.ndarray | None:
-        """(height, width) uint8; all ``ROOM`` in a frame without people, None where the results have no labels."""
+        """Return (height, width) uint8; all ``ROOM`` in a frame without people, None where the results have no
+        labels.
+        """
         if self.people is None:
             return None
         packed = self.people.get(int(self.frame[position]), self.cameras[camera].name)
@@ -171,7 +176,7 @@ class DepthFrames:
 
 
 def open_depth_frames(folder: Path, results: Path, run: dict[str, Any], frame: np.ndarray) -> DepthFrames:
-    """The recording behind the results; raises InputError where it is another one.
+    """Return the recording behind the results; raises InputError where it is another one.
 
     frame (n,): the numbers of the results' frames.
     """
@@ -197,7 +202,7 @@ _REMEDY: Final = "give the recording that these results were made of"
 
 
 def _refuse_another(recording: Recording, run: dict[str, Any], poses: dict[str, Any]) -> None:
-    """Compares cameras, timestamps, and the first and last images: hashing all images would take minutes."""
+    """Compare cameras, timestamps, and the first and last images: hashing all images would take minutes."""
     names = [camera.name for camera in recording.cameras]
     if set(names) != set(poses):
         raise InputError(recording.folder, f"has the cameras {', '.join(names)}, not {', '.join(poses)}", _REMEDY)

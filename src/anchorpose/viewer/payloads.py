@@ -58,8 +58,9 @@ MOST_ROWS: Final = 512  # frames of the tables in one answer: some hundred kilob
 
 
 def overview_payload(review: Review) -> bytes:
-    """One row per frame of the results: time_s (n,) float64, frame (n,) int32, observed and lost (n,) uint8, the number
-    of joints in these states, and where the results have it unexplained (n,), as in ``results.explained.unexplained``.
+    """Return one row per frame of the results: time_s (n,) float64, frame (n,) int32, observed and lost (n,) uint8, the
+    number of joints in these states, and where the results have it unexplained (n,), as in
+    ``results.explained.unexplained``.
 
     meta: middle_m, the patient's median position, and lowest_m, the height of the lowest joint; null where unknown.
     """
@@ -81,7 +82,7 @@ def overview_payload(review: Review) -> bytes:
 
 
 def motion_payload(review: Review, first: int, count: int) -> bytes:
-    """The tables' frames from row ``first`` on, NaN where unknown, metres, world frame.
+    """Return the tables' frames from row ``first`` on, NaN where unknown, metres, world frame.
 
     joints (n, 21, 3), sigma (n, 21), state (n, 21) uint8 of ``JointState``, angles, angle_sigma, angle_state (n, a),
     and where the results have them poses (n, 21, 7: head, quaternion w x y z) and anchors (n, 5, 4: place, sigma).
@@ -106,7 +107,7 @@ def motion_payload(review: Review, first: int, count: int) -> bytes:
 
 
 def curves_payload(review: Review, first: int, count: int) -> bytes:
-    """The angle curves of the frames from row ``first`` on, with no more points than a screen shows.
+    """Return the angle curves of the frames from row ``first`` on, with no more points than a screen shows.
 
     The points of all angles, one angle after the other, each in the order of time. start (a + 1,) int32: where each
     angle's points begin. row (m,) int32 of the results' frames, degrees and sigma (m,) float32, state (m,) uint8: as in
@@ -154,12 +155,15 @@ def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) 
 
 
 def rays_payload(depth_frames: DepthFrames) -> bytes:
-    """Where each pixel of each camera looks: ``rays<i>`` (height, width, 2) float32, x/z and y/z, camera frame."""
+    """Return where each pixel of each camera looks: ``rays<i>`` (height, width, 2) float32, x/z and y/z, camera
+    frame.
+    """
     return pack({}, {f"rays{number}": camera.pixel_rays() for number, camera in enumerate(depth_frames.cameras)})
 
 
 def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool) -> bytes:
-    """Pixels of the frames (rows of the results) ``first`` on: points (m, 4) uint16 as ``DepthFrames.points``.
+    """Return the pixels of the frames (rows of the results) ``first`` on: points (m, 4) uint16 as
+    ``DepthFrames.points``.
 
     Frame by frame, camera by camera; meta counts has one list per frame with one count per camera. A point in the
     world is ``T_world_camera @ (ray x, ray y, 1) * grey * depth_scale``.
@@ -175,7 +179,7 @@ def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool
 
 
 def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
-    """The patient's surface of some frames: vertices (v, 3) int16 millimetres, world; faces (f, 3) uint32.
+    """Return the patient's surface of some frames: vertices (v, 3) int16 millimetres, world; faces (f, 3) uint32.
 
     meta counts has [vertices, faces] of each frame; a frame's faces count from its own first vertex.
     """
@@ -198,7 +202,7 @@ def _positions(depth_frames: DepthFrames, first: int, count: int) -> range:
 
 
 def _rows(frames: int, first: int, count: int, most: int) -> slice:
-    """Raises ValueError for frames that do not exist, or more than ``most``."""
+    """Raise ValueError for frames that do not exist, or more than ``most``."""
     if not (0 <= first < frames and 1 <= count <= most):
         raise ValueError(f"there are no frames {first} to {first + count - 1}")
     return slice(first, min(first + count, frames))
@@ -208,7 +212,7 @@ INFLUENCES: Final = 4  # bones per point on the graphics card; the others move n
 
 
 def moving_ancestor(asset: BodyAsset) -> np.ndarray:
-    """(b,) the row of ``MOVING_BONES`` that moves each bone: itself, or the nearest ancestor."""
+    """Return (b,) the row of ``MOVING_BONES`` that moves each bone: itself, or the nearest ancestor."""
     row_of = {asset.bone(name): row for row, name in enumerate(MOVING_BONES)}
     carried = np.zeros(len(asset.bone_names), np.int64)
     for bone, parent in enumerate(asset.bone_parents.tolist()):
@@ -217,7 +221,7 @@ def moving_ancestor(asset: BodyAsset) -> np.ndarray:
 
 
 def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
-    """The arrays of the page's body; None where no body was learnt.
+    """Return the arrays of the page's body; None where no body was learnt.
 
     vertices (v, 3) and normals (v, 3) float32 at rest, faces (f, 3) uint32, bones (v, 4) uint8 rows of
     ``MOVING_BONES``, weights (v, 4) float32, heads (21, 3) float32: the centres of rotation at rest. Posed:
@@ -240,7 +244,9 @@ def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
 
 
 def _heaviest(bones: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The ``INFLUENCES`` heaviest bones of each point, bones that move together counted as one; weights sum to 1."""
+    """Return the ``INFLUENCES`` heaviest bones of each point, bones that move together counted as one; weights sum to
+    1.
+    """
     total = np.zeros((len(bones), len(MOVING_BONES)))
     np.add.at(total, (np.arange(len(bones))[:, None], bones), weights)
     chosen = np.argsort(-total, axis=1, kind="stable")[:, :INFLUENCES]

@@ -58,7 +58,7 @@ PAIRED_SEGMENTS: Final = (
 
 @cache
 def joint_weights() -> np.ndarray:
-    """(21,) weights, sum 1, read only: the centre of mass is this mean of the joints. Some may be negative."""
+    """Return (21,) weights, sum 1, read only: the centre of mass is this mean of the joints. Some may be negative."""
     paired = (_on_side(segment, side) for segment in PAIRED_SEGMENTS for side in ("Left", "Right"))
     weights = np.zeros(JOINT_COUNT)
     for segment in (*SINGLE_SEGMENTS, *paired):
@@ -145,7 +145,7 @@ class Bout(NamedTuple):
 
 
 def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
-    """Every bout of settled standing that is long enough and has the centre of mass in all its frames."""
+    """Return every bout of settled standing that is long enough and has the centre of mass in all its frames."""
     time_s = session.joints.time_s
     settled = session.upright & ~session.moving(config.settle_s)
     whole = settled & np.isfinite(session.posture.com_m).all(axis=1)
@@ -174,7 +174,7 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
 
 
 def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tuple[str, float | None, float | None]]:
-    """Name, value and sigma in the units of ``UNITS``; None where noise may make most of it."""
+    """Return the name, value and sigma in the units of ``UNITS``; None where noise may make most of it."""
     deviation = 1000.0 * np.concatenate([bout.deviation_m for bout in bouts])
     path, noise, seconds = (
         sum(getattr(bout, name) for bout in bouts) * scale
@@ -200,7 +200,9 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
 
 
 def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
-    """Sigma of a value that noise, which adds as squares, has enlarged: what it may have added, and the scale error."""
+    """Return the sigma of a value that noise, which adds as squares, has enlarged: what it may have added, and the
+    scale error.
+    """
     added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))
     spread: np.ndarray = np.hypot(SCALE_ERROR * value, added)
     return spread
@@ -234,7 +236,9 @@ def _bout(session: Session, run: slice, config: SwayConfig) -> Bout:
 
 
 def _patient_axes(session: Session, run: slice) -> np.ndarray:
-    """(2, 2): forwards and to the right on the floor (x, z), in the direction that the patient faces on average."""
+    """Return (2, 2): forwards and to the right on the floor (x, z), in the direction that the patient faces on
+    average.
+    """
     hips = session.joints.position_m[run][:, [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]]]
     across = (hips[:, 1] - hips[:, 0])[:, [0, 2]]
     x, z = (across / np.linalg.norm(across, axis=1, keepdims=True)).mean(axis=0)

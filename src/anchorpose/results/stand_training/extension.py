@@ -39,7 +39,7 @@ def extension_measures(session: Session, config: ExtensionConfig) -> list[Measur
 
 
 def known_upright(session: Session, angle: str) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) bool frames in which the patient stood and the angle is known; and the angle's column (n,)."""
+    """Return (n,) bool frames in which the patient stood and the angle is known; and the angle's column (n,)."""
     degrees = session.angles.degrees[:, session.angles.column(angle)]
     return session.standing & np.isfinite(degrees), degrees
 
@@ -95,7 +95,9 @@ NO_STANCE: Final = (
 
 
 def symmetry_measures(session: Session) -> list[Measure]:
-    """Difference of knees and hips (left less right), and the load on each foot if the patient stands still."""
+    """Return the difference of knees and hips (left less right), and the load on each foot if the patient stands
+    still.
+    """
     return [*(_difference(session, angle) for angle in EXTENDED), *_load_shares(session)]
 
 
@@ -128,7 +130,7 @@ class FeetLoad(NamedTuple):
 
 
 def feet_load(joints: JointTable, com: CentreOfMass) -> FeetLoad:
-    """Where the centre of mass lies between the ankles, seen from above: 0.5 is the middle, for either foot."""
+    """Return where the centre of mass lies between the ankles, seen from above: 0.5 is the middle, for either foot."""
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
     left, right = (joints.position_m[:, joint][:, [0, 2]] for joint in ankles)
     width = np.linalg.norm(right - left, axis=1)
@@ -143,7 +145,7 @@ def feet_load(joints: JointTable, com: CentreOfMass) -> FeetLoad:
 
 
 def _load_shares(session: Session) -> list[Measure]:
-    """The mean over all standing frames in which it is known."""
+    """Return the mean over all standing frames in which it is known."""
     com = CentreOfMass(session.posture.com_m, session.posture.com_sigma_m, session.posture.state_code)
     load = feet_load(session.joints, com)
     used = session.standing & np.isfinite(load.rightwards)
@@ -193,7 +195,7 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
 
 
 def _held(degrees: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (k,) of stretches that are long enough, and the running median (k,) within each."""
+    """Return the rows (k,) of stretches that are long enough, and the running median (k,) within each."""
     step_s = usual_step_s(time_s)
     if not np.isfinite(step_s):
         return np.empty(0, dtype=np.int64), np.empty(0)

@@ -133,7 +133,7 @@ def _extended(session: Session, part: _Part, config: IndependenceConfig) -> _Ext
 
 
 def _held_extended(degrees: np.ndarray, config: IndependenceConfig) -> np.ndarray:
-    """(n,) bool: extended since the last limit that was passed; knees may bend backwards."""
+    """Return (n,) bool: extended since the last limit that was passed; knees may bend backwards."""
     return hold(degrees <= config.extended_deg, degrees > config.bent_deg, np.isfinite(degrees)) == UPRIGHT
 
 
@@ -218,7 +218,7 @@ OBSERVED: Final = STATE_CODE[JointState.OBSERVED]
 
 
 def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _Free, longest: bool = False) -> Measure:
-    """The time of the free frames, or of their longest bout."""
+    """Return the time of the free frames, or of their longest bout."""
     runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
     bouts_s = [float(session.seconds[run][free.frames[run]].sum()) for run in runs]
     value = max(bouts_s, default=0.0) if longest else float(session.seconds[free.frames].sum())
@@ -227,7 +227,7 @@ def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _F
 
 
 def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
-    """Sigma of a time without contacts that is reported as the most it can be.
+    """Return the sigma of a time without contacts that is reported as the most it can be.
 
     It may be less by anything up to ``unsure_s``: the root mean square of that, from the end of the range, is over
     sqrt(3), twice what it is from the middle.
@@ -268,7 +268,8 @@ HOLDING: Final = ("upright_two_hands_time", "upright_one_hand_time", "upright_no
 
 
 def _holding(session: Session) -> list[Measure]:
-    """Time upright with two hands, one hand and no hand on the equipment; a forearm that lies on it counts as a hand.
+    """Return the time upright with two hands, one hand and no hand on the equipment; a forearm that lies on it counts
+    as a hand.
 
     A hand that is not seen may hold on unseen, and where one is lost, it is not known how many hold on: such a frame
     counts for none of the three, and makes all of them uncertain.

@@ -59,13 +59,13 @@ def recovery_watched(session: Session, config: EventConfig) -> np.ndarray:
 
 
 def _sigma_m(session: Session) -> np.ndarray:
-    """(n,) of the distance between the centre of mass and the feet's outline; NaN where a joint is lost."""
+    """Return (n,) of the distance between the centre of mass and the feet's outline; NaN where a joint is lost."""
     feet = session.joints.sigma_m[:, _FEET]
     return np.asarray(np.hypot(session.posture.com_sigma_m, np.sqrt((feet**2).mean(axis=1))))
 
 
 def _extrapolated(session: Session) -> np.ndarray:
-    """(n, 2) on the floor, NaN where it is unknown."""
+    """Return (n, 2) on the floor, NaN where it is unknown."""
     time_s, com_m = session.joints.time_s, session.posture.com_m
     step_s, found = usual_step_s(time_s), np.full((len(time_s), 2), np.nan)
     ankles_m = session.joints.position_m[:, _ANKLES, 1].min(axis=1)
@@ -79,7 +79,7 @@ def _extrapolated(session: Session) -> np.ndarray:
 
 
 def _after_standing(session: Session, steps: Sequence[Step]) -> list[Step]:
-    """The steps before which no foot was in the air for ``STILL_S``."""
+    """Return the steps before which no foot was in the air for ``STILL_S``."""
     time_s = session.joints.time_s
     ends = np.array([time_s[step.frames.stop - 1] for step in steps])
     starts = np.array([time_s[step.frames.start] for step in steps])
@@ -91,7 +91,7 @@ def _after_standing(session: Session, steps: Sequence[Step]) -> list[Step]:
 
 
 def _recovery(session: Session, step: Step, extrapolated_m: np.ndarray, config: EventConfig) -> Event | None:
-    """The event, if balance was lost before foot off and not long before foot strike."""
+    """Return the event, if balance was lost before foot off and not long before foot strike."""
     time_s, off, strike = session.joints.time_s, step.frames.start, step.frames.stop - 1
     first = int(np.searchsorted(time_s, time_s[strike] - WITHIN_S))
     feet_m = session.joints.position_m[first : off + 1][:, _FEET][:, :, [0, 2]]

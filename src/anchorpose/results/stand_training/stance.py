@@ -49,7 +49,7 @@ class Stance:
 
 
 def stance(joints: JointTable, mass_m: np.ndarray) -> Stance:
-    """Reads them off the joints and the centre of mass (n, 3); the leg's length is the median over the recording."""
+    """Read them off the joints and the centre of mass (n, 3); the leg's length is the median over the recording."""
     position_m, sigma_m = joints.position_m.transpose(1, 2, 0), joints.sigma_m.T
     (thigh, trunk), (thigh_sigma, trunk_sigma) = (
         np.degrees(found) for found in angles_with_sigma(_INCLINATIONS, position_m, sigma_m)
@@ -69,7 +69,7 @@ def stance(joints: JointTable, mass_m: np.ndarray) -> Stance:
 
 
 def stance_state(joints: JointTable) -> np.ndarray:
-    """(n,) the worst state code of the joints that ``stance`` uses."""
+    """Return (n,) the worst state code of the joints that ``stance`` uses."""
     used = [JOINT_INDEX[name] for name in (*_INCLINATIONS.joints, *_ANKLES)]
     return np.asarray(joints.state_code[:, used].max(axis=1))
 
@@ -104,7 +104,7 @@ def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
 
 
 def facing(position_m: np.ndarray) -> np.ndarray:
-    """(n, 2) x and z of the direction that the patient faces, by the line of the hips; position_m (n, 21, 3)."""
+    """Return (n, 2) x and z of the direction that the patient faces, by the line of the hips; position_m (n, 21, 3)."""
     across = position_m[:, JOINT_INDEX["HipRight"]] - position_m[:, JOINT_INDEX["HipLeft"]]
     return unit(np.stack([across[:, 2], -across[:, 0]], axis=1))
 
@@ -171,7 +171,8 @@ def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) ->
 
 
 def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.ndarray:
-    """(n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``: a joint is lost, or neither limit was met since then.
+    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``: a joint is lost, or neither limit was met since
+    then.
 
     shift: as in ``upright_limits``.
     """
@@ -179,7 +180,9 @@ def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.nda
 
 
 def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(n,) int8: 1 from a frame that begins to one that ends, else 0; -1 before the first of either or if unknown."""
+    """Return (n,) int8: 1 from a frame that begins to one that ends, else 0; -1 before the first of either or if
+    unknown.
+    """
     state = np.full(len(known), UNKNOWN, dtype=np.int8)
     decisive = begins | ends | ~known
     last = np.maximum.accumulate(np.where(decisive, np.arange(len(known)), -1))
@@ -217,16 +220,18 @@ class Session:
 
     @property
     def upright(self) -> np.ndarray:
-        """(n,) bool: known to be upright."""
+        """Return (n,) bool: known to be upright."""
         return self.posture.upright == UPRIGHT
 
     @property
     def standing(self) -> np.ndarray:
-        """(n,) bool: upright, and neither just standing up nor just sitting down."""
+        """Return (n,) bool: upright, and neither just standing up nor just sitting down."""
         return self.upright & ~self.moving()
 
     def moving(self, settle_s: float = 0.0) -> np.ndarray:
-        """(n,) bool: inside a change between sitting and standing, without its two end frames, or settle_s after it."""
+        """Return (n,) bool: inside a change between sitting and standing, without its two end frames, or settle_s after
+        it.
+        """
         time_s, changing = self.joints.time_s, np.zeros(len(self.seconds), dtype=bool)
         for episode in self.episodes:
             if episode.kind in (SIT_TO_STAND, STAND_TO_SIT):
@@ -235,7 +240,7 @@ class Session:
 
     @property
     def found(self) -> np.ndarray:
-        """(n,) bool: any joint of the patient was found. In other frames contacts are unknown."""
+        """Return (n,) bool: any joint of the patient was found. In other frames contacts are unknown."""
         found: np.ndarray = self.joints.state_code.min(axis=1) < LOST
         return found
 
@@ -262,5 +267,5 @@ def _measure(measure: str, unit: str, state_code: np.ndarray, **values: Any) -> 
 
 
 def inferred_share(state_code: np.ndarray) -> float | None:
-    """Share of frames in which the worst joint used, state_code (k,), was not seen; None for no frames."""
+    """Return the share of frames in which the worst joint used, state_code (k,), was not seen; None for no frames."""
     return float(np.mean(state_code > 0)) if len(state_code) else None

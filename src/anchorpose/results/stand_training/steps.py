@@ -52,7 +52,7 @@ class Step:
 
 
 def find_steps(joints: JointTable, upright: np.ndarray) -> list[Step]:
-    """All steps of an upright patient with both ankles known, in the order of time; upright (n,) bool."""
+    """Return all steps of an upright patient with both ankles known, in the order of time; upright (n,) bool."""
     step_s = usual_step_s(joints.time_s)
     if not np.isfinite(step_s):
         return []
@@ -86,7 +86,7 @@ def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> lis
 
 
 def _whole(runs: Iterable[slice], height_m: np.ndarray) -> list[slice]:
-    """Runs with a pause in the air between them are one swing: the ankle is higher there than where it rested."""
+    """Run with a pause in the air between them are one swing: the ankle is higher there than where it rested."""
     whole = list[slice]()
     for run in runs:
         if whole:
@@ -108,7 +108,7 @@ def _length(path_m: np.ndarray, other_m: np.ndarray, swing: slice) -> float | No
 
 
 def _until_at_rest(speed: np.ndarray, run: slice) -> slice:
-    """The run with the slow beginning and end of its movement: as long as the speed falls outwards."""
+    """Return the run with the slow beginning and end of its movement: as long as the speed falls outwards."""
     start, stop = run.start, run.stop
     while start > 1 and speed[start - 1] < speed[start]:
         start -= 1
@@ -176,7 +176,7 @@ def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
 def _mean(
     session: Session, name: str, side: str | None, unit: str, found: list[tuple[float, Step]], sigma: float, why: str
 ) -> Measure:
-    """Mean of the values; a half of the variance of one value's error is taken to be common to all."""
+    """Return the mean of the values; a half of the variance of one value's error is taken to be common to all."""
     if not found:
         return unknown(name, unit, why, side)
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]

@@ -52,7 +52,7 @@ def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measu
 
 
 def _longest_series(moves: Sequence[Transition], time_s: np.ndarray) -> list[Transition]:
-    """The first of the longest series of rising and sitting down in turn without long pauses, from a rise on."""
+    """Return the first of the longest series of rising and sitting down in turn without long pauses, from a rise on."""
     best, current = list[Transition](), list[Transition]()
     for before, move in pairwise([None, *moves]):
         assert move is not None
@@ -113,7 +113,7 @@ _SHORT: Final = "the raised arm went forward by no more than the errors of the w
 def _raised_arm(
     position_m: np.ndarray, forward: np.ndarray, side: str, upright: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Two (n,) bool: the arm is forward, straight and about level; and it is level well enough to begin."""
+    """Return two (n,) bool: the arm is forward, straight and about level; and it is level well enough to begin."""
     shoulder, elbow, wrist = (position_m[:, JOINT_INDEX[f"{n}{side.capitalize()}"]] for n in _ARM)
     arm = wrist - shoulder
     length = np.linalg.norm(elbow - shoulder, axis=1) + np.linalg.norm(wrist - elbow, axis=1)
@@ -130,7 +130,9 @@ _ARM: Final = ("Shoulder", "Elbow", "Wrist")
 
 
 def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
-    """How many of the rows have both ankles within ``BASE_M`` of where they were in the first; 0 where unknown."""
+    """Return how many of the rows have both ankles within ``BASE_M`` of where they were in the first; 0 where
+    unknown.
+    """
     if not len(rows):
         return 0
     ankles = position_m[rows][:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]]
@@ -168,7 +170,7 @@ _OTHER: Final = {"left": "right", "right": "left"}
 
 
 def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> tuple[slice | None, float]:
-    """The longest run with the other ankle lifted and the standing one in place, and its seconds."""
+    """Return the longest run with the other ankle lifted and the standing one in place, and its seconds."""
     time_s = session.joints.time_s
     best: tuple[slice | None, float] = (None, 0.0)
     for run in unbroken_runs(session.upright & (height_m > LOWERED_M), time_s, 2.0 * usual_step_s(time_s)):
@@ -181,7 +183,7 @@ def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> 
 
 
 def task_measures(session: Session, config: TransitionConfig) -> list[Measure]:
-    """All three, reach and stance per side."""
+    """Return all three, reach and stance per side."""
     return [
         five_times_sit_to_stand(session, config),
         *(functional_reach(session, side) for side in SIDES),

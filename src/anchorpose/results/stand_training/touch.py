@@ -43,7 +43,7 @@ def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
 
 
 def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tuple[float, float | None]:
-    """Time with any contact, and its sigma.
+    """Return the time with any contact, and its sigma.
 
     No sigma without contacts: how many were missed is unknown here. Each beginning and each end may be a frame off; the
     unseen part of a contact may or may not have been there.
@@ -57,6 +57,7 @@ def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tu
 
 
 def sigma_of_time(edges: int, unsure_s: float, seconds: np.ndarray) -> float:
-    """Sigma of a time that begins and ends ``edges`` times, each a frame off, and is anything between two that differ
-    by ``unsure_s``; seconds (n,): that each frame stands for."""
+    """Return the sigma of a time that begins and ends ``edges`` times, each a frame off, and is anything between two
+    that differ by ``unsure_s``; seconds (n,): that each frame stands for.
+    """
     return float(np.hypot(np.sqrt(edges) * float(np.median(seconds)), unsure_s / np.sqrt(12.0)))

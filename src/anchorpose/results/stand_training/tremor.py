@@ -60,7 +60,7 @@ class Window(NamedTuple):
 
 
 def tremor_measures(session: Session, config: TremorConfig) -> list[Measure]:
-    """Time, frequency and amplitude of the oscillation of knees and ankles, on either side."""
+    """Return the time, frequency and amplitude of the oscillation of knees and ankles, on either side."""
     return [row for joint in JOINTS for side in ("left", "right") for row in _of_joint(session, joint, side, config)]
 
 
@@ -117,7 +117,7 @@ def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Itera
 
 
 def _window(time_s: np.ndarray, degrees: np.ndarray, rows: slice) -> Window:
-    """The peak between 3 and 8 Hz, of the angle without its mean and slope, by a Hann window."""
+    """Return the peak between 3 and 8 Hz, of the angle without its mean and slope, by a Hann window."""
     count = len(time_s)
     even_s = np.linspace(time_s[0], time_s[-1], count)
     even = np.interp(even_s, time_s, degrees)

@@ -27,7 +27,7 @@ would include the way up, the extreme frame its noise."""
 
 
 def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> tuple[Episode, ...]:
-    """The upright bouts; state (n,) of ``upright``."""
+    """Return the upright bouts; state (n,) of ``upright``."""
     return tuple(
         episode(UPRIGHT_EPISODE, joints, stance.state_code, run)
         for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, joints.time_s)
@@ -35,7 +35,7 @@ def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> t
 
 
 def episode(kind: str, joints: JointTable, state_code: np.ndarray, run: slice) -> Episode:
-    """The frames of ``run`` as an episode; state_code (n,) of the joints that it is recognised by."""
+    """Return the frames of ``run`` as an episode; state_code (n,) of the joints that it is recognised by."""
     return Episode(
         kind=kind,
         first_frame=int(joints.frame[run.start]),
@@ -163,7 +163,7 @@ def posture_stretches(stance: Stance, time_s: np.ndarray) -> list[slice]:
 
 
 def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> list[Transition]:
-    """Every change between sitting and standing during which no joint was lost; state (n,) of ``upright``."""
+    """Return every change between sitting and standing during which no joint was lost; state (n,) of ``upright``."""
     time_s, settled = joints.time_s, settled_postures(joints, stance, state, config)
     postures = sorted(
         [(run.start, run, False) for run in settled.sitting] + [(run.start, run, True) for run in settled.standing]
@@ -206,7 +206,9 @@ def _duration(session: Session, ones: list[Transition], kind: str, which: str) -
 
 
 def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
-    """Whether the pelvis stays near the lowest height of a run for long enough; height (k,), negated for standing."""
+    """Return whether the pelvis stays near the lowest height of a run for long enough; height (k,), negated for
+    standing.
+    """
     there = np.isfinite(height)
     if not there.any():
         return False
@@ -215,7 +217,9 @@ def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) ->
 
 
 def _needs_a_seat(behind_m: np.ndarray, config: TransitionConfig) -> bool:
-    """Whether the feet alone cannot carry the patient at some moment of a run (k,); True where that is not known."""
+    """Return whether the feet alone cannot carry the patient at some moment of a run (k,); True where that is not
+    known.
+    """
     measured_m = behind_m[np.isfinite(behind_m)]
     return not len(measured_m) or bool(measured_m.max() > config.behind_feet_m)
 
@@ -223,7 +227,7 @@ def _needs_a_seat(behind_m: np.ndarray, config: TransitionConfig) -> bool:
 def _transition(
     time_s: np.ndarray, stance: Stance, before: slice, after: slice, config: TransitionConfig, *, rises: bool
 ) -> Transition:
-    """The part of the way between two postures in which the pelvis moves."""
+    """Return the part of the way between two postures in which the pelvis moves."""
     low, high = LOW_PERCENTILE, 100.0 - LOW_PERCENTILE
     first_percentile, last_percentile = (low, high) if rises else (high, low)
     start_level = _level(time_s, stance.height, before, config.settle_s, first_percentile, last=True)
@@ -252,7 +256,7 @@ def _transition(
 def _level(
     time_s: np.ndarray, height: np.ndarray, run: slice, settle_s: float, percentile: float, *, last: bool
 ) -> float:
-    """Height in a posture, from the part of it next to the transition: its last seconds, or its first."""
+    """Return the height in a posture, from the part of it next to the transition: its last seconds, or its first."""
     times = time_s[run]
     near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s
     return float(np.nanpercentile(height[run][near], percentile))  # an ankle may have been lost while seated

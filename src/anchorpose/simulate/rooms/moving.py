@@ -31,7 +31,7 @@ class Mover:
     yaws: np.ndarray
 
     def figure(self, time_s: float) -> Figure:
-        """The piece at a time, labelled as a part of the room."""
+        """Return the piece at a time, labelled as a part of the room."""
         x, z = (np.interp(time_s, self.times_s, self.places_m[:, axis]) for axis in (0, 1))
         yaw = float(np.interp(time_s, self.times_s, self.yaws))
         points = self.piece.triangles.reshape(-1, 3) @ turns_about(UP, np.array([yaw]))[0].T + np.array([x, 0.0, z])
@@ -40,7 +40,7 @@ class Mover:
 
 
 def pushed(piece: Piece, pusher: Actor, lane: Lane, starts_m: float, seconds: float) -> Mover:
-    """A piece that stands at starts_m along a lane until who walks along the lane reaches and pushes it.
+    """Return a piece that stands at starts_m along a lane until who walks along the lane reaches and pushes it.
 
     It faces the way it is pushed, and stays where the pusher turns back.
     """
@@ -55,7 +55,9 @@ def pushed(piece: Piece, pusher: Actor, lane: Lane, starts_m: float, seconds: fl
 
 
 def opening_door(rng: np.random.Generator, panel: Panel, wall_m: float, at_s: float, seconds: float) -> Mover:
-    """The leaf in a doorway of the wall at x = wall_m, which swings away from the room from at_s on and stays open."""
+    """Return the leaf in a doorway of the wall at x = wall_m, which swings away from the room from at_s on and stays
+    open.
+    """
     wide_m, high_m = panel.to_m - panel.from_m, panel.high_m - 0.01
     way = float(rng.choice([-1.0, 1.0]))
     hinge_z = panel.from_m if way > 0.0 else panel.to_m

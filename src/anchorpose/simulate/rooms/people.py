@@ -49,7 +49,7 @@ RISING_S: Final = 2.0  # in which a person is shown seated and then upright to w
 
 
 def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Actor | CapturedActor:
-    """The patient at the origin, who does a captured movement or the motions of the configuration."""
+    """Return the patient at the origin, who does a captured movement or the motions of the configuration."""
     if config.movement_file is not None:
         return draw_captured(rng, config, person)
     actor = draw_patient(rng, config, person, None)
@@ -70,13 +70,13 @@ def draw_bystander(rng: np.random.Generator, config: SimulationConfig, seat: Sea
 
 
 def seated(actor: Actor) -> Actor:
-    """The same person, seated from first to last."""
+    """Return the same person, seated from first to last."""
     sits = Movement(seated_offsets(actor.person), LONG_AGO_S, 1.0, 1e4, 1.0)
     return replace(actor, movements=[sits, *actor.movements])
 
 
 def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, seat: Seat) -> Piece:
-    """A stool, chair or wheelchair fitted under a person at the origin who sits at times."""
+    """Return a stool, chair or wheelchair fitted under a person at the origin who sits at times."""
     wheels = seat == "wheelchair"
     fitting = replace(config, room=None, equipment="wheelchair" if wheels else "none", stool=not wheels, away_s=())
     fitting = replace(fitting, seconds=max(config.seconds, RISING_S))
@@ -99,7 +99,7 @@ def _rising(patient: Actor | CapturedActor) -> Actor | CapturedActor:
 def _back_rest(
     config: SimulationConfig, patient: Actor | CapturedActor, parts: tuple[EquipmentPart, ...]
 ) -> list[EquipmentPart]:
-    """A board behind the trunk of a person who sits on a stool, and its posts."""
+    """Return a board behind the trunk of a person who sits on a stool, and its posts."""
     times_s = np.arange(0.0, config.seconds, 0.25)
     sweep = sweep_of(patient.person, patient.bones(times_s))
     (seat,) = (part.triangles()[0] for part in parts if part.name == "seat")
@@ -132,7 +132,7 @@ def over_origin(patient: Actor, seat: Piece | None, share: float) -> tuple[Actor
 
 
 def walks_in(actor: Actor, from_m: np.ndarray, start_s: float) -> Actor:
-    """The patient, who comes from a place (x, z) from start_s on and does nothing else on the way."""
+    """Return the patient, who comes from a place (x, z) from start_s on and does nothing else on the way."""
     places, yaws = final_stance(actor.footwork)
     home, facing = places.mean(axis=0), float(yaws.mean())
     standing = stand(from_m, yaw_towards(from_m, home), STANCE_M)
@@ -167,7 +167,7 @@ def draw_pusher(rng: np.random.Generator, config: SimulationConfig, lane: Lane, 
 
 
 def draw_mannequin(rng: np.random.Generator, config: SimulationConfig) -> np.ndarray:
-    """(n, 3, 3) a dressed figure at the origin that faces +X, in one posture for ever."""
+    """Return (n, 3, 3) a dressed figure at the origin that faces +X, in one posture for ever."""
     person = draw_person(rng, config.clothing_m)
     base = resting_channels(person, in_frame=False)
     for channel, low, high in (("shoulder_flex", -0.2, 1.2), ("shoulder_abduct", 0.1, 0.8), ("elbow", 0.1, 1.4)):

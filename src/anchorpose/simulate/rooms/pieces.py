@@ -43,7 +43,7 @@ class Piece:
 def piece_of(
     parts: Iterable[EquipmentPart], metal: Iterable[EquipmentPart] = (), sheets: np.ndarray | None = None
 ) -> Piece:
-    """A piece of dull and of bare metal parts, and triangles (n, 3, 3) of cloth, leaves and paper."""
+    """Return a piece of dull and of bare metal parts, and triangles (n, 3, 3) of cloth, leaves and paper."""
     dull, bare = triangles_of(parts), triangles_of(metal)
     cloth = np.zeros((0, 3, 3)) if sheets is None else sheets
     triangles = np.concatenate([dull, cloth, bare])
@@ -51,18 +51,18 @@ def piece_of(
 
 
 def triangles_of(parts: Iterable[EquipmentPart]) -> np.ndarray:
-    """(n, 3, 3) all triangles of some parts."""
+    """Return (n, 3, 3) all triangles of some parts."""
     found = [vertices[faces] for vertices, faces in (part.triangles() for part in parts)]
     return np.concatenate([np.zeros((0, 3, 3)), *found])
 
 
 def box(center_m: Place, size_m: Place, yaw: float = 0.0) -> Box:
-    """A cuboid turned to the left by ``yaw``."""
+    """Return a cuboid turned to the left by ``yaw``."""
     return Box("", np.array(center_m), np.array(size_m), turns_about(UP, np.array([yaw]))[0])
 
 
 def pole(center_m: Place, radius_m: float, length_m: float, axis: np.ndarray = UP) -> Cylinder:
-    """A round tube."""
+    """Return a round tube."""
     return Cylinder("", np.array(center_m), axis, radius_m, length_m)
 
 

@@ -83,17 +83,17 @@ class RoomConfig:
 
     @property
     def pushed(self) -> bool:
-        """Whether a person pushes furniture through the room."""
+        """Return whether a person pushes furniture through the room."""
         return self.moved in ("stool", "wheelchair")
 
 
 def draw_sensor(rng: np.random.Generator) -> str:
-    """Name of the sensor."""
+    """Return the name of the sensor."""
     return str(rng.choice(ROOM_SENSORS, p=SENSOR_CHANCES))
 
 
 def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) -> RoomConfig:
-    """A room for a patient of a given height, seen by a given sensor."""
+    """Return a room for a patient of a given height, seen by a given sensor."""
     late = bool(rng.random() < 0.2)
     posture: Posture = "stands" if late else rng.choice(POSTURES, p=(0.5, 0.3, 0.2))
     framing: Framing = rng.choice(FRAMINGS, p=(0.45, 0.35, 0.2))
@@ -127,7 +127,8 @@ def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) ->
 
 
 def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float) -> float:
-    """How far a height above the patient's place is from the optical axis, up positive, as a share of half the image.
+    """Return how far a height above the patient's place is from the optical axis, up positive, as a share of half the
+    image.
 
     place: the camera's distance_m, height_m, tilt_rad. Beyond -1 and 1 it is outside.
     """
@@ -136,7 +137,9 @@ def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float
 
 
 def framing_of(sensor: str, place: tuple[float, float, float], head_m: float) -> Framing | None:
-    """What the border cuts off a person upright at the patient's place; None: too little or too narrowly seen."""
+    """Return what the border cuts off a person upright at the patient's place; None: too little or too narrowly
+    seen.
+    """
     half = _half_view_rad(sensor)
     cut, kept = 1.0 + CLEARLY_RAD / half, 1.0 - INSIDE_RAD / half
     head, middle, feet = (in_image_rad(sensor, place, share * head_m) for share in (1.0, MIDDLE_SHARE, 0.0))
@@ -157,7 +160,7 @@ def _half_view_rad(sensor: str) -> float:
 def _draw_place(
     rng: np.random.Generator, sensor: str, framing: Framing, head_m: float, farthest_m: float
 ) -> tuple[float, float, float]:
-    """The camera's distance_m, height_m and tilt_rad that frame a person so."""
+    """Return the camera's distance_m, height_m and tilt_rad that frame a person so."""
     while True:
         distance_m, height_m = rng.uniform(NEAREST_M, farthest_m), rng.uniform(LOWEST_M, HIGHEST_M)
         down = np.arctan2(height_m - MIDDLE_SHARE * head_m, distance_m) + rng.uniform(-AIM_RAD, AIM_RAD)

@@ -93,12 +93,12 @@ class _Draft:
 
 
 def room_stream(config: SimulationConfig, name: str) -> np.random.Generator:
-    """A generator for each purpose of a room."""
+    """Return a generator for each purpose of a room."""
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROOM_KEY, STREAMS.index(name))))
 
 
 def draw_scene(config: SimulationConfig, room: RoomConfig) -> RoomScene:
-    """The room of a configuration."""
+    """Return the room of a configuration."""
     person = draw_patient_person(room_stream(config, "patient"), config)
     patient = draw_room_patient(room_stream(config, "programme"), config, person)
     draft = _draw_empty_room(room_stream(config, "walls"), config, room)
@@ -116,7 +116,7 @@ def draw_scene(config: SimulationConfig, room: RoomConfig) -> RoomScene:
 
 
 def room_camera(room: RoomConfig, sensor: str, lens: str | None) -> Camera:
-    """The camera at its place, its optical axis in the vertical plane through the patient."""
+    """Return the camera at its place, its optical axis in the vertical plane through the patient."""
     spec = SENSORS[sensor]
     return Camera(
         name="room",
@@ -157,7 +157,7 @@ def _draw_empty_room(rng: np.random.Generator, config: SimulationConfig, room: R
 
 
 def _late(rng: np.random.Generator, draft: _Draft, patient: Actor) -> Actor:
-    """The patient walks in from where the camera's view ends, across the line of sight."""
+    """Return the patient walks in from where the camera's view ends, across the line of sight."""
     edge_m = 1.05 * draft.half_view * draft.room.distance_m + 0.5
     way = float(rng.choice([-1.0, 1.0]))
     across = np.array([-draft.camera_m[2], draft.camera_m[0]]) / draft.room.distance_m
@@ -225,7 +225,7 @@ def _add_mannequin(rng: np.random.Generator, draft: _Draft) -> None:
 
 
 def _free_place(rng: np.random.Generator, draft: _Draft, radius_m: float) -> np.ndarray | None:
-    """(2,) a place in the camera's view, which is then taken; None where there is none."""
+    """Return (2,) a place in the camera's view, which is then taken; None where there is none."""
     o, camera = draft.outline, draft.camera_m[[0, 2]]
     axis = -camera / np.linalg.norm(camera)
     for _ in range(TRIES):
@@ -251,7 +251,7 @@ def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
 
 
 def _finished(draft: _Draft, patient: Actor | CapturedActor, person: Person, seat: Piece | None) -> RoomScene:
-    """The draft in the world frame."""
+    """Return the draft in the world frame."""
     room, config = draft.room, draft.config
     walls = room_triangles(room_stream(config, "beyond"), draft.outline, draft.back, tuple(draft.doorways))
     still = [Piece(walls, np.zeros(len(walls), dtype=bool)), *draft.pieces]

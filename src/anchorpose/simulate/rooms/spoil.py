@@ -46,7 +46,8 @@ def draw_spoil(
 def spoilt_mm(
     rng: np.random.Generator, spoil: Spoil, image: TrueImage, shiny: np.ndarray, reading_mm: np.ndarray
 ) -> np.ndarray:
-    """A reading (height, width) uint16 millimetres without what black cloth and metal swallow, and with bursts.
+    """Return a reading (height, width) uint16 millimetres without what black cloth and metal swallow, and with
+    bursts.
 
     shiny (height, width) bool: pixels of bare metal where nobody is before it.
     """
@@ -62,7 +63,7 @@ def spoilt_mm(
 
 
 def _burst(rng: np.random.Generator, reading_mm: np.ndarray) -> np.ndarray:
-    """One frame with speckle: patches without a reading, or with one that is off by decimetres."""
+    """Return one frame with speckle: patches without a reading, or with one that is off by decimetres."""
     spoilt = _patches(rng, reading_mm.shape, rng.uniform(*BURST_SHARE))
     wrong = rng.random(reading_mm.shape) < WRONG_SHARE
     off_mm = 1000.0 * WRONG_M * rng.standard_normal(reading_mm.shape)
@@ -71,7 +72,7 @@ def _burst(rng: np.random.Generator, reading_mm: np.ndarray) -> np.ndarray:
 
 
 def _patches(rng: np.random.Generator, shape: tuple[int, ...], share: float) -> np.ndarray:
-    """(height, width) bool: patches of a few pixels that cover a share of the image."""
+    """Return (height, width) bool: patches of a few pixels that cover a share of the image."""
     import cv2
 
     noise = cv2.GaussianBlur(rng.standard_normal(shape, dtype=np.float32), (0, 0), BLOB_PX)

@@ -39,7 +39,7 @@ class Panel:
     high_m: float
 
     def apart(self, other: Panel) -> bool:
-        """Whether a hand's breadth is between the two along the wall."""
+        """Return whether a hand's breadth is between the two along the wall."""
         return self.to_m + 0.1 < other.from_m or other.to_m + 0.1 < self.from_m
 
 
@@ -108,7 +108,7 @@ def draw_back_wall(rng: np.random.Generator, room: RoomConfig, outline: Outline,
 
 
 def room_triangles(rng: np.random.Generator, outline: Outline, back: BackWall, lanes: tuple[Lane, ...]) -> np.ndarray:
-    """(n, 3, 3) room frame: floor, ceiling, walls with openings, corridors beside, the farther room behind."""
+    """Return (n, 3, 3) room frame: floor, ceiling, walls with openings, corridors beside, the farther room behind."""
     o, beside_m = outline, CORRIDOR_M
     corners = {
         "fl": (o.front_m, o.left_m),
@@ -135,7 +135,7 @@ def room_triangles(rng: np.random.Generator, outline: Outline, back: BackWall, l
 
 
 def farther_room(rng: np.random.Generator, opening: Panel, wall_m: float) -> np.ndarray:
-    """(n, 3, 3) a room behind an opening of the wall at x = wall_m."""
+    """Return (n, 3, 3) a room behind an opening of the wall at x = wall_m."""
     deep_m, left_m, right_m = (
         rng.uniform(1.2, 3.5),
         opening.from_m - rng.uniform(0.3, 1.5),
@@ -153,24 +153,24 @@ def farther_room(rng: np.random.Generator, opening: Panel, wall_m: float) -> np.
 
 
 def mirror_on_wall(panel: Panel, wall_m: float) -> Mirror:
-    """The mirror on the back wall at x = wall_m, room frame."""
+    """Return the mirror on the back wall at x = wall_m, room frame."""
     x = wall_m - BEHIND_MIRROR_M
     return Mirror(np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]), panel_triangles(panel, x))
 
 
 def panel_triangles(panel: Panel, x_m: float) -> np.ndarray:
-    """(2, 3, 3) the panel as a board at x."""
+    """Return (2, 3, 3) the panel as a board at x."""
     p = panel
     return _quad([(x_m, p.low_m, p.from_m), (x_m, p.low_m, p.to_m), (x_m, p.high_m, p.to_m), (x_m, p.high_m, p.from_m)])
 
 
 def floor_triangles(x0: float, x1: float, z0: float, z1: float) -> np.ndarray:
-    """(2, 3, 3) of the floor."""
+    """Return (2, 3, 3) of the floor."""
     return _quad([(x0, 0.0, z0), (x1, 0.0, z0), (x1, 0.0, z1), (x0, 0.0, z1)])
 
 
 def wall_triangles(start: tuple[float, float], end: tuple[float, float], holes: list[Panel]) -> np.ndarray:
-    """(n, 3, 3) a wall from (x, z) to (x, z) with rectangular holes, which count along it from its start."""
+    """Return (n, 3, 3) a wall from (x, z) to (x, z) with rectangular holes, which count along it from its start."""
     a, b = np.array(start), np.array(end)
     long_m = float(np.linalg.norm(b - a))
     cuts = sorted(
@@ -189,7 +189,7 @@ def wall_triangles(start: tuple[float, float], end: tuple[float, float], holes: 
 
 
 def _doorways(lanes: tuple[Lane, ...], outline: Outline, side_m: float) -> list[Panel]:
-    """Where lanes cross the wall at z = side_m, along it from the front."""
+    """Return where lanes cross the wall at z = side_m, along it from the front."""
     half_m = 0.5 * DOOR_WIDTH_M
     crossings = [x for lane in lanes for x in lane.crossings_m(side_m)]
     return [Panel(x - outline.front_m - half_m, x - outline.front_m + half_m, 0.0, DOOR_HEIGHT_M) for x in crossings]
@@ -206,7 +206,7 @@ def _draw_panel(
     width_m: tuple[float, float],
     height_m: tuple[float, float],
 ) -> Panel | None:
-    """A panel apart from those that are taken, to which it is added; None where there is no room left."""
+    """Return a panel apart from those that are taken, to which it is added; None where there is no room left."""
     for _ in range(TRIES):
         wide_m = rng.uniform(*width_m)
         if wide_m > seen[1] - seen[0]:
