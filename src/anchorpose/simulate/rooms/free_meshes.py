@@ -1,4 +1,4 @@
-"""Shapes that no primitive has: curtains, coats, quilts, pillows and leaves, as open triangle meshes."""
+"""Build shapes without a primitive: curtains, coats, quilts, pillows and leaves, as open triangle meshes."""
 
 from __future__ import annotations
 
