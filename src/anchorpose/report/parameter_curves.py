@@ -1,4 +1,4 @@
-"""Curves of measures over the numbers that were set in each trial, such as an amplitude, with their uncertainty."""
+"""Draw curves of measures over the numbers set in each trial, such as an amplitude, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ MOST_TICKS: Final = 9
 
 
 class Level(NamedTuple):
-    """All trials with the same number: at, how many, their mean, and half of its 95 % interval (NaN: not known)."""
+    """All trials with the same number: the number, their count, their mean, and half of its 95 % interval (NaN:
+    unknown).
+    """
 
     at: float
     trials: int
@@ -32,8 +34,8 @@ class Level(NamedTuple):
 def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray) -> list[Level]:
     """Return the mean of the trials at each number, in rising order.
 
-    at, value, sigma (n,); sigma NaN where unknown. The interval holds the scatter of the trials, at least their random
-    errors; of a single trial these alone. The systematic error, which would move all levels alike, is left out.
+    at, value, sigma (n,); sigma NaN where unknown. The interval covers the scatter of the trials, at least their random
+    errors; for a single trial only these. The systematic error, which would shift all levels alike, is left out.
     """
     return [_level(float(place), value[at == place], sigma[at == place]) for place in np.unique(at)]
 
@@ -62,7 +64,7 @@ def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure
 
 
 def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure]]) -> StillChart | None:
-    """None where no side has values at two numbers."""
+    """Return the chart of one measure over a column; None where no side has values at two numbers."""
     cells = dict(zip([trial.number for trial in trials.rows], trials.column(column.name), strict=True))
     points, lines, table = list[Points](), list[Line](), list[tuple[str, Sequence[str]]]()
     times, unit = unit_of(sides[0][0].unit)

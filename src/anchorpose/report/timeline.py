@@ -1,7 +1,7 @@
-"""The session over time: posture, contacts, what could be seen, how certain the joints are, what was left out.
+"""Draw the session over time: posture, contacts, visibility, certainty of the joints, omitted frames.
 
 A contact is light from its beginning to its end, and dark up to the share of the touching skin that was seen. That
-share is one number for the whole contact: the tables do not say which of its moments were seen.
+share is one number for the whole contact: the tables do not state which of its moments were seen.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def timeline(session: Session) -> Chart:
 
 
 def short_timeline(session: Session, label: str) -> Chart:
-    """Posture and contacts only, to stand beside those of other sessions."""
+    """Return posture and contacts only, to be shown beside other sessions."""
     return Chart(
         identity=f"timeline-{session.name}",
         title=f"Posture and contacts of {label}",
@@ -100,7 +100,7 @@ def short_timeline(session: Session, label: str) -> Chart:
 
 
 MOST_CONDITIONS: Final = 12
-"""Rows at most: with more names the page of measures is easier to read than a picture."""
+"""Largest number of rows: with more names the page of measures is easier to read than a picture."""
 
 
 def condition_rows(session: Session) -> list[Row]:
@@ -162,7 +162,7 @@ def _share(session: Session, state: JointState) -> np.ndarray:
 
 
 def _share_row(label: str, percent: np.ndarray, bins: Bins, name: str) -> Row:
-    """Dark up to the lowest share of each group of frames, lighter up to the highest."""
+    """Return a row that is dark up to the lowest share of each group of frames, lighter up to the highest."""
     shape, ground = envelope(percent, bins), np.zeros(bins.count)
     high, low = (band_path(ground, edge, bins, SHARES) for edge in (shape.high, shape.low))
     shapes = ((f"area {name} light", high), (f"area {name}", low))
@@ -205,7 +205,7 @@ def _confidence_readings(session: Session) -> list[Reading]:
 
 
 def kept_rows(session: Session) -> list[Row]:
-    """Return the frames with problems, frames marked unusable by a reviewer, and the pictures, each a link to its
+    """Return rows of frames with problems, of frames marked unusable by a reviewer, and of pictures, each linked to its
     section.
     """
     bad = np.isin(session.joints.frame, [drop["frame"] for drop in session.run.get("dropped", [])])
@@ -227,7 +227,7 @@ def unusable_frames(session: Session) -> np.ndarray:
 
 
 def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
-    """Return one row with a column wherever one of the ``frames`` (n,) bool lies; no row where there are none."""
+    """Return one row with a column for each of the ``frames`` (n,) bool; no row where there are none."""
     if not frames.any():
         return []
     return [_state_row(label, session.bins, 12, lost=worst(frames.astype(float), session.bins))]
@@ -258,7 +258,8 @@ POSTURE_WORDS: Final = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN:
 
 
 def posture_rows(session: Session) -> list[Row]:
-    """Return a full column is upright, none is not upright, half a column is unknown; a light one is inferred.
+    """Return the posture rows: a full column is upright, none is not upright, half a column is unknown; light is
+    inferred.
 
     The worst of a group of frames is drawn: dark only where all its upright frames were seen.
     """
@@ -287,7 +288,7 @@ EVENTS: Final = {
 
 
 def event_rows(session: Session) -> list[Row]:
-    """Return a row of marks per kind of event that was seen; no row where there was none."""
+    """Return a row of marks per kind of event that was seen; no row without events."""
     rows: dict[str, list[Mark]] = {}
     for episode in session.episodes:
         if episode.kind in EVENTS:
@@ -305,7 +306,7 @@ def _depth(episode: Episode) -> str:
 
 
 def posture_readings(session: Session) -> list[Reading]:
-    """For each group of frames: every posture in it, and the transitions and events under way."""
+    """Return for each group of frames every posture in it, and the transitions and events under way."""
     bins = session.bins
     words = [
         POSTURE_WORDS[code] + ("" if seen or code == UNKNOWN else " (inferred)")
@@ -340,7 +341,7 @@ SEEN_SHARE: Final = Form(times=100.0, after=" % seen", share=True)
 
 
 def touch_rows(session: Session) -> list[Row]:
-    """Return one row per part of the body and who or what touches it, from head to foot."""
+    """Return one row per part of the body and toucher, from head to foot."""
     rows = [heading("Touched by")]
     if session.contacts is None:
         return [*rows, _state_row("not known: no contacts.parquet", session.bins, 14)]
@@ -358,7 +359,7 @@ def touch_rows(session: Session) -> list[Row]:
 
 
 def touch_reading(session: Session) -> Reading:
-    """For each group of frames: every part that is touched in it, by whom or what, and how much of that was seen."""
+    """Return for each group of frames every touched part, by whom or what, and how much of that was seen."""
     first, last = session.bins.frame[session.bins.start], session.bins.frame[session.bins.last]
     texts: list[list[str]] = [["not known: patient lost"] if lost else [] for lost in _lost(session)]
     for contact in sorted(session.contacts or (), key=lambda c: (REGIONS.index(c.part), c.toucher, c.start_s)):
@@ -383,7 +384,7 @@ def _held_and_seen(contacts: Sequence[Contact], bins: Bins) -> tuple[np.ndarray,
 
 
 def _natural(item: tuple[int, str]) -> tuple[int, int, str]:
-    """Person 10 after person 9."""
+    """Return a sort key that puts person 10 after person 9."""
     part, person = item
     digits = "".join(filter(str.isdigit, person))
     return part, int(digits) if digits else 0, person
