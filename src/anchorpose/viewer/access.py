@@ -1,4 +1,4 @@
-"""Who may use a page's server: only the page that this program opened, over so many connections and no more."""
+"""Control who may use a page's server: only the page that this program opened, with a limited number of connections."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """Which requests are served: the token must be the first part of every path.
+    """The rule which requests are served: the token must be the first part of every path.
 
     On loopback the Host must be a loopback name as well: another site that points its name here (DNS rebinding) sends
     its own. A request that changes something must come from the page.
@@ -70,7 +70,7 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-MOST: Final = 48  # at once; systems allow a program 256 open files or more, and depth images are written beside
+MOST: Final = 48  # open at once; systems allow a program 256 open files or more, and depth images are written beside
 MOST_PER_CLIENT: Final = 24  # from one address: four windows, each with the six connections of a browser
 CLOSING_S: Final = 1.0  # a connection that was shut down is closed at once
 
@@ -79,19 +79,19 @@ CLOSING_S: Final = 1.0  # a connection that was shut down is closed at once
 class _Connection:
     request: socket.socket
     client: str
-    known: bool = False  # has sent a request with the token
+    known: bool = False  # whether it has sent a request with the token
     leaving: bool = False
 
 
 class Connections:
-    """Those that are open. One that has sent no request with the token gives way to a new one, the oldest first."""
+    """The open connections. A connection without a request with the token gives way to a new one, the oldest first."""
 
     def __init__(self) -> None:
         self._open: list[_Connection] = []
         self._changed = Condition()
 
     def add(self, request: socket.socket, client: str) -> bool:
-        """Return whether there is room for a connection from the address ``client``; it is counted from now on."""
+        """Return whether there is space for a connection from the address ``client``; it is counted from now on."""
         with self._changed:
             while full := self._in_the_way(client):
                 strangers = [one for one in full if not one.known and not one.leaving]
@@ -101,28 +101,26 @@ class Connections:
         return True
 
     def trust(self, request: socket.socket) -> None:
-        """A connection has sent the token: it gives way to none."""
+        """Note that a connection has sent the token: it no longer gives way."""
         with self._changed:
             for one in self._open:
                 one.known |= one.request is request
 
     def remove(self, request: socket.socket) -> None:
-        """A connection is closed."""
+        """Note that a connection is closed."""
         with self._changed:
             self._open = [one for one in self._open if one.request is not request]
             self._changed.notify_all()
 
     def _in_the_way(self, client: str) -> list[_Connection]:
-        """Return the connections of which one must go before another one of ``client`` may come; empty where none
-        must.
-        """
+        """Return the connections of which one must go before another one of ``client`` may come; empty if none must."""
         if len(self._open) >= MOST:
             return self._open
         own = [one for one in self._open if one.client == client]
         return own if len(own) >= MOST_PER_CLIENT else []
 
     def _close(self, stranger: _Connection) -> bool:
-        """Return whether it is closed by the thread that serves it, soon."""
+        """Return whether the thread that serves the connection will close it soon."""
         stranger.leaving = True
         with suppress(OSError):  # it has gone by itself
             stranger.request.shutdown(socket.SHUT_RDWR)

@@ -1,6 +1,7 @@
-"""What the page fetches, as bytes: all frames at a glance; tables, points, surfaces some frames at a time; the body.
+"""Pack what the page fetches, as bytes: all frames at a glance; tables, points, surfaces some frames at a time; the
+body.
 
-Arrays travel in one piece: a short JSON head that says where each array lies, then the arrays.
+Arrays are sent in one piece: a short JSON head with each array's place, then the arrays.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ TYPES: Final = ("uint8", "uint16", "int16", "int32", "uint32", "float32", "float
 
 
 def pack(meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
-    """MAGIC, length of the head (uint32), head, arrays; little-endian, each array at a multiple of ``ALIGNED``.
+    """Return MAGIC, length of the head (uint32), head, arrays; little-endian, each array at a multiple of
+    ``ALIGNED``.
 
     The head is {"meta": meta, "arrays": [{"name", "type", "shape", "start"}]}; start is counted from the first multiple
     of ``ALIGNED`` after the head. Raises ValueError for types that browsers have no array for.
@@ -52,14 +54,14 @@ def _up(place: int) -> int:
     return place + -place % ALIGNED
 
 
-MOST_FRAMES: Final = 32  # in one answer
-SAMPLED: Final = 2000  # frames that the middle of the view is taken from
+MOST_FRAMES: Final = 32  # frames in one answer
+SAMPLED: Final = 2000  # frames from which the middle of the view is computed
 MOST_ROWS: Final = 512  # frames of the tables in one answer: some hundred kilobytes
 
 
 def overview_payload(review: Review) -> bytes:
     """Return one row per frame of the results: time_s (n,) float64, frame (n,) int32, observed and lost (n,) uint8, the
-    number of joints in these states, and where the results have it unexplained (n,), as in
+    number of joints in these states, and unexplained (n,), if the results have it, as in
     ``results.explained.unexplained``.
 
     meta: middle_m, the patient's median position, and lowest_m, the height of the lowest joint; null where unknown.
@@ -129,15 +131,17 @@ def curves_payload(review: Review, first: int, count: int) -> bytes:
 
 
 INTERVALS: Final = 800
-"""Of the time that is drawn: a chart is some 400 pixels wide."""
+"""Number of intervals of the drawn time: a chart is some 400 pixels wide."""
 
 KEPT: Final = 5
-"""Frames of an interval at most, per angle: the least and the largest value, the widest sigma, the first frame in which
-the angle is unknown and the first in which it is inferred. So no peak, no gap and no inferred frame disappears."""
+"""Largest number of frames kept per interval and angle: the least and the largest value, the widest sigma, the first
+frame in which the angle is unknown and the first in which it is inferred. So no peak, no gap and no inferred frame
+disappears.
+"""
 
 
 def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) -> list[np.ndarray]:
-    """Return for each angle the rows to draw of its values (n, angles), in their order; of few frames all."""
+    """Return, for each angle, the rows to draw of its values (n, angles), in order; all if frames are few."""
     count, angles = degrees.shape
     size = count // INTERVALS  # frames in an interval
     if size <= KEPT:
@@ -202,7 +206,7 @@ def _positions(depth_frames: DepthFrames, first: int, count: int) -> range:
 
 
 def _rows(frames: int, first: int, count: int, most: int) -> slice:
-    """Raise ValueError for frames that do not exist, or more than ``most``."""
+    """Return the rows; raises ValueError for frames that do not exist, or more than ``most``."""
     if not (0 <= first < frames and 1 <= count <= most):
         raise ValueError(f"there are no frames {first} to {first + count - 1}")
     return slice(first, min(first + count, frames))
