@@ -1,4 +1,4 @@
-"""How a table with the same rows in every frame is declared, written and read; in memory it is a set of arrays."""
+"""Declare, write and read tables with the same rows in every frame; in memory a table is a set of arrays."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, re
 Frames = TypeVar("Frames")
 
 FRAMES_PER_ROW_GROUP: Final = 512
-"""Half a megabyte of joints in memory; fixed, since row groups decide the bytes of the file."""
+"""Frames per row group, half a megabyte of joints in memory; fixed, since row groups decide the bytes of the file."""
 
 UNKNOWN: Final = -1
-"""A flag that is neither 1 (yes) nor 0 (no)."""
+"""Value of a flag that is neither 1 (yes) nor 0 (no)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
     """Columns of one array (..., names), or (...) where there is one name; NaN is null in the file.
 
-    least, most: what a number may be, both included.
+    least, most: limits of a number, both allowed.
     """
 
     names: tuple[str, ...]
@@ -104,10 +104,10 @@ class FrameTable(Generic[Frames]):
     """A table with the same rows in every frame.
 
     arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and the arrays of
-    ``columns`` by their names, (n, ...) or (n, things, ...). thing: the column that names what a row is about, such as
+    ``columns`` by their names, (n, ...) or (n, things, ...). thing: the column that names the subject of a row, such as
     "joint"; None where there is one row per frame. names: the things in their order; None where each file has its own,
-    which are then the field ``names``. text: a field that stands in the file's metadata, and its key there. agree:
-    whether the numbers and texts of the table fit each other.
+    which are then the field ``names``. text: a field stored in the file's metadata, and its key there. agree: function
+    that tests whether numbers and texts of the table are consistent.
     """
 
     file: str
@@ -155,7 +155,7 @@ class FrameTable(Generic[Frames]):
             groups.flush()
 
     def read(self, path: Path) -> Frames:
-        """Read the table, whichever order its rows are in.
+        """Read the table; its rows may be in any order.
 
         Raises InputError unless every frame has each thing once, times increase, and every number is one that can be.
         """

@@ -1,6 +1,6 @@
 """Read and write the results' Parquet files, and declare tables of records. Equal values always give equal bytes.
 
-Nothing else opens a parquet file, since every page is written with a checksum and compared with it when it is read.
+No other module opens a parquet file, since every page is written with a checksum that is verified on reading.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from anchorpose.recording.regular_file import LARGEST_ARRAYS, require_regular
 Row = TypeVar("Row")
 
 ROWS_AT_ONCE: Final = 1 << 15
-"""Of a table that is read piece by piece: some megabytes."""
+"""Rows read at once from a table: some megabytes."""
 
 TRACK_AGAIN: Final = "track the recording again"
 MEASURE_AGAIN: Final = "run 'anchorpose measure' on its folder again"
 
 
 class RowGroups(Generic[Row]):
-    """Appends rows to an open parquet file; memory holds no more than one row group."""
+    """A writer that appends rows to an open parquet file; memory holds at most one row group."""
 
     def __init__(self, writer: Any, to_table: Callable[[Sequence[Row]], pa.Table], size: int) -> None:
         self._writer, self._to_table, self._size, self._rows = writer, to_table, size, list[Row]()
@@ -49,18 +49,17 @@ class RowGroups(Generic[Row]):
 
 
 def open_parquet(path: Path, schema: pa.Schema) -> Any:
-    """Return a parquet writer with everything fixed that decides the bytes."""
+    """Open a parquet writer with everything fixed that decides the bytes."""
     return pq.ParquetWriter(
         path, schema, version="2.6", compression="zstd", compression_level=3, write_page_checksum=True
     )
 
 
 def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping[str, Any] | None = None) -> pa.Table:
-    """Return a table with exactly the columns of ``schema``, without a null where it has none; raises InputError
-    otherwise.
+    """Read a table with exactly the columns of ``schema``, without forbidden nulls; raises InputError otherwise.
 
     rows: a pyarrow expression that selects the rows to read; None for all. later: columns that files of older versions
-    lack, and the value that they have there.
+    lack, and their values then.
     """
     table = _with_columns(read_any_parquet(path, rows), schema, later or {})
     require_columns(path, table.schema, schema)
@@ -71,7 +70,7 @@ def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping
 
 
 def _with_columns(table: pa.Table, schema: pa.Schema, later: Mapping[str, Any]) -> pa.Table:
-    """Return the table with each column of ``later`` that it lacks, at its place in ``schema``."""
+    """Add the columns of ``later`` that the table lacks, at their places in ``schema``."""
     for place, column in enumerate(schema):
         if column.name in later and column.name not in table.schema.names:
             values = pa.array([later[column.name]] * table.num_rows, column.type)
@@ -80,8 +79,7 @@ def _with_columns(table: pa.Table, schema: pa.Schema, later: Mapping[str, Any]) 
 
 
 def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = None) -> pa.Table:
-    """Return a table whatever its columns are, or those named; raises InputError where it is damaged or lacks one of
-    them.
+    """Read a table with any columns, or the named ones; raises InputError where it is damaged or lacks one of them.
 
     rows: as of ``read_parquet``.
     """
@@ -149,7 +147,7 @@ def _attribute(column: str) -> str:
 
 @contextmanager
 def refuse_unreadable(path: Path) -> Iterator[None]:
-    """Raise InputError where the file at ``path`` proves in the block to be missing or unreadable."""
+    """Raise InputError where the file at ``path`` proves, in the block, to be missing or unreadable."""
     try:
         require_regular(path, LARGEST_ARRAYS)
         yield
@@ -169,7 +167,7 @@ def require_columns(path: Path, found: pa.Schema, schema: pa.Schema) -> None:
 
 
 def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[float, float], remedy: str) -> None:
-    """Raise InputError where a value (n,) of a column is none, or outside of the limits, which it may be."""
+    """Raise InputError where a value (n,) of a column is missing, or outside of the limits, which are allowed."""
     wrong = values[~((values >= limits[0]) & (values <= limits[1]))]
     if len(wrong):
         raise InputError(path, f"has the {name} {wrong[0]:.6g}, not {limits[0]:g} to {limits[1]:g}", remedy)
@@ -179,10 +177,10 @@ def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[floa
 class RecordTable(Generic[Row]):
     """A table with one row per record.
 
-    record: the dataclass of a row, whose attributes have the names of the columns. known: the texts that may stand in a
-    column. limits: the least and the most that a number of a column may be. rows_per_group: fixed, since row groups
+    record: the dataclass of a row, whose attributes have the names of the columns. known: the allowed texts of a
+    column. limits: the least and the greatest allowed number of a column. rows_per_group: fixed, since row groups
     decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows. later: columns
-    that files of older versions lack, and the value that they have there.
+    that files of older versions lack, and their values then.
     """
 
     file: str
@@ -212,7 +210,7 @@ class RecordTable(Generic[Row]):
             groups.flush()
 
     def read(self, path: Path, rows: Any = None) -> tuple[Row, ...]:
-        """Return all records, or those that the pyarrow expression ``rows`` selects; raises InputError for another
+        """Read all records, or those that the pyarrow expression ``rows`` selects; raises InputError for another
         table.
         """
         table = read_parquet(path, self.schema, rows, self.later)

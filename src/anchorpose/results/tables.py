@@ -1,4 +1,4 @@
-"""The tables of a results folder that have the same rows in every frame: joints, anchors, bones, angles, posture."""
+"""Define the tables of a results folder with the same rows in every frame: joints, anchors, bones, angles, posture."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STATES: Final = tuple(str(state) for state in JointState)
 
 LARGEST_DEG: Final = 360.0
 LARGEST_SIGMA: Final = 1e6
-"""Metres, degrees or radians: an angle that a pose hardly determines has a sigma of many turns."""
+"""Limit of sigma in metres, degrees or radians: an angle that a pose hardly determines has a sigma of many turns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,7 +71,7 @@ class JointTable:
 
     @property
     def lost(self) -> np.ndarray:
-        """Return (n, 21) bool."""
+        """Return (n, 21) bool: lost joints."""
         return self.state_code == LOST
 
     def frames(self, chosen: slice | np.ndarray) -> JointTable:
@@ -80,7 +80,7 @@ class JointTable:
 
 
 def _numbers_agree(joints: JointFrame | JointTable) -> np.ndarray:
-    """(..., 21) bool: whether a lost joint has no numbers, and any other has all."""
+    """Return (..., 21) bool: whether a lost joint has no numbers, and any other has all."""
     known = np.isfinite(joints.position_m).all(axis=-1) & np.isfinite(joints.sigma_m) & (joints.sigma_m > 0)
     blank = np.isnan(joints.position_m).all(axis=-1) & np.isnan(joints.sigma_m)
     return np.where(joints.state_code == LOST, blank, known)
@@ -141,7 +141,8 @@ ANCHORS_FILE, read_anchors, write_anchors = ANCHORS.file, ANCHORS.read, ANCHORS.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AngleTable:
-    """frame (n,) int32, time_s (n,) float64, names (a,) of docs/angles.md; ``angle_definition`` says how.
+    """The angles of all frames. frame (n,) int32, time_s (n,) float64, names (a,) of docs/angles.md; defined in
+    ``angle_definition``.
 
     degrees and sigma_deg (n, a) float64, NaN where a joint is lost or the pose leaves the angle undetermined;
     state_code (n, a) int8 index into ``JointState``, the worst of the joints involved.
@@ -172,14 +173,14 @@ ANGLES_FILE, read_angles, write_angles = ANGLES.file, ANGLES.read, ANGLES.write
 
 
 PROCESSING: Final = ("measured", "smoothed", "filled")
-"""What was done to an angle's joints, the worst of them; the codes of ``ProcessedAngles.processing``."""
+"""How an angle's joints were processed, the worst of them; the codes of ``ProcessedAngles.processing``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessedAngles(AngleTable):
     """Angles of joints that were smoothed or whose gaps were filled.
 
-    processing (n, a) int8 index into ``PROCESSING``; policy: the settings and what came of them, as JSON.
+    processing (n, a) int8 index into ``PROCESSING``; policy: the settings and their outcome, as JSON.
     """
 
     processing: np.ndarray

@@ -1,4 +1,4 @@
-"""Store the trials of a results folder, and which contacts and episodes lie in each: two tables beside the measures."""
+"""Store the trials of a results folder, and the contacts and episodes in each: two tables beside the measures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from anchorpose.settings import LARGEST, Unfit
 
 TRIALS_FILE: Final = "trials.parquet"
 COLUMNS_KEY: Final = "trial_columns"
-"""Of the schema's metadata: name, unit and description of each column of the user's own, as JSON."""
+"""Key in the schema's metadata: name, unit and description of each of the user's own columns, as JSON."""
 
 TRIALS_REMEDY: Final = "run 'anchorpose measure' on its folder again, with --events"
 
@@ -49,7 +49,7 @@ def write_trials(path: Path, trials: Trials) -> None:
 
 
 def read_trial_table(path: Path) -> Trials:
-    """Return the trials of a results folder; raises InputError for another table."""
+    """Read the trials of a results folder; raises InputError for another table."""
     table = read_any_parquet(path)
     columns = _columns(path, table.schema.metadata or {})
     own = [pa.field(column.name, _type_of(column)) for column in columns]

@@ -1,4 +1,4 @@
-"""The truth of a recording, truth.npz, and whether joints of another origin are in our unit, axes and labels."""
+"""Read the truth of a recording, truth.npz, and check whether other joints are in our unit, axes and labels."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class Truth:
 
 
 def read_truth(path: Path) -> Truth:
-    """Return a truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and perhaps ``occluded`` (t) and
+    """Read a truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and optionally ``occluded`` (t) and
     ``seen_share`` (t, n, cameras).
 
-    Joints may come in any order and some may be missing (NaN). Raises InputError where that is not what it holds.
+    Joints may come in any order and some may be missing (NaN). Raises InputError where the content differs.
     """
     remedy = "give a truth.npz with joints (t, 21, 3), names (21) and time (t)"
     arrays = read_arrays(path, _READ, remedy)
@@ -72,7 +72,7 @@ def read_truth(path: Path) -> Truth:
 
 
 def _checked_shares(path: Path, seen: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Raise InputError where the shares do not fit the joints (t, n) or are none."""
+    """Raise InputError where the shares do not fit the joints (t, n) or are invalid."""
     remedy = "give seen_share (t, n, cameras) with shares from 0 to 1, or leave it out"
     if seen.ndim != 3 or seen.shape[:2] != shape or seen.shape[2] == 0 or seen.dtype.kind not in "fiu":
         raise InputError(path, f"its seen_share {seen.shape} does not fit its joints {shape}", remedy)
@@ -90,7 +90,7 @@ def _order(path: Path, names: list[str]) -> list[int]:
 
 
 def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarray:
-    """Return (t, 21, k) in the order of ``JOINT_NAMES`` from (t, n, k); ``missing`` where there is no column."""
+    """Reorder (t, n, k) to (t, 21, k) in the order of ``JOINT_NAMES``; ``missing`` where there is no column."""
     if order == list(range(JOINT_COUNT)):
         return columns
     found = np.full((len(columns), JOINT_COUNT, columns.shape[2]), missing, columns.dtype)
@@ -100,8 +100,9 @@ def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueTouch:
-    """bones (t, b) bool: in each frame the bones whose skin another person, or the equipment, touches; names (b) of
-    the bones."""
+    """True contacts. bones (t, b) bool: in each frame the bones whose skin another person, or the equipment, touches;
+    names (b) of the bones.
+    """
 
     bones: np.ndarray
     names: tuple[str, ...]
@@ -148,17 +149,17 @@ def read_true_touch(path: Path) -> TrueTouch | None:
 
 
 WRONG_M: Final = 0.15
-"""Farther off than this, half a forearm, a joint says nothing about the patient, and its limb is wrong."""
+"""Error in metres, half a forearm, beyond which a joint means nothing for the patient, and its limb is wrong."""
 
 CLEARLY_BETTER: Final = 0.7
-"""Ratio of two misfits from which on the smaller is the right one. In six simulated laboratories it was at most 0.1."""
+"""Ratio of two misfits below which the smaller is right. In six simulated laboratories it was at most 0.1."""
 
 LARGEST_DEFINITION_M: Final = 0.03
-"""A misfit up to here needs no other explanation: joint centres of two systems differ by as much by definition."""
+"""Misfit in metres that needs no other explanation: joint centres of two systems differ by as much by definition."""
 
 
 class Sides(NamedTuple):
-    """What is the wrong way round."""
+    """The things that may be the wrong way round."""
 
     exchanged: bool
     mirrored: bool
@@ -206,7 +207,9 @@ _EXCHANGED: Final = [
 
 
 MOST_SCALE: Final = 1.5
-"""Ratio of bone lengths between truth and results. A wrong body differs by tens of percent, a foot by 3.3."""
+"""Ratio of bone lengths between truth and results. A wrong body differs by tens of percent, feet instead of metres by
+3.3.
+"""
 
 UPRIGHT_DEG, LYING_DEG = 45.0, 60.0
 """Tilt of the trunk up to which the results stand, and from which the truth lies or is upside down."""
@@ -222,8 +225,8 @@ _BONES: Final = np.array(LIMBS)
 def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> None:
     """Raise InputError where the truth (n, 21, 3), in frames of ours (n, 21, 3), is in another unit or other axes.
 
-    What a right truth always has is asked of it alone, as far as that goes: a patient who was tracked back to front, or
-    elsewhere, is an error to be reported, as is any other misfit over ``WRONG_M``.
+    As far as possible, the truth alone is tested for what a right truth always has: a patient who was tracked back to
+    front, or elsewhere, is an error to be reported, as is any other misfit over ``WRONG_M``.
     """
     scale = _ratio(_bone_lengths(truth_m), _bone_lengths(ours_m))
     if not 1 / MOST_SCALE <= scale <= MOST_SCALE:
@@ -273,8 +276,8 @@ def _trunk_tilt_deg(joints_m: np.ndarray) -> float:
 
 
 def _handedness(joints_m: np.ndarray) -> float:
-    """Return whether up, right and forward are right-handed: of -1 to 1, negative where toes and knees point backward
-    of what left, right, head and pelvis say. NaN where they show no direction.
+    """Return whether up, right and forward are right-handed, -1 to 1: negative where toes and knees point backward
+    relative to left, right, head and pelvis. It is NaN where they show no direction.
     """
     joint = {name: _joint(joints_m, name) for name in JOINT_NAMES}
     right = joint["HipRight"] - joint["HipLeft"] + joint["ShoulderRight"] - joint["ShoulderLeft"]
