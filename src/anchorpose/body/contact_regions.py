@@ -165,7 +165,7 @@ class _Stand:
 
 
 class StandingFeet:
-    """The places where both feet stand, as last seen or as assumed; time may run backwards."""
+    """The place where each foot stands, as last seen or as assumed; time may run backwards."""
 
     _skin: dict[str, np.ndarray]
     _recent: dict[str, deque[tuple[float, np.ndarray]]]

@@ -138,8 +138,8 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
-    """Return two shares of the outline's unhidden places with the part in them: where the surface does not end (inside
-    a wall, the floor, a person who leans on it), and where it ends as it should.
+    """Return two shares of the outline's unhidden places: among places with the part in them, where the surface does
+    not end (inside a wall, the floor, a person who leans on it); and where it ends as it should.
     """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)

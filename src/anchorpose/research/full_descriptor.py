@@ -1,4 +1,4 @@
-"""The full unoccluded descriptor f^U (paper, Definition 1): the distances between all nodes. A reference."""
+"""Compute the full unoccluded descriptor f^U (paper, Definition 1), the distances between all nodes, as a reference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Other solvers of geodesic distance, to compare fast marching with.
+"""Provide other solvers of geodesic distance, to compare fast marching with.
 
 | solver | what it is | early stop | links and edges without triangles |
 |---|---|---|---|
@@ -25,7 +25,7 @@ from anchorpose.surface.links import links, pieces, straight_m
 from anchorpose.surface.mesh import faces, grid_edges
 from anchorpose.surface.surface import Surface
 
-LONGEST_M: Final = 1e6  # solvers give huge numbers for what they did not reach
+LONGEST_M: Final = 1e6  # solvers return huge numbers for unreached nodes
 
 
 class Solver(StrEnum):
@@ -75,14 +75,14 @@ def edge_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = n
 
 
 Prepared = Callable[[np.ndarray], np.ndarray]
-"""From some vertices of a patch to the distance (k,) of all its vertices to the nearest of them."""
+"""Function from some vertices of a patch to the distance (k,) of all its vertices to the nearest of them."""
 
 Solve = Callable[[np.ndarray, np.ndarray], Prepared]
-"""Prepares one patch, vertices (k, 3) and faces, for many solutions."""
+"""Function that prepares one patch, vertices (k, 3) and faces, for many solutions."""
 
 
 def _exact(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
-    """Source: Mitchell, Mount and Papadimitriou 1987 (doi:10.1137/0216045) by pygeodesic."""
+    """Prepare the exact solver. Source: Mitchell, Mount and Papadimitriou 1987 (doi:10.1137/0216045) by pygeodesic."""
     try:
         from pygeodesic.geodesic import PyGeodesicAlgorithmExact
     except ImportError as error:
@@ -97,8 +97,8 @@ def _exact(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
 
 
 def _heat(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
-    """Return the heat method: on a body within 1 cm on average; heat decays over thousands of edges, so not for whole
-    rooms.
+    """Prepare the heat method: within 1 cm on average on a body; heat decays over thousands of edges, so it does not
+    suit whole rooms.
 
     Source: Crane, Weischedel and Wardetzky 2013 (doi:10.1145/2516971.2516977) by potpourri3d, on its robust Laplacian.
     """

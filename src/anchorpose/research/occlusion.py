@@ -1,4 +1,4 @@
-"""The effect of an occlusion on geodesic distance: bright and shadow regions (paper, Definitions 4 and 5).
+"""Compute the effect of an occlusion on geodesic distance: bright and shadow regions (paper, Definitions 4 and 5).
 
 The occlusion O is a set of nodes removed from the whole surface; the rest is the seen surface. The distance between two
 nodes is distorted where it is longer on the seen surface than on the whole one. docs/occlusion.md states which of the
@@ -18,9 +18,10 @@ from anchorpose.surface.mesh import edges, faces, keep_nodes
 from anchorpose.surface.surface import Surface
 
 TOLERANCE_M: Final = 1e-4
-"""What counts as undistorted with the exact solver: rounding, and cells at the rim that are cut along the other
-diagonal. A larger tolerance would call bright what lies around a corner: a path that bends by 0.1 rad 0.1 m before its
-end is 0.5 mm longer. With fast marching take 4 mm, its own error between two meshes."""
+"""Difference in metres that counts as undistorted with the exact solver: rounding, and cells at the rim that are cut
+along the other diagonal. A larger tolerance would call bright what lies around a corner: a path that bends by 0.1 rad
+0.1 m before its end is 0.5 mm longer. With fast marching take 4 mm, its own error between two meshes.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +73,7 @@ class Light:
 
     @property
     def shadow(self) -> Region:
-        """Shadow nodes and edges (Definition 5): all that is seen at a distorted distance."""
+        """Return the shadow nodes and edges (Definition 5): everything seen at a distorted distance."""
         return _within(self._dark, self.occlusion.node[edges(self.occlusion.seen)])
 
     @property
@@ -131,7 +132,7 @@ def border_is_covered(lights: Sequence[Light]) -> bool:
 
 
 def _boundary(whole: Surface, seen: Surface, node: np.ndarray) -> Region:
-    """Outline of the seen triangles, without the outline of the whole surface."""
+    """Return the outline of the seen triangles, without the outline of the whole surface."""
     ends, count = _outline(node[faces(seen)]), len(whole)
     key = ends.astype(np.int64) @ [count, 1]
     new = ends[~np.isin(key, _outline(faces(whole)).astype(np.int64) @ [count, 1])]

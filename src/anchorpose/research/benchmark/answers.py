@@ -1,4 +1,4 @@
-"""A folder of anybody's answers, read and checked: answers.json, joints and matches as CSV or Parquet."""
+"""Read and check a folder of answers: answers.json, joints and matches as CSV or Parquet."""
 
 from __future__ import annotations
 
@@ -28,14 +28,16 @@ JOINTS: Final = {"recording": pa.string(), "frame": pa.int64(), "joint": pa.stri
 MATCHES: Final = {"task": pa.string(), "pair": pa.string(), "node": pa.int64(), "match": pa.int64()}
 OPTIONAL: Final = "sigma_m"
 MAY_BE_EMPTY: Final = frozenset((*PLACE, OPTIONAL, "match"))
-FARTHEST_M: Final = 100.0  # no room is that large; millimetres are
+FARTHEST_M: Final = 100.0  # a room is smaller; larger values are millimetres
 NO_ROW, NO_MATCH = -2, -1
-"""Of a node: the answers have no row for it; they say that it has no match."""
+"""Marks of a node: the answers have no row for it; they state that it has no match."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointAnswers:
-    """Of one recording: position_m (t, 21, 3) world and sigma_m (t, 21), NaN where the answers give none."""
+    """The answers on one recording: position_m (t, 21, 3), world, and sigma_m (t, 21), NaN where the answers give
+    none.
+    """
 
     position_m: np.ndarray
     sigma_m: np.ndarray
@@ -43,7 +45,7 @@ class JointAnswers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answers:
-    """Everything that was answered about the recordings of a benchmark folder.
+    """All answers about the recordings of a benchmark folder.
 
     joints: by recording; matches: by task and pair, (n,) int64 node of the second frame, ``NO_MATCH`` or ``NO_ROW``.
     elsewhere: rows about recordings that are not in the folder.

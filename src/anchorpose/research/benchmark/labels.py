@@ -1,4 +1,4 @@
-"""Labels of people made by eye in real depth images: read, compared with each other, and with joints."""
+"""Read labels of people made by eye in real depth images, and compare them with each other and with joints."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # around a label: the depth of the skin that it was set on
-IN_FRONT_M, BEHIND_M = 0.10, 0.35  # of that skin: where a joint beneath it may be
+PATCH_PX: Final = 3  # around a label: gives the depth of the labelled skin
+IN_FRONT_M, BEHIND_M = 0.10, 0.35  # limits, relative to that skin, of a joint beneath it
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
-"""Nothing shows these under clothes: the labellers placed them by proportion, and are up to 12 cm apart."""
+"""Joints that are invisible under clothes: labellers placed them by proportion, up to 12 cm apart."""
 DEEP_M: Final = 0.10  # from the skin of a trunk to its axis
 
 
@@ -65,7 +65,7 @@ def _person(entry: dict[str, Any]) -> LabelledPerson:
 
 
 def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
-    """Return the median depth about a place (column, row); NaN where nothing was read there."""
+    """Return the median depth around a place (column, row); NaN without readings there."""
     column, row = (round(value) for value in place)
     patch = depth_m[max(row - PATCH_PX, 0) : row + PATCH_PX + 1, max(column - PATCH_PX, 0) : column + PATCH_PX + 1]
     read = patch[patch > 0]
@@ -116,7 +116,7 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return how far two labels of the same joint are apart, where both have it."""
+    """Return how far apart two labels of the same joint are, where both have it."""
     lens = camera.intrinsics
     return {
         name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)

@@ -44,7 +44,9 @@ TRUTH_UNIT_M: Final = 1e-4  # true joints are compared to a tenth of a millimetr
 
 @dataclass(frozen=True, slots=True)
 class Fingerprint:
-    """depth: hash of all decoded depth images; truth: of the joints, rounded to 0.1 mm; readings: how many; mean_mm."""
+    """The fingerprint of a recording. depth: hash of all decoded depth images; truth: hash of the joints, rounded to
+    0.1 mm; readings: their number; mean_mm.
+    """
 
     depth: str
     truth: str
@@ -54,7 +56,9 @@ class Fingerprint:
 
 @dataclass(frozen=True, slots=True)
 class Benchmark:
-    """A benchmark folder. groups: those that are in it; other_bytes: a sentence per recording unlike the reference."""
+    """A benchmark folder. groups: the existing ones; other_bytes: a sentence per recording that differs from the
+    reference.
+    """
 
     folder: Path
     groups: tuple[Group, ...]
@@ -123,7 +127,7 @@ def reference() -> dict[str, Fingerprint]:
 
 
 def make_group(group: Group, out: Path) -> None:
-    """Everything of one seed: recordings, true joints, nodes, and their true matches in the format of answers."""
+    """Make everything of one seed: recordings, true joints, nodes, and their true matches in the format of answers."""
     with one_thread(), whole_or_nothing(out / group.name) as work:
         simulated = work / "simulated"
         simulate_recording(simulated, group.simulation)
@@ -136,7 +140,9 @@ def make_group(group: Group, out: Path) -> None:
 
 
 def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -> None:
-    """The copies with holes, all in the same frames, and the nodes of the frames of pairs with their true matches."""
+    """Make the copies with holes, all in the same frames, and the nodes of the pairs' frames with their true
+    matches.
+    """
     camera, frames = recording.cameras[0].name, range(len(recording.streams[0].files))
     seen = [patient_pixels(recording, labels / camera, frame) for frame in frames]
     centre_m = np.array([points.mean(axis=0) for _, points in seen])
@@ -167,7 +173,7 @@ def patient_pixels(recording: Recording, labels: Path, frame: int) -> tuple[np.n
 
 
 def _without_links(folder: Path) -> None:
-    """Copy in place of links, so that the folder can be moved."""
+    """Replace links by copies, so that the folder can be moved."""
     for path in folder.rglob("*.png"):
         if path.is_symlink():
             source = path.resolve()
@@ -183,7 +189,7 @@ def _write_nodes(path: Path, pixel: np.ndarray, points_m: np.ndarray) -> None:
 
 
 def _write_matches(group: Group, work: Path) -> None:
-    """The node nearest to each true place, in the format of answers."""
+    """Write the node nearest to each true place, in the format of answers."""
     skin, rows = Skin(group.simulation), ["task,pair,node,match"]
     for pair in group.pairs:
         best = truth_of(work, pair, skin).nearest()
@@ -192,7 +198,7 @@ def _write_matches(group: Group, work: Path) -> None:
 
 
 def fingerprint(recording: Path) -> Fingerprint:
-    """Of a recording folder whose truth is beside it."""
+    """Compute the fingerprint of a recording folder with its truth beside it."""
     digest, readings, total = hashlib.sha256(), 0, 0
     for path in sorted(recording.glob("*/depth/*.png")):
         image = read_image(path)

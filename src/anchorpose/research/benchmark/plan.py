@@ -1,4 +1,4 @@
-"""What the public benchmark consists of: recordings fixed by seeds, tasks, and the names that answers use."""
+"""Define the public benchmark: recordings fixed by seeds, tasks, and the names that answers use."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
 VERSION: Final = 1
-"""Grows with every change of recordings, tasks or scores: figures of two versions are not comparable."""
+"""Version; it grows with every change of recordings, tasks or scores: figures of two versions are not comparable."""
 
 SECONDS: Final = 6.0
 FPS: Final = 10.0  # the paper's samples are about a tenth of a second apart
@@ -29,7 +29,7 @@ TASKS: Final = (*GAPS, *TRACKING, CLINIC)
 
 
 class Part(StrEnum):
-    """Which recordings: those to develop a method on, or those that leader board figures are of."""
+    """The part of the benchmark: recordings for developing a method, or recordings for leader board figures."""
 
     DEVELOPMENT = "development"
     TEST = "test"
@@ -56,7 +56,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """What is made from one seed: a recording with its copies that have holes, or a clinic."""
+    """Everything made from one seed: a recording with its copies that have holes, or a clinic."""
 
     part: Part
     is_clinic: bool
@@ -101,7 +101,7 @@ class Group:
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """Return the groups of a part; at_most: only so many of each kind, the first seeds."""
+    """Return the groups of a part; at_most: limit per kind, beginning with the first seeds."""
     single, clinic = SEEDS[part]
     return tuple(
         Group(part, is_clinic, seed)

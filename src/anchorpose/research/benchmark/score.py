@@ -1,6 +1,6 @@
-"""Scores of answers, task by task, and the paired comparison of two.
+"""Score answers task by task, and compare two sets of answers in pairs.
 
-What was not answered is counted by itself, and lies outside of every share.
+Missing answers are counted separately, and count as outside in every share.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ RESAMPLES: Final = 2000
 
 
 class Asked(NamedTuple):
-    """All that a task asks about one recording: m nodes that are seen in both frames, or joints with a known truth.
+    """The questions of a task about one recording: m nodes seen in both frames, or joints with a known truth.
 
     error_mm (m,): NaN without an answer. none (m,) bool: answered that there is no match. moved (m,) bool: nodes that
     moved. within (m, 3): 1 or 0 for each axis with the truth in 1.96 sigma or not, NaN where no sigma is given.
@@ -40,7 +40,7 @@ class Asked(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskScore:
-    """Figures of one task; None where there is nothing to take one of.
+    """Figures of one task; None where there is no data for one.
 
     missing_share: of what was asked, without an answer; none_share: answered that there is no match. Shares within a
     distance are of all that was asked, millimetres of what was answered. coverage_95: of the axes with a sigma.
@@ -63,7 +63,7 @@ class TaskScore:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Score:
-    """tasks: those with any answer; asked: what they asked, by task and group."""
+    """A score. tasks: those with any answer; asked: their questions, by task and group."""
 
     answers: Answers
     part: Part
@@ -73,7 +73,7 @@ class Score:
 
 
 def score_answers(benchmark: Benchmark, answers: Answers, part: Part) -> Score:
-    """Return every task of a part that the answers take part in: all of its recordings in the folder count."""
+    """Score every task of a part that the answers take part in: all of its recordings in the folder count."""
     groups = [group for group in benchmark.groups if group.part is part]
     asked: dict[str, dict[str, Asked]] = {}
     for group in groups:
@@ -146,7 +146,7 @@ def summarise(each: Sequence[Asked]) -> TaskScore:
 
 
 def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
-    """``one`` minus ``other``, by task, with 95 % intervals by the bootstrap over recordings, drawn in pairs.
+    """Return ``one`` minus ``other``, by task, with 95 % intervals by the bootstrap over recordings, drawn in pairs.
 
     mm: mean distance where both have an answer, negative where ``one`` is nearer; within_50mm: share of everything that
     was asked, positive where ``one`` is better.

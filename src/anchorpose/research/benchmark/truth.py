@@ -1,4 +1,4 @@
-"""The true places of a frame's nodes in another frame, and the distance on the body of matches from them."""
+"""Compute the true places of a frame's nodes in another frame, and the distance of matches from them on the body."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ def read_nodes(path: Path) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairTruth:
-    """Of a pair: first_m (n, 3) and second_m (k, 3) nodes, world metres; places: the first nodes' in the second frame.
+    """The truth of a pair. first_m (n, 3) and second_m (k, 3): nodes, world, metres; places: the first nodes' in the
+    second frame.
 
     Nodes on the body whose place has no node near it in the second frame are hidden there; nodes off the body (flying
     pixels) have no place.

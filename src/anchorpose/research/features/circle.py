@@ -1,4 +1,4 @@
-"""Angles in kernels: fast arctangents, and histograms around a circle with the angle of their peak."""
+"""Handle angles in kernels: fast arctangents, and histograms around a circle with the angle of their peak."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba import njit
 
 FULL_TURN = 2.0 * np.pi
 
-SMALLEST = 5e-324  # so that the direction of a zero vector is 0, not NaN
+SMALLEST = 5e-324  # makes the direction of a zero vector 0, not NaN
 
 ARC = (
     0.159154940193,

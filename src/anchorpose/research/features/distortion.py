@@ -1,8 +1,9 @@
-"""How far two surfaces are from isometric: the least distortion of a map between them, d_PE (paper, Eq. gmds).
+"""Measure how far two surfaces are from isometric: the least distortion of a map between them, d_PE (paper, Eq.
+gmds).
 
 The distortion of a map is the greatest change of a distance (paper, Eq. distortion; Bronstein, Bronstein and Kimmel
 2006, doi:10.1073/pnas.0508601103). Branch and bound finds the map of least distortion exactly, for few samples. GMDS as
-rivals use it (``gmds``) minds all changes instead of the worst one, and so tells better maps apart.
+rival methods use it (``gmds``) counts all changes instead of the worst one, and so distinguishes maps better.
 """
 
 from __future__ import annotations
@@ -28,12 +29,14 @@ class LeastDistortion:
 
     @property
     def d_pe_m(self) -> float:
-        """d_PE, metres: half of the distortion; an upper bound of it unless ``proven``."""
+        """Return d_PE, metres: half of the distortion; an upper bound unless ``proven``."""
         return self.distortion_m / 2.0
 
 
 def distortion_m(distances_a: np.ndarray, distances_b: np.ndarray, match: np.ndarray) -> float:
-    """dis of a map, metres; distances_a (n_a, n_a) and distances_b (n_b, n_b) metres, match (n_a,) int."""
+    """Return the distortion of a map, metres; distances_a (n_a, n_a) and distances_b (n_b, n_b) metres, match (n_a,)
+    int.
+    """
     return float(np.abs(distances_a.astype(np.float64) - distances_b[np.ix_(match, match)]).max(initial=0.0))
 
 
@@ -53,7 +56,7 @@ def least_distortion(
 
 
 def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates: int = 60) -> LeastDistortion:
-    """d_PE between samples of a surface and candidates on another, each as far apart as possible.
+    """Compute d_PE between samples of a surface and candidates on another, each as far apart as possible.
 
     Distances are by fast marching, links are paths; between pieces of a surface they are ``APART_M``.
     """
@@ -78,9 +81,8 @@ def _require_distances(distances: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _search(a: np.ndarray, b: np.ndarray, max_branches: int) -> tuple[np.ndarray, int]:
-    """Return the depth first, the best place first. worst[level, i, v]: the greatest change if point i goes to v,
-    against the points placed before; a branch is cut once some point has no place with less than the best map's
-    distortion.
+    """Search depth first, the best place first. worst[level, i, v]: the greatest change if point i goes to v, against
+    the points placed before; a branch is cut once some point has no place with less than the best map's distortion.
     """
     depth, count = len(a), len(b)
     best, least = np.zeros(depth, np.int32), np.inf

@@ -80,7 +80,8 @@ def _simplified(oriented: np.ndarray, start: np.ndarray, node: np.ndarray) -> tu
 
 @njit(cache=True, error_model="numpy")
 def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bins: np.ndarray) -> None:
-    """The bin of each pair in each histogram: the paper's angles, of Darboux's frame at the more tilted of the two.
+    """Fill the bin of each pair in each histogram: the paper's angles, in Darboux's frame at the more tilted of the
+    two.
 
     With unit normals, v = d x n / |d x n| and w = n x v, everything is products of d, n and the other normal.
     """

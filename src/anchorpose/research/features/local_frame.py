@@ -1,4 +1,5 @@
-"""The repeatable local reference frame of SHOT: principal axes of the neighbourhood, pointing to most neighbours.
+"""Compute the repeatable local reference frame of SHOT: principal axes of the neighbourhood, pointing to most
+neighbours.
 
 Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), Section 3, as PCL 1.13 implements it.
 """
@@ -10,7 +11,7 @@ from numba import njit
 
 from anchorpose.research.features.neighbours import Neighbours, as_points
 
-FEWEST = 5  # neighbours; axes of fewer are noise, and the authors' program gives up there too
+FEWEST = 5  # neighbours; axes of fewer are noise, and the authors' program gives up there, too
 SWEEPS = 12  # of Jacobi rotations, which converge quadratically: six reach the last digit
 
 
@@ -140,7 +141,7 @@ def principal_axes(matrix: np.ndarray, axes: np.ndarray) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _rotate(matrix: np.ndarray, axes: np.ndarray, p: int, q: int) -> None:
-    """One rotation in the plane of p and q that makes their entry zero."""
+    """Rotate once in the plane of p and q so that their entry becomes zero."""
     lean = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
     tangent = (1.0 if lean >= 0.0 else -1.0) / (abs(lean) + np.sqrt(lean * lean + 1.0))
     cosine = 1.0 / np.sqrt(tangent * tangent + 1.0)

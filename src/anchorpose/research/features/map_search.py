@@ -1,4 +1,5 @@
-"""The stress of a map between two sets of points with known distances, and the searches that minimise it.
+"""Compute the stress of a map between two sets of points with known distances, and search for the map that minimises
+it.
 
 Branch and bound finds the best maps of few samples; ``settle`` and ``best_places`` improve maps of many, one sample
 at a time. The stress is a sum of squared changes of distance, each change capped.
@@ -109,7 +110,7 @@ def stress_m(a: np.ndarray, b: np.ndarray, cap: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def best_places(rows: np.ndarray, fields: np.ndarray, cap: float, own: np.ndarray) -> np.ndarray:
-    """Return (m,) int32: the place of least cost of each point, by its distances to samples whose places are known.
+    """Return the place of least cost (m,) int32 of each point, by its distances to samples with known places.
 
     rows (m, k) float32: distances on the source; fields (k, n) float32: those of the samples' places to every node of
     the target; both metres. own (m,) int: the sample that a row belongs to and that does not count, -1 = none. The cost

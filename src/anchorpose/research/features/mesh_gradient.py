@@ -1,4 +1,4 @@
-"""Derivatives on the mesh: the gradient of a function known at the nodes, and the curvature of the surface.
+"""Compute derivatives on the mesh: the gradient of a function known at the nodes, and the curvature of the surface.
 
 Curvature comes from how the normals turn. Second differences of depth are mostly noise; the normals are already fitted
 to many pixels, and one more fit over all neighbours within a few centimetres keeps the curvature of a limb or a nose.
@@ -42,7 +42,7 @@ def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
 
 
 FLAT_RATIO = 1e-3
-"""Neighbours whose spread has a smaller ratio of width to length lie on a line and do not determine a derivative."""
+"""Ratio of width to length of the neighbours' spread, below which they lie on a line and determine no derivative."""
 
 
 def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:

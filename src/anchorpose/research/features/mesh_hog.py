@@ -1,4 +1,4 @@
-"""MeshHOG: histograms of the gradients of a function on the mesh (Zaharescu et al. 2009, 2012)."""
+"""Compute MeshHOG: histograms of the gradients of a function on the mesh (Zaharescu et al. 2009, 2012)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TwoOrMore = Annotated[int, Field(ge=2)]
 
 @settings
 class MeshHogConfig:
-    """What MeshHOG describes; the numbers are the authors' except for both radii and the smoothing."""
+    """Settings of MeshHOG; the numbers are the authors' except for both radii and the smoothing."""
 
     radius_m: Positive = 0.20  # of 0.1 to 0.3 m the one that distinguishes most places of a body at 0.1 s per frame
     curvature_radius_m: Positive = 0.07  # larger than the noise of a depth camera, resolves a forearm

@@ -1,4 +1,4 @@
-"""Nodes within a radius of other nodes, as the local descriptors need them."""
+"""Find nodes within a radius of other nodes, as the local descriptors need them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-BLOCK: Final = 32  # nodes that are passed over together: a row of a mesh across a limb
+BLOCK: Final = 32  # nodes that are skipped together: a row of a mesh across a limb
 
 
 class Neighbours(NamedTuple):
@@ -38,10 +38,10 @@ def find_neighbours(points_m: np.ndarray, radius_m: float) -> Neighbours:
 
 @njit(cache=True)
 def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Start, node and squared distance of ``Neighbours``.
+    """Return start, node and squared distance of ``Neighbours``.
 
-    Of a mesh, nodes that follow each other lie side by side: blocks of them are near or far as a whole, and what is
-    found stands in order, unlike the answers of a tree.
+    Successive nodes of a mesh lie side by side: blocks of them are near or far as a whole, and the result is ordered,
+    unlike that of a tree.
     """
     low, high = _boxes(points)
     limit, count = radius * radius, len(points)
@@ -69,7 +69,9 @@ def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, 
 
 @njit(cache=True)
 def _boxes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest coordinates (b, 3) float64 of blocks of nodes; inf and -inf where none has a position."""
+    """Return the lowest and highest coordinates (b, 3) float64 of blocks of nodes; inf and -inf where none has a
+    position.
+    """
     blocks = (len(points) + BLOCK - 1) // BLOCK
     low, high = np.full((blocks, 3), np.inf), np.full((blocks, 3), -np.inf)
     for node in range(len(points)):
@@ -84,7 +86,7 @@ def _boxes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True)
 def longer(array: np.ndarray, extra: int) -> np.ndarray:
-    """Return the array with room for as many again, and some more."""
+    """Return the array with space for as many entries again, and some more."""
     room = np.empty(2 * len(array) + extra, array.dtype)
     room[: len(array)] = array
     return room

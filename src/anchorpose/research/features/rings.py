@@ -1,4 +1,4 @@
-"""The neighbourhood of a node on the surface: what edges and links reach within some distance."""
+"""Find the neighbourhood of a node on the surface: nodes that edges and links reach within some distance."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class _Edges(NamedTuple):
 
 @njit(cache=True)
 def _search(edges: _Edges, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Start, node and distance of ``Rings``; a row stays empty where its reach is NaN."""
+    """Return start, node and distance of ``Rings``; a row stays empty where its reach is NaN."""
     count = len(edges.ring)
     best, waits = np.full(count, np.inf, np.float32), np.zeros(count, np.bool_)
     queue = np.empty(max(count, 1), np.int32)

@@ -20,7 +20,7 @@ STATISTICS = 5  # central moments 11, 21, 12 and 22, and the entropy
 
 @settings
 class RopsConfig:
-    """135 numbers with three turns about each axis; ``columns`` states how many."""
+    """Settings; with three turns about each axis there are 135 numbers, see ``columns``."""
 
     radius_m: Positive = 0.20  # the authors' 15 mesh resolutions, here 13 mm
     turns: Count = 3  # about each axis, within a right angle: the authors' choice

@@ -1,4 +1,4 @@
-"""3D shape contexts: the density of points in the cells of a sphere, which are narrower towards its centre.
+"""Compute 3D shape contexts: the density of points in the cells of a sphere, which are narrower towards its centre.
 
 Sources: Frome, Huber, Kolluri, Buelow, Malik 2004 (doi:10.1007/978-3-540-24672-5_18), cells and weights as in PCL 1.13.
 The paper leaves open where azimuth begins and compares every turn; one repeatable frame per node makes it unique:
@@ -24,7 +24,7 @@ PARALLEL = 1e-3  # sine; an x axis this near to the normal has no direction in t
 
 @settings
 class ShapeContextConfig:
-    """1980 numbers with these cells; ``cells`` states how many."""
+    """Settings; with these cells there are 1980 numbers, see ``cells``."""
 
     radius_m: Positive = 0.20  # a limb with its edges: nearer, the body is a smooth sheet everywhere
     innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1  # of the radius: end of the first shell, which begins at 0

@@ -25,7 +25,7 @@ _TWO = np.float32(2.0)
 
 @settings
 class ShotConfig:
-    """352 numbers."""
+    """Settings of SHOT, which has 352 numbers."""
 
     radius_m: Positive = (
         0.20  # of the sphere and its frame: a limb with its edges; at 15 cm errors are half as large again

@@ -55,7 +55,8 @@ class IndependenceConfig:
 
 class _Part(NamedTuple):
     """A body part that is extended. angle: its column, None for the trunk's inclination. regions: contacts there help
-    to extend it.
+    to extend it. beside: regions that share a border with them; a hand that lies across it may be reported on either
+    side. joints: places of these contacts; an unseen joint may be held unseen.
     """
 
     name: str
