@@ -111,7 +111,7 @@ def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
     if not isinstance(head, dict) or head.get("format") != FORMAT:
         raise InputError(path, "holds no weights of the learnt descriptor", REMEDY)
     if head.get("network_sha256") != hashlib.sha256(network).hexdigest():
-        raise InputError(path, "is damaged: its network is not what was exported", REMEDY)
+        raise InputError(path, "is damaged: its network is not the exported one", REMEDY)
     return head, network
 
 

@@ -57,7 +57,7 @@ class RealSense:
                 grey = np.array(np.asanyarray(depth.get_data()), np.uint16)
                 yield LiveImage(0, int(depth.get_frame_number()), depth.get_timestamp() / 1000.0, _taken(depth), grey)
         except RuntimeError as error:
-            raise AnchorposeError(f"the camera does not answer any more ({error}); check its cable") from None
+            raise AnchorposeError(f"the camera no longer answers ({error}); check its cable") from None
         finally:
             self.pipeline.stop()
 

@@ -176,7 +176,7 @@ def finish_recording(folder: Path) -> Path:
     for camera in cameras:
         part = folder / camera.name
         if link := next((one for one in (part, part / "depth", part / "timestamps.csv") if one.is_symlink()), None):
-            raise InputError(link, "is a link", "put there what it leads to")
+            raise InputError(link, "is a link", "put the target of the link there")
         with CameraWriter(part, CameraPlan(camera=camera.camera())) as writer:
             if writer.written == 0:
                 raise InputError(part, "holds no depth image", "record again with this camera")

@@ -148,7 +148,7 @@ def read_session(results: Path) -> StoredSession:
     path = results / JOURNAL / SESSION_FILE
     if not is_there(path):
         if any(path.parent.glob("patient-*/*.frames")):
-            raise InputError(path, "is missing, without which the frames that are stored are of no use", "put it back")
+            raise InputError(path, "is missing, and the stored frames are useless without it", "put it back")
         raise InputError(results, "was cut off before a patient was found", "begin again with 'anchorpose live'")
     return read_document(path, StoredSession)
 

@@ -33,7 +33,7 @@ def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) ->
         problem, remedy = "is an address", "give a local path; only 'anchorpose track' writes to an address"
         raise InputError(str(path).replace(":/", "://", 1), problem, remedy)
     if path.is_symlink():
-        raise InputError(path, "is a link", "give the place that it leads to, or another name")
+        raise InputError(path, "is a link", "give the target of the link, or another name")
     target = path.resolve()
     if not target.name:
         raise InputError(path, "is the root of the disk", "choose a folder in it")

@@ -56,7 +56,7 @@ def _parse(text: str, page: Path) -> date:
     try:
         return date.fromisoformat(text)
     except ValueError:
-        raise InputError(page, f"the date '{text[:40]}' is none", "write year, month and day as 2025-03-28") from None
+        raise InputError(page, f"'{text[:40]}' is not a date", "write year, month and day as 2025-03-28") from None
 
 
 def dates_in(labels: Sequence[str]) -> list[str]:

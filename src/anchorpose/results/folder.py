@@ -178,7 +178,7 @@ def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind
     if path.is_symlink() or (path.exists() and not path.is_dir()):
         raise InputError(path, "is a file or a link", "choose another name")
     if os.path.ismount(target):
-        raise InputError(path, "is where a disk is mounted", "choose a folder in it")
+        raise InputError(path, "is the mount point of a disk", "choose a folder in it")
     if not path.exists() or not any(path.iterdir()):
         return
     if not kind.is_at(path):
@@ -272,7 +272,7 @@ def _claimed(work: Path, path: Path) -> Iterator[None]:
     run has it.
     """
     if os.path.lexists(work) and (work.is_symlink() or not work.is_dir()):
-        raise InputError(work, "is in the way, and not of an unfinished run", "rename it")
+        raise InputError(work, "is in the way, and is not an unfinished run", "rename it")
     with new_folder(work, path):
         if not any(work.iterdir()):
             with naming_place(path):
@@ -302,9 +302,9 @@ def _require_own(work: Path) -> None:
     with suppress(InputError):
         marked = not work.is_symlink() and read_text(work / MARK_FILE) == MARK
     if not marked:
-        raise InputError(work, "is in the way, and not of an unfinished run", "rename it")
+        raise InputError(work, "is in the way, and is not an unfinished run", "rename it")
     if link := next((entry for entry in work.rglob("*") if entry.is_symlink()), None):
-        raise InputError(link, f"is a link, so that {work.name} is in the way", "put there what it leads to")
+        raise InputError(link, f"is a link, so that {work.name} is in the way", "put the target of the link there")
 
 
 def _journal_of(work: Path) -> Path:

@@ -232,7 +232,7 @@ class RecordTable(Generic[Row]):
         try:
             return tuple(self.record(**row) for row in table.to_pylist())
         except ValueError as error:
-            raise InputError(path, f"has a row that cannot be: {error}", self.remedy) from None
+            raise InputError(path, f"has an impossible row: {error}", self.remedy) from None
 
     def _to_table(self, records: Sequence[Row]) -> pa.Table:
         columns = [

@@ -59,7 +59,7 @@ def read_trial_table(path: Path) -> Trials:
         values = [row[name] for name in ("onset_s", "duration_s", "start_s")]
         known = row["condition"] and row["trial"] == number and all(v is not None and abs(v) <= LARGEST for v in values)
         if not known or row["duration_s"] <= 0:
-            raise InputError(path, f"has a trial that cannot be, in row {number}", TRIALS_REMEDY)
+            raise InputError(path, f"has an impossible trial in row {number}", TRIALS_REMEDY)
     if not rows or len(rows) > MOST_TRIALS:
         raise InputError(path, f"holds {len(rows)} trials", TRIALS_REMEDY)
     return Trials(columns, tuple(_trial(row, columns) for row in rows))

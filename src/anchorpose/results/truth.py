@@ -60,7 +60,7 @@ def read_truth(path: Path) -> Truth:
             problem = f"has joints over {FARTHEST_CAMERA_M:g} m away, or times that are no seconds"
             raise InputError(path, problem, "write metres and seconds")
     if len(time_s) == 0 or not (np.diff(time_s) > 0).all():
-        raise InputError(path, "its times are none or do not increase", remedy)
+        raise InputError(path, "its times are missing or do not increase", remedy)
     require_seconds(path, time_s)
     order, seen = _order(path, names), arrays.get("seen_share")
     return Truth(
@@ -77,7 +77,7 @@ def _checked_shares(path: Path, seen: np.ndarray, shape: tuple[int, ...]) -> np.
     if seen.ndim != 3 or seen.shape[:2] != shape or seen.shape[2] == 0 or seen.dtype.kind not in "fiu":
         raise InputError(path, f"its seen_share {seen.shape} does not fit its joints {shape}", remedy)
     if not ((seen >= 0) & (seen <= 1)).all():
-        raise InputError(path, "its seen_share has values that are no shares", remedy)
+        raise InputError(path, "its seen_share has values outside of 0 to 1", remedy)
     return seen
 
 
@@ -123,7 +123,7 @@ def read_true_support(path: Path) -> TrueTouch | None:
     touched, names = arrays["on_equipment"], tuple(map(str, arrays["part_names"].ravel()))
     shape = (*arrays["time"].shape, len(names))
     if touched.ndim != 3 or (touched.shape[0], touched.shape[2]) != shape or touched.dtype.kind not in "fiub":
-        raise InputError(path, "its on_equipment and part_names do not fit", SUPPORT_REMEDY)
+        raise InputError(path, "its on_equipment and part_names do not fit together", SUPPORT_REMEDY)
     judged = np.array([name not in FOOT_BONES for name in names])
     return TrueTouch(touched.astype(bool).any(axis=1) & judged, names)
 
@@ -144,7 +144,7 @@ def read_true_touch(path: Path) -> TrueTouch | None:
     known = {bone for bones in REGION_BONES.values() for bone in bones}
     is_number = touched.dtype.kind in "fiub"
     if touched.shape != (*arrays["time"].shape, len(names)) or not is_number or not known & set(names):
-        raise InputError(path, "its touched and part_names do not fit", remedy)
+        raise InputError(path, "its touched and part_names do not fit together", remedy)
     return TrueTouch(touched.astype(bool), names)
 
 

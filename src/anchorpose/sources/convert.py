@@ -300,7 +300,7 @@ def look_at(path: Path) -> DirectInput:
     if is_same(found, conversion_document([path], ConvertOptions())):
         return DirectInput(path, recording, (recording / RECORDING_FILE).exists())
     if not is_untouched(recording):
-        problem = f"was made when {path.name} or anchorpose was another, and holds what was added or changed since"
+        problem = f"was made from another {path.name} or by another anchorpose, and has later additions or changes"
         raise InputError(recording, problem, "rename or remove it")
     shutil.rmtree(recording)
     return DirectInput(path, recording, False)

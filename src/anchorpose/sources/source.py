@@ -139,7 +139,7 @@ def open_source(path: Path) -> Source:
         raise InputError(path, "is a recording already", "give it to 'anchorpose track' as it is")
     reader = find_reader(path)
     if reader is None:
-        raise InputError(path, "is of no format that can be read", "see docs/guide/convert.md for those that can")
+        raise InputError(path, "is in no format that can be read", "see docs/guide/convert.md for those that can")
     try:
         return reader.open_source(path)
     except OSError as error:

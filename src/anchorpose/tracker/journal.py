@@ -129,9 +129,9 @@ class _Reader:
             found = next((each(node) for each in kinds if node is not None and _is(each, Enum)), node)
         classes = tuple(get_origin(each) or each for each in kinds)
         if not isinstance(found, classes + sum((ALSO.get(each, ()) for each in classes), ())):
-            raise ValueError(f"has a {type(found).__name__} in the place of {kind}")
+            raise ValueError(f"has a {type(found).__name__} in place of {kind}")
         if isinstance(found, bool) and bool not in classes:
-            raise ValueError(f"has a truth value in the place of {kind}")
+            raise ValueError(f"has a truth value in place of {kind}")
         return found
 
     def _named(self, node: dict[str, Any], kinds: tuple[Any, ...]) -> Any:

@@ -138,7 +138,7 @@ def require_frames(path: Path, corrections: Corrections, recording: Recording) -
             raise InputError(path, f"{what} frame {frame}, which the recording does not have", "take that entry out")
         if abs(stated_s - times_s[frame]) > half_period_s(time_s):
             problem = (
-                f"{what} frame {frame} at {stated_s:g} s, and the recording has that frame at {times_s[frame]:g} s"
+                f"{what} frame {frame} at {stated_s:g} s, but the recording has that frame at {times_s[frame]:g} s"
             )
             raise InputError(path, problem, "correct the frame or the time, or take that entry out")
     patient = corrections.patient
