@@ -1,7 +1,7 @@
-"""Markerless clinical motion capture: depth recordings to 21 joints, with what was seen and how sure it is.
+"""Markerless clinical motion capture: depth recordings to 21 joints, each with its state and uncertainty.
 
 ``track`` a recording, ``open`` its results, or give a ``Tracker`` one frame after another (docs/python.md). Names are
-imported when they are first used; their types stand in ``__init__.pyi``.
+imported when they are first used; their types are in ``__init__.pyi``.
 """
 
 from importlib import import_module

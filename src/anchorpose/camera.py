@@ -1,4 +1,4 @@
-"""A depth camera: intrinsics, pose, and the conversion between pixels and metres."""
+"""Represent a depth camera: intrinsics, pose, and the conversion between pixels and metres."""
 
 from __future__ import annotations
 
@@ -23,41 +23,45 @@ class Camera:
 
     @property
     def position_m(self) -> np.ndarray:
-        """(3,) centre of projection in the world frame; raises ValueError where the pose is unknown."""
+        """Return the centre of projection (3,) in the world frame; raises ValueError where the pose is unknown."""
         return self.require_pose()[:3, 3]
 
     def require_pose(self) -> np.ndarray:
-        """T_world_camera; raises ValueError where it is unknown: no stage may invent a pose."""
+        """Return T_world_camera; raises ValueError where it is unknown: no stage may invent a pose."""
         if self.T_world_camera is None:
             raise ValueError(f"the pose of camera {self.name} is unknown")
         return self.T_world_camera
 
     def share_in_image(self, places_m: np.ndarray) -> float:
-        """How many of some places (n, 3) in the world lie within this camera's image, 0 to 1; raises as
-        ``require_pose``."""
+        """Return the share, 0 to 1, of places (n, 3), world, inside this camera's image; raises as ``require_pose``."""
         return float(self.pixel_of(transform_points(invert_rigid(self.require_pose()), places_m))[2].mean())
 
     def pixel_rays(self) -> np.ndarray:
-        """(height, width, 2) float32, read only: x/z and y/z of each pixel's ray; NaN where it has none."""
+        """Return the ray of each pixel (height, width, 2) float32, read only: x/z and y/z; NaN where it has none."""
         return _pixel_rays(self.intrinsics, self.width, self.height)
 
     def valid_pixels(self) -> np.ndarray:
-        """(height, width) bool, read only: pixels that have a ray."""
+        """Return (height, width) bool, read only: pixels that have a ray."""
         return _valid_pixels(self.intrinsics, self.width, self.height)
 
     def back_project(self, depth_m: np.ndarray) -> np.ndarray:
-        """Depth image (height, width) in metres to (height, width, 3) float32 camera points; NaN where depth is 0."""
+        """Convert a depth image (height, width) in metres to camera points (height, width, 3) float32; NaN where depth
+        is 0.
+        """
         depth = np.where(depth_m > 0, depth_m, np.nan).astype(np.float32)
         return np.concatenate([self.pixel_rays() * depth[..., None], depth[..., None]], axis=-1)
 
     def project(self, points_camera_m: np.ndarray) -> np.ndarray:
-        """(n, 3) camera points to (n, 2) pixels (column, row), distorted; NaN behind the camera and outside of what the
-        lens is valid for."""
+        """Project camera points (n, 3) to pixels (n, 2) (column, row), distorted; NaN behind the camera and beyond the
+        lens's valid radius.
+        """
         points = np.asarray(points_camera_m, dtype=np.float64).reshape(-1, 3)
         return project(points, lens_array(self.intrinsics))
 
     def pixel_of(self, points_camera_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Column and row (n,) int64 of the pixel each point falls on, and whether it falls on one; 0, 0 where not."""
+        """Return column and row (n,) int64 of the pixel each point falls on, and whether it falls on one; 0, 0
+        otherwise.
+        """
         place = self.project(points_camera_m)
         place = np.where(np.isfinite(place), np.clip(place, -1e6, 1e6), -1.0)
         column, row = np.rint(place).astype(np.int64).T
@@ -68,7 +72,7 @@ class Camera:
         """Compare points (n, 3) in the world with a depth image (height, width): return (n,) the depth of each point in
         this camera, metres, what the image reads there, and whether the point falls into the image.
 
-        The reading is that of pixel 0, 0 where it does not. Raises as ``require_pose``.
+        Outside, the reading is that of pixel 0, 0. Raises as ``require_pose``.
         """
         in_camera = transform_points(invert_rigid(self.require_pose()), points_m)
         column, row, inside = self.pixel_of(in_camera)
@@ -90,12 +94,12 @@ def _valid_pixels(intrinsics: Intrinsics, width: int, height: int) -> np.ndarray
 
 
 def transform_points(T_target_source: np.ndarray, points_source: np.ndarray) -> np.ndarray:
-    """``p_target = T_target_source @ p_source`` for points of shape (..., 3)."""
+    """Return ``p_target = T_target_source @ p_source`` for points of shape (..., 3)."""
     return points_source @ T_target_source[:3, :3].T + T_target_source[:3, 3]
 
 
 def invert_rigid(T_target_source: np.ndarray) -> np.ndarray:
-    """T_source_target of a rigid (4, 4) transform."""
+    """Return T_source_target of a rigid (4, 4) transform."""
     inverse = np.eye(4)
     inverse[:3, :3] = T_target_source[:3, :3].T
     inverse[:3, 3] = -T_target_source[:3, :3].T @ T_target_source[:3, 3]

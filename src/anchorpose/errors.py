@@ -1,4 +1,4 @@
-"""The errors that users meet, each one sentence with a remedy."""
+"""Define the errors that users meet, each one sentence with a remedy."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _SECRET: Final = re.compile(r"([?&][^=\s&]*(?:token|key|secret|sig|password|cred
 
 
 def without_password(text: str) -> str:
-    """Return the text with three stars for passwords and keys in the addresses in it."""
+    """Replace passwords and keys in the addresses of a text by three stars."""
     return _SECRET.sub(r"\1***", _PASSWORD.sub(r"\1:***@", text))
 
 
 def is_utf8(text: str) -> bool:
-    """Return whether a text can be written to a file; names of files and arguments may hold bytes that are no text."""
+    """Return whether a text can be written to a file; file names and arguments may contain bytes that are no text."""
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:
@@ -28,7 +28,7 @@ class AnchorposeError(Exception):
     """An error that the user can correct; the command line prints it and exits with 2."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _made_again, (type(self), self.args, self.__dict__)  # worker processes hand errors on
+        return _made_again, (type(self), self.args, self.__dict__)  # worker processes pass errors on
 
 
 def _made_again(kind: type[AnchorposeError], args: tuple[object, ...], fields: dict[str, object]) -> AnchorposeError:
@@ -39,16 +39,16 @@ def _made_again(kind: type[AnchorposeError], args: tuple[object, ...], fields: d
 
 
 class InputError(AnchorposeError):
-    """A file that cannot be used: which one, what is wrong with it, and what to do."""
+    """A file that cannot be used: its path, the problem, and what to do."""
 
     def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
         self.path, self.problem, self.remedy = Path(without_password(str(path))), without_password(problem), remedy
         place = without_password(str(path))
-        super().__init__(f"{place}: {' '.join(self.problem.split())}; {remedy}.")  # a name may hold a line break
+        super().__init__(f"{place}: {' '.join(self.problem.split())}; {remedy}.")  # a name may contain a line break
 
 
 class MissingPackage(AnchorposeError):
-    """An optional package that is not installed: what needs it, and how to get it."""
+    """An optional package that is not installed: what needs it, and how to install it."""
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
         self.package, self.extra = package, extra

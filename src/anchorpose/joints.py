@@ -1,4 +1,4 @@
-"""The 21 joints, their order, and the limbs between them."""
+"""Define the 21 joints, their order, and the limbs between them."""
 
 from __future__ import annotations
 
@@ -78,6 +78,6 @@ class JointState(StrEnum):
 
 
 STATE_CODE: Final = {state: code for code, state in enumerate(JointState)}
-"""Each state as a number that grows with how poorly the joint is known: 0 observed, up to lost."""
+"""Each state as a number that grows as the joint is known less well: 0 observed, up to lost."""
 
 LOST: Final = STATE_CODE[JointState.LOST]

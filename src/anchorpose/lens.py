@@ -1,7 +1,7 @@
-"""Lenses by OpenCV's models: from a ray to its pixel, and back (docs.opencv.org, calib3d and fisheye).
+"""Compute lenses by OpenCV's models: from a ray to its pixel, and back (docs.opencv.org, calib3d and fisheye).
 
-A ray is x/z and y/z in the camera frame. Beyond a lens's valid radius its polynomial turns back, so that a pixel has no
-ray, NaN, and a ray no pixel.
+A ray is x/z and y/z in the camera frame. Beyond a lens's valid radius its polynomial turns back: pixels there have no
+ray (NaN), and rays no pixel.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from numba import njit
 
 
 class LensModel(StrEnum):
-    """Which of OpenCV's models the coefficients are of."""
+    """The OpenCV model of the coefficients."""
 
     BROWN_CONRADY = "brown-conrady"  # k1 k2 p1 p2 k3
-    RATIONAL = "rational"  # k1 k2 p1 p2 k3 k4 k5 k6, then perhaps s1 s2 s3 s4, then perhaps the sensor's tilt
+    RATIONAL = "rational"  # k1 k2 p1 p2 k3 k4 k5 k6, optionally s1 s2 s3 s4, optionally the sensor's tilt
     KANNALA_BRANDT = "kannala-brandt"  # k1 k2 k3 k4 of OpenCV's fisheye; doi:10.1109/TPAMI.2006.153
 
 
 COEFFICIENTS: Final = {LensModel.BROWN_CONRADY: (5,), LensModel.RATIONAL: (8, 12, 14), LensModel.KANNALA_BRANDT: (4,)}
-"""How many coefficients each model may have."""
+"""The allowed numbers of coefficients of each model."""
 
 NAMES: Final = {
     LensModel.BROWN_CONRADY: "k1, k2, p1, p2, k3",
@@ -33,22 +33,23 @@ NAMES: Final = {
 }
 """The coefficients in OpenCV's order."""
 
-WIDEST: Final = 8.0  # tan of 83 degrees: wider than any depth camera's image
+WIDEST: Final = 8.0  # tangent of 83 degrees: wider than any depth camera's image
 _PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0
 _KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # places in a lens array
 _SIZE: Final = 27
-_STEPS: Final = 20  # of Newton's method; five are enough inside of the valid radius
+_STEPS: Final = 20  # steps of Newton's method; five are enough inside the valid radius
 _EXACT_PX: Final = 1e-6
-NOWHERE: Final = -1e6  # a column and row outside of every image; kernels make integers of it, NaN has none
+# a column and row outside of every image; kernels convert it to an integer, which NaN does not allow
+NOWHERE: Final = -1e6
 _SLOPE: Final = 1e-6  # ray units, for the numerical derivative
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intrinsics:
-    """Pinhole with OpenCV's distortion; pixel centres at whole numbers.
+    """A pinhole with OpenCV's distortion; pixel centres at whole numbers.
 
-    valid_radius: of rays, in units of z, beyond which the maker does not vouch for the coefficients (Azure Kinect's
-    "metric radius" is 1.74); None where it is not known.
+    valid_radius: radius of rays, in units of z, up to which the maker guarantees the coefficients (Azure Kinect's
+    "metric radius" is 1.74); None where unknown.
     """
 
     fx: float
@@ -61,13 +62,13 @@ class Intrinsics:
 
     @property
     def matrix(self) -> np.ndarray:
-        """(3, 3) float64 camera matrix."""
+        """Return the camera matrix (3, 3) float64."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
 
 @lru_cache(maxsize=32)
 def lens_array(lens: Intrinsics) -> np.ndarray:
-    """(27,) float64, read only, for kernels: fx, fy, cx, cy first; the rest is for ``pixel_of_ray``."""
+    """Return the lens (27,) float64, read only, for kernels: fx, fy, cx, cy first; the rest is for ``pixel_of_ray``."""
     array = np.zeros(_SIZE)
     array[:4] = lens.fx, lens.fy, lens.cx, lens.cy
     coefficients = np.zeros(14)
@@ -90,7 +91,7 @@ def _kind(model: LensModel, coefficients: np.ndarray) -> float:
 
 
 def _tilt(about_x: float, about_y: float) -> np.ndarray:
-    """(3, 3) projection of the image onto a sensor tilted by two angles, radians (OpenCV's tau)."""
+    """Return the projection (3, 3) of the image onto a sensor tilted by two angles, radians (OpenCV's tau)."""
     cos_x, sin_x, cos_y, sin_y = np.cos(about_x), np.sin(about_x), np.cos(about_y), np.sin(about_y)
     turn_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, sin_x], [0.0, -sin_x, cos_x]])
     turn_y = np.array([[cos_y, 0.0, -sin_y], [0.0, 1.0, 0.0], [sin_y, 0.0, cos_y]])
@@ -100,7 +101,7 @@ def _tilt(about_x: float, about_y: float) -> np.ndarray:
 
 
 def _turning_point(array: np.ndarray) -> float:
-    """The radius from which on rays farther out fall on pixels farther in; ``WIDEST`` where there is none."""
+    """Return the radius at which pixels of farther rays begin to move inward; ``WIDEST`` where there is none."""
     if array[_KIND] == _PLAIN:
         return WIDEST
     radius = np.linspace(0.0, WIDEST, 8001)
@@ -111,7 +112,7 @@ def _turning_point(array: np.ndarray) -> float:
 
 @njit(cache=True, nogil=True)
 def _radial(radius: float, lens: np.ndarray) -> float:
-    """How far from the axis a ray falls, in focal lengths, by the radial coefficients alone."""
+    """Return how far from the axis a ray falls, in focal lengths, by the radial coefficients alone."""
     k = lens[_K:]
     if lens[_KIND] == _FISHEYE:
         angle = np.arctan(radius)
@@ -125,7 +126,9 @@ def _radial(radius: float, lens: np.ndarray) -> float:
 
 @njit(cache=True, nogil=True)
 def pixel_of_ray(x: float, y: float, lens: np.ndarray) -> tuple[float, float]:
-    """Column and row of a ray, far outside of every image beyond the lens's valid radius. lens: ``lens_array``."""
+    """Project a ray to column and row; beyond the lens's valid radius they are far outside of every image. lens:
+    ``lens_array``.
+    """
     if lens[_KIND] == _PLAIN:
         return lens[0] * x + lens[2], lens[1] * y + lens[3]
     squared = x * x + y * y
@@ -147,7 +150,9 @@ def pixel_of_ray(x: float, y: float, lens: np.ndarray) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def project(points: np.ndarray, lens: np.ndarray) -> np.ndarray:
-    """(n, 3) camera points to (n, 2) column and row; NaN behind the camera and beyond the lens's valid radius."""
+    """Project camera points (n, 3) to (n, 2) column and row; NaN behind the camera and beyond the lens's valid
+    radius.
+    """
     pixels = np.full((len(points), 2), np.nan)
     for p in range(len(points)):
         if points[p, 2] > 1e-6:
@@ -158,7 +163,8 @@ def project(points: np.ndarray, lens: np.ndarray) -> np.ndarray:
 
 
 def rays_of_pixels(lens: Intrinsics, width: int, height: int) -> np.ndarray:
-    """(height, width, 2) float64 ray of each pixel, exact to a millionth of a pixel; NaN where a pixel has none.
+    """Return the ray (height, width, 2) float64 of each pixel, exact to a millionth of a pixel; NaN where a pixel has
+    none.
 
     OpenCV's own fixed-point iteration is 4 mm off at 2.5 m for a real rational lens, and 68 mm in the image's corners.
     """
@@ -173,7 +179,7 @@ def rays_of_pixels(lens: Intrinsics, width: int, height: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _rays(lens: np.ndarray, radius: np.ndarray, seen: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Newton's method from the ray that the radial coefficients alone give."""
+    """Run Newton's method from the ray that the radial coefficients alone give."""
     rays = np.full((height, width, 2), np.nan)
     for row in range(height):
         for column in range(width):
@@ -188,11 +194,11 @@ def _rays(lens: np.ndarray, radius: np.ndarray, seen: np.ndarray, width: int, he
 
 @njit(cache=True, nogil=True)
 def _solve(x: float, y: float, column: float, row: float, lens: np.ndarray) -> tuple[float, float, bool]:
-    """The ray of a pixel from a guess, and whether it is one."""
+    """Solve for the ray of a pixel from a guess; return it and whether it was found."""
     for _ in range(_STEPS):
         c, r = pixel_of_ray(x, y, lens)
         miss_c, miss_r = column - c, row - r
-        if c == NOWHERE:  # just beyond the radius: from a little farther in
+        if c == NOWHERE:  # just beyond the radius: take the derivative from slightly farther in
             x, y = 0.99 * x, 0.99 * y
             continue
         if abs(miss_c) < _EXACT_PX and abs(miss_r) < _EXACT_PX:

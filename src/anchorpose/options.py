@@ -1,4 +1,4 @@
-"""Settings that are options of the command line as they stand, and the ranges of its numbers.
+"""Declare settings that are options of the command line, and the ranges of their numbers.
 
 The text below a field is the help of its option. This module imports no library that computes, so that help is instant.
 """
@@ -24,30 +24,30 @@ FARTHEST_M: Final = 100.0
 
 FASTEST_HZ: Final = 1000.0
 FARTHEST_CLOCK_S: Final = 1e11
-"""Between two clocks: seconds since any epoch are a fifth of that at most."""
+"""Largest difference between two clocks: seconds since any epoch are a fifth of that at most."""
 
 MOST_FRAMES: Final = 10**9
 MOST_PROCESSES: Final = 1024
 LARGEST_SEED: Final = 2**63 - 1
 LARGEST_PORT: Final = 65535
 
-COMMAND_LINE: Final = "cli"  # what cyclopts calls the source of a token that is on the command line
+COMMAND_LINE: Final = "cli"  # cyclopts's name for the source of a token on the command line
 OUTPUT: Final = Parameter(name=["--output", "-o"])
 SIGNED: Final = Parameter(allow_leading_hyphen=True)  # a text that may begin with a minus
 
 
 def positive(most: float) -> Parameter:
-    """Above zero, up to ``most``; not a number is refused as well."""
+    """Return a parameter above zero, up to ``most``; it refuses NaN as well."""
     return Parameter(validator=Number(gt=0, lte=most), converter=_as_number)
 
 
 def between(least: float, most: float) -> Parameter:
-    """From ``least`` to ``most``, both allowed."""
+    """Return a parameter from ``least`` to ``most``, both allowed."""
     return Parameter(validator=Number(gte=least, lte=most), converter=_as_number)
 
 
 def whole(least: int, most: int) -> Parameter:
-    """A whole number from ``least`` to ``most``; the parser alone would round 1.7 to 2."""
+    """Return a parameter that is a whole number from ``least`` to ``most``; the parser alone would round 1.7 to 2."""
     return Parameter(validator=Number(gte=least, lte=most), converter=_as_whole)
 
 
@@ -59,7 +59,7 @@ def _as_number(kind: Any, tokens: Sequence[Token]) -> float:
 
 
 def plain_number(text: str) -> float:
-    """A number in digits of ASCII, without underscores between them; raises ValueError also for NaN."""
+    """Parse a number in ASCII digits, without underscores between them; raises ValueError also for NaN."""
     number = float(text)
     if "_" in text or not text.isascii() or math.isnan(number):
         raise ValueError
@@ -75,12 +75,12 @@ def _as_whole(kind: Any, tokens: Sequence[Token]) -> int:
 
 
 def _shown(token: Token) -> str:
-    """The value, and the settings file where it comes from one."""
+    """Return the value, and the settings file if it comes from one."""
     return f'"{token.value[:40]}"' + (f" from {token.source}" if token.source != COMMAND_LINE else "")
 
 
 def parse_intrinsics(text: str) -> tuple[float, float, float, float]:
-    """Return ``fx,fy,cx,cy``; raises AnchorposeError otherwise."""
+    """Parse ``fx,fy,cx,cy``; raises AnchorposeError otherwise."""
     try:
         fx, fy, cx, cy = (float(part) for part in text.split(","))
     except ValueError:
@@ -216,7 +216,7 @@ class CoordinateModel(StrEnum):
 
 
 def _label(prefix: str) -> Parameter:
-    """A label of BIDS, which may be given with its prefix."""
+    """Return a label of BIDS, which may be given with its prefix."""
     return Parameter(converter=lambda kind, tokens: tokens[0].value.removeprefix(prefix))
 
 

@@ -53,15 +53,13 @@ def track_recording(
 ) -> None:
     """Track the patient through a recording and write everything into an existing results folder.
 
-    It is empty, or holds the journal of a run that was stopped: then tracking goes on where that one ended, and ends
-    with the same tables.
+    The folder is empty, or holds the journal of a stopped run: then tracking is resumed, and ends with the same tables.
 
     progress is called with frames done and frames to do; the frames the body is learnt from count twice. calibration: a
     calibration.json whose poses replace given or found ones. corrections: a reviewer's corrections of earlier results.
     events: an events.tsv with the trials, in place of the recording's own. threads: share cameras, people and trials of
-    a frame; the tables have the same bytes with any number. Linear algebra runs on one: on several, sums are added in
-    another order.
-    Raises InputError where the recording cannot be used.
+    a frame; the tables have the same bytes with any number. Linear algebra runs on one thread: several would add sums
+    in another order. Raises InputError where the recording cannot be used.
     """
     with one_thread(), worker_threads(threads):
         _track(recording, results, config, progress, UserInputs(calibration, corrections, events))
@@ -109,13 +107,13 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
 
 
 def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:
-    """Frames to track, and about how many are read beforehand to learn the body."""
+    """Return the number of frames to track, and the approximate number read beforehand to learn the body."""
     time_s = recording.streams[0].time_s[config.start : config.stop]
     return len(time_s), int((time_s <= time_s[0] + config.learning.window_s).sum())
 
 
 def _counter(progress: Progress, total: int) -> Callable[[], None]:
-    """Reports one more frame at each call."""
+    """Return a function that reports one more frame at each call."""
     done = 0
 
     def tick() -> None:

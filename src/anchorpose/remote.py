@@ -1,6 +1,6 @@
-"""Recordings and results at addresses that fsspec knows (sftp://, s3://, gs://): copied whole, worked on locally.
+"""Copy recordings and results at addresses that fsspec knows (sftp://, s3://, gs://), to work on them locally.
 
-Tracking reads every image more than once and writes tables as it goes on, so a local copy is faster than any stream.
+Tracking reads every image more than once and writes tables continuously, so a local copy is faster than a stream.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))
 
 
 def is_address(text: object) -> bool:
-    """Return whether it is an address rather than a path."""
+    """Return whether a text is an address rather than a path."""
     return isinstance(text, str) and "://" in text
 
 
@@ -46,7 +46,7 @@ def parts_of(address: str) -> tuple[str, ...]:
 
 @contextmanager
 def local_copy(given: str | Path) -> Iterator[Path]:
-    """The path itself, or a copy of what lies at an address, of the same name, which ends with the block.
+    """Yield the path itself, or a local copy of an address, with the same name, which is removed after the block.
 
     Raises InputError where there is nothing or it cannot be read, MissingPackage without the package for it.
     """
@@ -77,10 +77,10 @@ def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
 
 @contextmanager
 def local_results(given: str | Path) -> Iterator[Path]:
-    """The path itself, or a folder to make what then goes to an address, when the block ends without an error.
+    """Yield the path itself, or a folder whose content is copied to an address when the block ends without an error.
 
-    It is copied under a temporary name and then renamed. What is at the address already is refused before any work, and
-    never replaced. Raises InputError and MissingPackage, as ``local_copy``.
+    It is copied under a temporary name and then renamed. An existing target is refused before any work, and never
+    replaced. Raises InputError and MissingPackage, as ``local_copy``.
     """
     if not is_address(given):
         yield Path(given)
@@ -111,7 +111,7 @@ def _new_place(address: str) -> Iterator[tuple[Any, str]]:
 
 
 def _rename(system: Any, source: str, target: str) -> None:
-    """Rename at once where there are folders; an object store has none, there every file is copied."""
+    """Rename a folder at once; an object store has no folders, so every file is copied."""
     if OBJECT_STORES.isdisjoint((system.protocol,) if isinstance(system.protocol, str) else system.protocol):
         system.mv(source, target, recursive=True)
         return
@@ -122,7 +122,7 @@ def _rename(system: Any, source: str, target: str) -> None:
 
 @contextmanager
 def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
-    """The file system of an address and the place in it; whatever it raises becomes one sentence."""
+    """Yield the file system of an address and the place in it; all errors become one sentence."""
     kind = address.partition("://")[0]
     try:
         from fsspec.core import url_to_fs
@@ -135,14 +135,14 @@ def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
     except ImportError:
         package, extra = EXTRAS.get(kind, (f"that serves {kind}://", "sftp,s3,gs"))
         raise MissingPackage(f"An address that begins with {kind}://", package, extra) from None
-    except Exception as error:  # each file system has errors of its own
+    except Exception as error:  # each file system has its own errors
         why = _without_own_password(str(error), address).splitlines()[0][:200] if str(error) else type(error).__name__
         remedy = "check the address, your access to it, and the connection"
         raise InputError(address, f"cannot be {use} ({why})", remedy) from error
 
 
 def _without_own_password(text: str, address: str) -> str:
-    """Return the text of an error that may hold the password of the address, with or without its escapes."""
+    """Return the text of an error without the password of the address, with or without its escapes."""
     given = re.search(r"://[^:/@]*:(.*)@", address)
     for password in () if given is None else sorted({given[1], unquote(given[1])}, key=len, reverse=True):
         text = text.replace(password, "***") if password else text

@@ -1,6 +1,7 @@
-"""Rotations and directions: rotation vectors (axis times angle, radians), matrices, quaternions, unit vectors.
+"""Compute rotations and directions: rotation vectors (axis times angle, radians), matrices, quaternions, unit
+vectors.
 
-Compiled where tracking asks for a few bones at once: scipy's Rotation would check each of them at every call.
+Functions that tracking calls for a few bones at a time are compiled: scipy's Rotation would check each at every call.
 """
 
 from __future__ import annotations
@@ -16,31 +17,33 @@ FORWARD, UP, RIGHT = np.eye(3)
 """Axes of the body and of the world that it stands in."""
 
 COLLINEAR_RATIO: Final = 1e-3  # of the second singular value to the first; below it points are nearly on a line
-ONE_PLACE_M2: Final = 1e-12  # far above the rounding of points in one place, far below a spread over millimetres
+ONE_PLACE_M2: Final = 1e-12  # far above the rounding of coinciding points, far below a spread over millimetres
 
 
 def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:
-    """Vectors of length one, their components along ``axis``; NaN where a vector has no length."""
+    """Return vectors of length one, their components along ``axis``; NaN where a vector has no length."""
     length = np.linalg.norm(vectors, axis=axis, keepdims=True)
     return vectors / np.where(length > 0, length, np.nan)
 
 
 def orthonormal_frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Columns: ``first``, ``second`` made perpendicular to it, and their cross product; (..., 3) to (..., 3, 3)."""
+    """Return columns ``first``, ``second`` made perpendicular to it, and their cross product; (..., 3) to (..., 3,
+    3).
+    """
     first = unit(first)
     second = unit(second - (second * first).sum(axis=-1, keepdims=True) * first)
     return np.stack([first, second, np.cross(first, second)], axis=-1)
 
 
 def rotate(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """``matrices @ vectors`` for (..., 3, 3) and (..., 3)."""
+    """Return ``matrices @ vectors`` for (..., 3, 3) and (..., 3)."""
     return np.einsum("...ij,...j->...i", matrices, vectors)
 
 
 def turns(vectors: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) rotation matrices of rotation vectors (..., 3), by numpy.
+    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3), by numpy.
 
-    Simulated recordings keep every digit by this one; ``rotation_matrices`` may differ from it in the last.
+    Simulated recordings keep every digit with this function; ``rotation_matrices`` may differ in the last digit.
     """
     angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
     axis = vectors / np.where(angle[..., 0] > 0, angle[..., 0], 1.0)
@@ -51,26 +54,26 @@ def turns(vectors: np.ndarray) -> np.ndarray:
 
 
 def turns_about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) rotations by ``angle`` (...) about one unit ``axis`` (3,)."""
+    """Return the rotations (..., 3, 3) by ``angle`` (...) about one unit ``axis`` (3,)."""
     return turns(np.asarray(angle)[..., None] * axis)
 
 
 def rotation_matrices(vectors: np.ndarray) -> np.ndarray:
-    """(m, 3, 3) rotation matrices of rotation vectors (m, 3)."""
+    """Return (m, 3, 3) rotation matrices of rotation vectors (m, 3)."""
     matrices = np.empty((len(vectors), 3, 3))
     _matrices(np.ascontiguousarray(vectors, np.float64), matrices)
     return matrices
 
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
-    """(m, 3) rotation vectors, no longer than pi, of rotation matrices (m, 3, 3)."""
+    """Return (m, 3) rotation vectors, no longer than pi, of rotation matrices (m, 3, 3)."""
     vectors = np.empty((len(matrices), 3))
     _vectors(np.ascontiguousarray(matrices, np.float64), vectors)
     return vectors
 
 
 def quaternions(matrices: np.ndarray) -> np.ndarray:
-    """(m, 4) unit quaternions w, x, y, z, w not negative, of rotation matrices (m, 3, 3)."""
+    """Return (m, 4) unit quaternions w, x, y, z, w not negative, of rotation matrices (m, 3, 3)."""
     vectors = rotation_vectors(matrices)
     half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors])
@@ -78,12 +81,12 @@ def quaternions(matrices: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
-    """Rodrigues' formula."""
+    """Fill the matrices by Rodrigues' formula."""
     for m in range(len(vectors)):
         x, y, z = vectors[m, 0], vectors[m, 1], vectors[m, 2]
         squared = x * x + y * y + z * z
         angle = np.sqrt(squared)
-        if angle < 1e-4:  # the series, where the quotients lose their digits
+        if angle < 1e-4:  # the series, where the quotients lose digits
             sine, versine = 1.0 - squared / 6.0, 0.5 - squared / 24.0
         else:
             sine, versine = np.sin(angle) / angle, (1.0 - np.cos(angle)) / squared
@@ -96,7 +99,9 @@ def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def _vectors(matrices: np.ndarray, vectors: np.ndarray) -> None:
-    """The logarithm by way of the unit quaternion, its largest part first (Shepperd 1978, doi:10.2514/3.55767b)."""
+    """Compute the logarithm by way of the unit quaternion, its largest part first (Shepperd 1978,
+    doi:10.2514/3.55767b).
+    """
     q = np.empty(4)
     for m in range(len(matrices)):
         r = matrices[m]
@@ -125,7 +130,7 @@ def _vectors(matrices: np.ndarray, vectors: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def inverse_left_jacobian(vector: np.ndarray, change: np.ndarray) -> None:
-    """``log(exp(d) exp(w)) = w + J d`` to first order (Barfoot 2017, doi:10.1017/9781316671528)."""
+    """Return J with ``log(exp(d) exp(w)) = w + J d`` to first order (Barfoot 2017, doi:10.1017/9781316671528)."""
     squared = vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2
     angle = np.sqrt(squared)
     factor = 1.0 / 12.0 if angle < 1e-6 else (1.0 - angle / 2.0 / np.tan(angle / 2.0)) / squared
@@ -140,7 +145,7 @@ def inverse_left_jacobian(vector: np.ndarray, change: np.ndarray) -> None:
 
 
 def fit_rigid_transform(source_m: np.ndarray, target_m: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-    """Rigid motion that best maps source_m onto target_m, least squares.
+    """Return the rigid motion that best maps source_m onto target_m, by least squares.
 
     source_m, target_m : (n, 3) float64, metres. Row i of one matches row i of the other. weight (n,) not negative, of
     each row; None = all equal.

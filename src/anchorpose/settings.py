@@ -1,4 +1,4 @@
-"""How settings and files are declared and checked, and what is wrong with a value in one sentence."""
+"""Declare and check settings and files, and explain an invalid value in one sentence."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.dataclasses import dataclass
 
 LEAST, LARGEST = 1e-6, 1e9
-"""Of any number that is squared, inverted or divided by: a micrometre, and a million kilometres. Beyond
-them floats overflow."""
+"""Limits of any number that is squared, inverted or divided by: a micrometre, and a million kilometres. Beyond them
+floats overflow.
+"""
 
 Positive = Annotated[float, Field(ge=LEAST, le=LARGEST, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
@@ -22,7 +23,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(gt=0, strict=True)]
 
 STRICT: Final = ConfigDict(extra="forbid", allow_inf_nan=False)
-"""Unknown names and numbers that are not finite are refused."""
+"""Pydantic configuration that refuses unknown names and numbers that are not finite."""
 
 LONGEST_KEY: Final = 60  # characters of an unknown key in a sentence
 
@@ -31,7 +32,7 @@ Class = TypeVar("Class")
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def settings(cls: type[Class]) -> type[Class]:
-    """A class of settings: a frozen dataclass whose fields are checked by their annotations.
+    """Make a class of settings: a frozen dataclass whose fields are checked by their annotations.
 
     Raises pydantic's ValidationError, a ValueError, on an unknown name, a wrong type or an impossible value.
     ``replace``, ``asdict`` and ``fields`` of dataclasses work as usual.
@@ -40,9 +41,9 @@ def settings(cls: type[Class]) -> type[Class]:
 
 
 class Unfit(ValueError):
-    """A value of the right type that cannot be used: what is wrong with it and what to do.
+    """A value of the right type that cannot be used: the problem and the remedy.
 
-    key: the field that is meant, where the object that holds it is checked as a whole.
+    key: the field concerned, where the containing object is checked as a whole.
     """
 
     def __init__(self, problem: str, remedy: str, key: str = "") -> None:
@@ -51,14 +52,14 @@ class Unfit(ValueError):
 
 
 def nearest_key(unknown: str, known: Iterable[str]) -> str | None:
-    """The known key that ``unknown`` most likely was meant to be, whatever its case; None where nothing is alike."""
+    """Return the known key most similar to ``unknown``, whatever its case; None where none is similar."""
     names = {name.lower(): name for name in known}
     alike = difflib.get_close_matches(unknown.lower(), list(names), n=1, cutoff=0.5)
     return names[alike[0]] if alike else None
 
 
 def explain(error: ValidationError, kind: Any = None) -> tuple[str, str]:
-    """The first thing that is wrong, with its place such as ``cameras[0].name``, and what to do about it.
+    """Return the first problem, with its place such as ``cameras[0].name``, and the remedy.
 
     kind: the type that was asked for; it gives the descriptions of fields and the names that are known. An unknown name
     comes first: it explains why another one is missing.
@@ -93,7 +94,7 @@ def explain(error: ValidationError, kind: Any = None) -> tuple[str, str]:
 
 
 def sentence_of(error: ValueError) -> str:
-    """What an impossible setting is refused with, in one sentence without a full stop."""
+    """Explain an impossible setting in one sentence without a full stop."""
     return "; ".join(explain(error)) if isinstance(error, ValidationError) else str(error)
 
 
@@ -111,7 +112,7 @@ _PLAIN_WORDS: Final = {
 
 
 def _follow(kind: Any, location: tuple[int | str, ...]) -> tuple[str, str, list[str]]:
-    """The place of an error, the description of its innermost field, and the names that are known beside it."""
+    """Return the place of an error, the description of its innermost field, and the known names beside it."""
     place, meaning, owners, known = "", "", _classes_in(kind), list[str]()
     for step in location:
         if isinstance(step, int):
@@ -133,7 +134,7 @@ def _is_tag(step: str, owner: type) -> bool:
 
 
 def _classes_in(hint: Any) -> list[type]:
-    """The classes with fields that a type is made of, such as those of a tuple or a union."""
+    """Return the classes with fields inside a type, such as a tuple or a union."""
     if isinstance(hint, type) and (is_dataclass(hint) or issubclass(hint, BaseModel)):
         return [hint]
     return [found for part in get_args(hint) for found in _classes_in(part)]
@@ -141,14 +142,14 @@ def _classes_in(hint: Any) -> list[type]:
 
 @cache
 def _fields(owner: type) -> dict[str, Any]:
-    """The annotation of every field, by its name in the file."""
+    """Return the annotation of every field, by its name in the file."""
     hints = get_type_hints(owner, include_extras=True)
     names = owner.model_fields if issubclass(owner, BaseModel) else [field.name for field in fields(cast("Any", owner))]
     return {_stated(hints[name], "alias") or name: hints[name] for name in names}
 
 
 def _stated(hint: Any, what: str) -> str:
-    """The alias or the description that an annotation gives; empty where it gives none."""
+    """Return the alias or description of an annotation; empty where it has none."""
     own = [text for part in getattr(hint, "__metadata__", ()) if (text := getattr(part, what, None))]
     return own[0] if own else next((text for part in get_args(hint) if (text := _stated(part, what))), "")
 
@@ -158,6 +159,6 @@ def _join(place: str, key: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value as it stands in a file, cut where it is long."""
+    """Return a value as in a file, shortened if long."""
     text = json.dumps(value, default=repr)
     return text if len(text) <= 40 else text[:37] + "..."

@@ -1,4 +1,4 @@
-"""How many threads work: results never depend on it.
+"""Control how many threads work; results never depend on it.
 
 Linear algebra and OpenCV keep to one thread, so that sums are added in a fixed order and give the same bytes on every
 machine. Work on each camera or person by itself may be shared among threads, since each result is computed whole by one
@@ -22,7 +22,7 @@ _WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Linear algebra and OpenCV on one thread; OpenCV's threads wait for each other longer than they work."""
+    """Keep linear algebra and OpenCV on one thread; OpenCV's threads wait for each other longer than they work."""
     import cv2
 
     before = cv2.getNumThreads()
@@ -36,7 +36,7 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def worker_threads(count: int) -> Iterator[None]:
-    """``each`` shares its work among ``count`` threads while this lasts; with one, all is done in the caller's."""
+    """Let ``each`` share its work among ``count`` threads while this lasts; with one, the caller's thread does all."""
     if count < 2:
         yield
         return
@@ -49,9 +49,9 @@ def worker_threads(count: int) -> Iterator[None]:
 
 
 def each(work: Callable[..., Result], *arguments: Iterable[object]) -> list[Result]:
-    """``work`` of the first arguments, of the second ones and so on; results in this order.
+    """Call ``work`` with the first arguments, the second ones and so on; return the results in this order.
 
-    The calls must not change what another one reads. Raises what the first call that fails raises.
+    A call must not change data that another one reads. Raises the exception of the first call that fails.
     """
     calls, workers = list(zip(*arguments, strict=True)), _WORKERS.get()
     if workers is None or len(calls) < 2:

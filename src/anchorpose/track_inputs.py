@@ -1,4 +1,4 @@
-"""What ``track`` reads and checks before any work is done: the recording, and what the user gives besides it."""
+"""Read and check the inputs of ``track`` before any work: the recording, and the user's other files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SAME_PLACE_M: Final = 0.01  # places are printed to the centimetre
 
 @dataclass(frozen=True, slots=True)
 class UserInputs:
-    """Files that the user gives besides the recording; None for what is not given."""
+    """Files that the user gives besides the recording; None where not given."""
 
     calibration: Path | None = None
     corrections: Path | None = None
@@ -38,7 +38,7 @@ class UserInputs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewFile:
-    """A reviewer's file of corrections as it was read, with its hash."""
+    """A reviewer's file of corrections as read, with its hash."""
 
     path: Path
     sha256: str
@@ -47,9 +47,10 @@ class ReviewFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackInputs:
-    """recording: with the height and the poses that the user gives; config: with the patient whom a reviewer named;
+    """The checked inputs. recording: with the user's height and poses; config: with the patient whom a reviewer named;
     sha256: (path, hash) of every file of the recording, of the reference movements and of the events; pose_source:
-    where poses that are not the recording's own come from; trials: None without events."""
+    source of poses that are not the recording's own; trials: None without events.
+    """
 
     recording: Recording
     config: TrackConfig
@@ -61,8 +62,9 @@ class TrackInputs:
 
     @property
     def identity(self) -> str:
-        """SHA-256 in hex over all that decides joints and measures: inputs, settings, poses, corrections, code and
-        libraries."""
+        """Return a SHA-256 in hex of everything that decides joints and measures: inputs, settings, poses, corrections,
+        code and libraries.
+        """
         review = "" if self.review_file is None else self.review_file.sha256
         poses = [camera.T_world_camera for camera in self.recording.cameras]
         settings = replace(self.config, motions=None)  # the file of movements counts by its hash
@@ -71,12 +73,14 @@ class TrackInputs:
 
     @property
     def review(self) -> Review:
-        """What tracking needs of the corrections."""
+        """Return the part of the corrections that tracking needs."""
         return NO_REVIEW if self.review_file is None else review_of(self.review_file.corrections)
 
 
 def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInputs:
-    """Raises InputError where the recording cannot be used, or a file of the user does not belong to it."""
+    """Read and check all inputs; raises InputError where the recording cannot be used, or a user's file does not belong
+    to it.
+    """
     recording, source, calibration = with_height(open_recording(folder), config.height_m), None, None
     if user.calibration is not None:
         recording, source = with_poses(recording, user.calibration), PoseSource.FILE
@@ -95,14 +99,14 @@ def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInp
 
 
 def _read_events(recording: Recording, given: Path | None) -> Trials | None:
-    """The trials of the given file, or of the recording's own; None where there is neither."""
+    """Read the trials of the given file, or of the recording's own; None without either."""
     own = events_files(recording.folder)
     path = given or (own[0] if own else None)
     return None if path is None else read_trials(path, recorded_span(recording.streams[0].time_s))
 
 
 def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
-    """Name and hash of a given events file and of the file of its units."""
+    """Return the name and hash of a given events file and of the file of its units."""
     if events is None:
         return ()
     files = [file for file in (events, sidecar_of(events)) if is_there(file)]
@@ -110,7 +114,7 @@ def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
 
 
 def _read_review(path: Path) -> ReviewFile:
-    """Raises InputError where it is not a file of corrections."""
+    """Read a file of corrections; raises InputError where it is not one."""
     corrections = read_corrections(path)
     ((_, digest),) = hash_files([path], path.parent)  # now: the viewer may add to it during tracking
     return ReviewFile(path, digest, corrections)
@@ -125,22 +129,27 @@ def _hash_inputs(recording: Recording, config: TrackConfig) -> tuple[tuple[str, 
 
 
 def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
-    """The recording in the world of the corrected results: its poses need not be found again, and places in the
-    corrections stay valid whoever is the patient."""
+    """Return the recording in the world of the corrected results: its poses need not be found again, and places in the
+    corrections stay valid whoever is the patient.
+    """
     poses = corrections.recording.poses
     cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)
     return replace(recording, cameras=cameras)
 
 
 def _require_about(given: ReviewFile, recording: Recording, hashes: tuple[tuple[str, str], ...]) -> None:
-    """Raises InputError where the corrections are about another recording, another world or frames there are not."""
+    """Raise InputError where the corrections are about another recording or world, or about frames that do not
+    exist.
+    """
     about = reviewed_recording(recording.folder.resolve().name, hashes, poses_of(recording.cameras))
     require_recording(given.path, given.corrections, about)
     require_frames(given.path, given.corrections, recording)
 
 
 def _with_named_patient(config: TrackConfig, given: ReviewFile) -> TrackConfig:
-    """The settings with the patient whom the reviewer named; raises InputError where the user names another one."""
+    """Return the settings with the patient whom the reviewer named; raises InputError where the user names another
+    one.
+    """
     named = given.corrections.patient
     if named is None:
         return config

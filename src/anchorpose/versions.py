@@ -1,4 +1,6 @@
-"""Which program made a result: version and code of this package, and the libraries that its numbers depend on."""
+"""Identify the program that made a result: version and code of this package, and libraries that its numbers depend
+on.
+"""
 
 from __future__ import annotations
 
@@ -16,22 +18,22 @@ LIBRARIES: Final = ("numpy", "scipy", "numba", "pyarrow", "opencv-python-headles
 
 @cache
 def versions() -> dict[str, str]:
-    """By name: of this package, Python, and the libraries."""
+    """Return the versions by name: this package, Python, and the libraries."""
     libraries = {name: metadata.version(name) for name in LIBRARIES}
     return {"anchorpose": __version__, "python": platform.python_version(), **libraries}
 
 
 @cache
 def machine() -> dict[str, str]:
-    """System and processor, on which the last digits of results depend."""
+    """Return system and processor, on which the last digits of results depend."""
     return {"system": platform.platform(), "processor": platform.machine()}
 
 
 @cache
 def code_digest(leave_out: tuple[str, ...] = ()) -> str:
-    """SHA-256 in hex over the package's modules, .npz files and learnt weights.
+    """Return a SHA-256 in hex of the package's modules, .npz files and learnt weights.
 
-    Without those whose path starts with one of ``leave_out``. The same digest means the same code, also
+    Files whose path starts with one of ``leave_out`` are left out. The same digest means the same code, also
     between two releases and in a changed copy.
     """
     root, digest = Path(__file__).parent, hashlib.sha256()

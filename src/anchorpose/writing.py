@@ -1,4 +1,4 @@
-"""From tracked frames to a finished results folder: tables, angles and measures, pictures, run.json, the report."""
+"""Turn tracked frames into a finished results folder: tables, angles and measures, pictures, run.json, the report."""
 
 from __future__ import annotations
 
@@ -68,9 +68,9 @@ from anchorpose.tracker.room import Room, Run
 def write_results(
     results: Path, frames: Iterable[TrackedFrame], run: Run, learnt: LearntPatient | None, inputs: TrackInputs
 ) -> None:
-    """Write everything that ``frames``, in the order of time, become into an existing folder.
+    """Write all results of ``frames``, in the order of time, into an existing folder.
 
-    Pictures show frames whose depth images the run's recording has. learnt: the patient's body, None without one.
+    Pictures show frames whose depth images are in the run's recording. learnt: the patient's body, None without one.
     """
     written = _write_frames(results, frames, run)
     shape = None if learnt is None else learnt.shape
@@ -86,7 +86,9 @@ def write_results(
 
 
 def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Written:
-    """Stream joints, poses, what they explain, anchors, labels and contacts to their tables; collect problems."""
+    """Write joints, poses, explanations, anchors, labels and contacts to their tables frame by frame; collect
+    problems.
+    """
     dropped, lost, shares = list[DroppedFrame](), list[LostInterval](), list[float | None]()
     poor = list[PoorInterval]()
     points, equipment = body_points(), run.room.recording.part_names
@@ -122,7 +124,7 @@ def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Wr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Written:
-    """What the pass over all frames leaves behind besides the tables."""
+    """The data that the pass over all frames leaves besides the tables."""
 
     association: MatchedShares
     dropped: tuple[DroppedFrame, ...]
@@ -132,7 +134,7 @@ class Written:
 
 
 def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
-    """Which corrections were honoured, judged by the joints that were written."""
+    """Return which corrections were honoured, by the written joints."""
     corrections = given.corrections
     sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
     held = (corrections.unusable, corrections.joints, corrections.patient)
@@ -140,7 +142,7 @@ def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
 
 
 def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
-    """Why a joint is not where the reviewer placed it, None where it is."""
+    """Return why a joint is not where the reviewer placed it, None where it is."""
     said, joint = f"{correction.joint} in frame {correction.frame}", JOINT_INDEX[correction.joint]
     rows = np.flatnonzero(joints.frame == correction.frame)
     if not len(rows):
@@ -164,7 +166,7 @@ def account_of(
     inputs: TrackInputs,
     corrections: CorrectionsRecord | None,
 ) -> RunRecord:
-    """The record of a run that has been through all frames."""
+    """Return the record of a run after all frames."""
     room, config, gaps = run.room, run.config, find_gaps(run.room.recording)
     return RunRecord(
         recording=room.recording.folder.resolve().name,
@@ -202,7 +204,7 @@ def account_of(
 
 
 def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
-    """The poses and clocks that were used, and where each pose came from; source: of all, where they were given."""
+    """Return the used poses and clocks, and the source of each pose; source: of all, where they were given."""
     return tuple(
         CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock, _depth(scene))
         for camera, pose, clock, scene in zip(
@@ -224,7 +226,7 @@ def _pose_residuals(calibration: Calibration) -> list[Residual]:
 
 
 def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residual]:
-    """What was measured of each camera's clock, the first camera's being the reference."""
+    """Return the measurements of each camera's clock; the first camera is the reference."""
     found = []
     for camera, missing in zip(clocks.cameras[1:], gaps[1:], strict=True):
         name, clock = camera.camera, camera.clock
@@ -244,7 +246,7 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
 
 
 def _about_depth(room: Room) -> list[str]:
-    """A sentence on each camera whose filters draw edges out, then on each that shows no still background."""
+    """Return a sentence on each camera whose filters blur edges, then on each that shows no still background."""
     sensors = [(f"camera {scene.camera.name}", scene.background.sensor) for scene in room.scenes]
     coarse = [
         f"{camera}: its filters draw depth edges out over {sensor.edge_px:.0f} pixels: farther than "
@@ -269,7 +271,7 @@ def _patient(room: Room) -> PatientRecord | None:
 
 
 def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
-    """Sentences on who was tracked and with which body."""
+    """Return sentences on who was tracked and with which body."""
     if room.initial_frame is None:
         return [f"no joint could be tracked: {room.why_nobody}"]
     choice = room.initial_frame.choice
@@ -306,7 +308,7 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
 
 
 def _record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, seconds: float) -> BodyRecord:
-    """belief: the shape at the end of learning; first: after the first window."""
+    """Return the record of the learnt body. belief: the shape at the end of learning; first: after the first window."""
     height_m, row = standing_height(asset, belief.shape)
     return BodyRecord(
         learnt_from_s=seconds,

@@ -148,7 +148,7 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "session.json is gone": (
         lambda journal: (journal / SESSION_FILE).unlink(),
-        "session.json: is missing, without which",
+        "session.json: is missing, and the stored frames are useless without it",
     ),
     "frames are cut off": (lambda journal: (journal / "patient-1/000000.frames").write_text("x"), "frames: is damaged"),
     "a block is copied": (
@@ -167,9 +167,9 @@ def test_a_damaged_session_is_kept_and_the_remedy_works(spoilt, tmp_path, record
     before = sorted(tmp_path.rglob("*"))
     said = " ".join(refusal(["live", "--finish", "-o", str(tmp_path / "session")]).split())
     assert problem in said
-    assert ("put there what it leads to" if spoilt == "a link" else "'anchorpose live' and --overwrite") in said
+    assert ("put the target of the link there" if spoilt == "a link" else "'anchorpose live' and --overwrite") in said
     said = " ".join(refusal(["live", str(recording), "-o", str(tmp_path / "session")]).split())
-    assert ("put there" if spoilt == "a link" else "to begin again, give --overwrite") in said
+    assert ("put the target" if spoilt == "a link" else "to begin again, give --overwrite") in said
     assert sorted(tmp_path.rglob("*")) == before
 
 

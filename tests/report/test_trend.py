@@ -54,8 +54,8 @@ def test_of_patients_who_do_not_change_about_five_in_a_hundred_have_a_trend():
     ("texts", "problem"),
     [
         (["2025-03-03"], "1 dates are given for 3 sessions"),
-        (["2025-03-03", "soon", "2025-03-17"], "the date 'soon' is none"),
-        (["2025-03-03", "2025-02-30", "2025-03-17"], "the date '2025-02-30' is none"),
+        (["2025-03-03", "soon", "2025-03-17"], "'soon' is not a date"),
+        (["2025-03-03", "2025-02-30", "2025-03-17"], "'2025-02-30' is not a date"),
         (["2025-03-10", "2025-03-03", "2025-03-17"], "go back in time"),
     ],
 )

@@ -220,7 +220,7 @@ def test_seen_shares_are_read_in_the_order_of_the_joints(tmp_path):
 
 BAD_TRUTH = {
     "seen_share .* does not fit": {"seen_share": np.ones((2, 4, 1))},
-    "are no shares": {"seen_share": np.full((2, JOINT_COUNT, 1), np.nan)},
+    "values outside of 0 to 1": {"seen_share": np.full((2, JOINT_COUNT, 1), np.nan)},
     "only 0 of 2 frames": {"time": np.array([90.0, 90.1])},
     "no array 'time'": {"time": None},
     "do not fit together": {"time": np.array([0.0])},

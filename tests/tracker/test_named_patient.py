@@ -104,7 +104,7 @@ def test_a_time_that_is_not_of_its_frame_is_refused(reviewed: Reviewed) -> None:
     held = read_corrections(reviewed.file)
     write_corrections(reviewed.file, held.added(replace(named(7, np.zeros(3)), time_s=1.4)))
     with pytest.raises(
-        InputError, match=r"the patient in frame 7 at 1\.4 s, and the recording has that frame at 0\.46"
+        InputError, match=r"the patient in frame 7 at 1\.4 s, but the recording has that frame at 0\.46"
     ):
         reviewed.read()
     gap = UnusableInterval(first_frame=5, last_frame=6, start_s=5 / 15, end_s=99.0, **SIGNED)

@@ -1,4 +1,4 @@
-"""Read a file of another motion capture system: points and angles over time, by the names that it gives them."""
+"""Read a file of another motion capture system: points and angles over time, by their names in the file."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ METRES: Final[Mapping[str, float]] = {
 }
 """Metres per unit, by the names that files use."""
 
-LONGEST_S: Final = 86_400.0  # a day; a movement of more is in milliseconds or less
-FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # a body of metres that is read as millimetres is found by its size
+LONGEST_S: Final = 86_400.0  # a day; a longer movement is in milliseconds or less
+FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # a body in metres that is read as millimetres is found by its size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Captured:
-    """time_s (t,) float64, the file's own clock, increasing.
+    """A recording of another system. time_s (t,): the file's own clock, increasing.
 
-    point_m (t, p, 3) metres in the file's own frame, NaN where missing, of the labels ``points``; degrees (t, a), NaN
-    where missing, of ``angles``.
+    point_m (t, p, 3): metres in the file's own frame, of the labels ``points``, NaN where missing; degrees (t, a), of
+    ``angles``, NaN where missing.
     """
 
     path: Path
@@ -48,12 +48,13 @@ class Captured:
     degrees: np.ndarray
 
     def point(self, label: str) -> np.ndarray:
-        """(t, 3) metres of one label."""
+        """Return the point (t, 3) of one label, metres."""
         return self.point_m[:, self.points.index(label)]
 
 
 def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
-    """unit: as the file has it, None where it has none; stated: by the user, which wins.
+    """Return the metres per unit; unit: the file's, None where it has none; stated: the user's, which takes
+    precedence.
 
     Raises InputError where neither is known, or the unit is unknown.
     """
@@ -67,8 +68,9 @@ def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
 
 
 def checked(captured: Captured) -> Captured:
-    """Raises InputError for a file without points and angles, of a single frame, whose times do not increase, or with
-    values that nothing can have."""
+    """Raise InputError for a file without points and angles, with a single frame, with times that do not increase, or
+    with impossible values.
+    """
     path, known = captured.path, np.isfinite(captured.point_m).all(axis=2).any(axis=0)
     if not known.any() and not np.isfinite(captured.degrees).any():
         what = "holds no markers, joint centres or angles" if not captured.points else "has only markers without values"
@@ -89,14 +91,14 @@ def checked(captured: Captured) -> Captured:
 
 
 def repeated_label(path: Path, labels: tuple[str, ...]) -> None:
-    """Raises InputError where a label stands for two columns."""
+    """Raise InputError where two columns have the same label."""
     for label in labels:
         if labels.count(label) > 1:
             raise InputError(path, f"has the label '{label}' twice", "rename one of them in the other system")
 
 
 def read_c3d(path: Path, unit: str | None = None) -> Captured:
-    """Points and angles of a C3D; unit: of its lengths, where the file does not state it or states it wrongly.
+    """Read the points and angles of a C3D; unit: of its lengths, where the file states none or a wrong one.
 
     A point is missing where its residual is negative. Unlabelled points (``*12``) are left out; a subject's name before
     a colon is too. Raises InputError, MissingPackage without ezc3d.
@@ -140,7 +142,7 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
 
 
 def _labels(group: Any) -> tuple[str, ...]:
-    """LABELS goes on in LABELS2 and so on where there are more than 255 points."""
+    """Return the labels: LABELS is continued in LABELS2 and so on for more than 255 points."""
     names = [name for name in group if name.startswith("LABELS")]
     return tuple(label for name in sorted(names, key=lambda one: (len(one), one)) for label in _texts(group, name))
 
@@ -161,12 +163,12 @@ CSV_REMEDY: Final = (
 
 
 def read_lines(path: Path) -> list[str]:
-    """The lines of a text file; raises InputError where it cannot be read as text."""
+    """Return the lines of a text file; raises InputError where it cannot be read as text."""
     return read_text(path, LARGEST_TABLE).splitlines()
 
 
 def read_trc(path: Path, unit: str | None = None) -> Captured:
-    """Markers of a TRC; empty cells, NaN, and three zeros stand for a missing marker."""
+    """Read the markers of a TRC; empty cells, NaN, and three zeros mean a missing marker."""
     remedy = "export it again as TRC"
     lines = read_lines(path)
     if len(lines) < 6 or not lines[0].lower().startswith("pathfiletype"):
@@ -183,7 +185,7 @@ def read_trc(path: Path, unit: str | None = None) -> Captured:
 
 
 def read_mot(path: Path) -> Captured:
-    """Coordinates of a MOT or STO as angles, in degrees; translations (``_tx`` and so on) are left out."""
+    """Read the coordinates of a MOT or STO as angles, in degrees; translations (``_tx`` and so on) are left out."""
     lines = read_lines(path)
     end = next((row for row, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None or len(lines) < end + 3:
@@ -201,7 +203,7 @@ def read_mot(path: Path) -> Captured:
 
 
 def read_csv(path: Path, unit: str | None = None) -> Captured:
-    """Columns as ``CSV_REMEDY`` says; lengths whose columns have no unit need ``unit``; empty cells are missing."""
+    """Read the columns as ``CSV_REMEDY`` describes; lengths without a unit need ``unit``; empty cells are missing."""
     rows = [row for _, row in read_rows(path)]
     if len(rows) < 2:
         raise InputError(path, "has no rows", CSV_REMEDY)
@@ -238,12 +240,12 @@ def read_csv(path: Path, unit: str | None = None) -> Captured:
 
 
 def _padded(cells: list[str], length: int) -> list[str]:
-    """Some programs leave out empty cells at the end of a line."""
+    """Fill up a row to all columns: some programs leave out empty cells at the end of a line."""
     return [*cells, *[""] * (length - len(cells))][:length]
 
 
 def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
-    """(rows, columns) float64, NaN for an empty cell."""
+    """Return (rows, columns) float64, NaN for an empty cell."""
     try:
         return np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows], dtype=np.float64)
     except ValueError as error:
@@ -251,7 +253,8 @@ def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
 
 
 def read_captured(path: Path, unit: str | None = None) -> Captured:
-    """Points and angles of a .c3d, .trc, .csv, .mot or .sto; unit: of lengths, where the file does not state it.
+    """Read the points and angles of a .c3d, .trc, .csv, .mot or .sto; unit: of lengths, where the file does not state
+    it.
 
     Raises InputError for another ending, and where the file cannot be used.
     """

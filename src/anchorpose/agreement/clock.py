@@ -1,4 +1,4 @@
-"""Find how the clock of another system runs against ours, from the movement that both recorded.
+"""Find another system's clock relative to ours, from the movement that both recorded.
 
 Distances between joints, and angles, do not depend on the frame of reference, so the movement can be matched in time
 before anything is known about space.
@@ -18,28 +18,31 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.errors import AnchorposeError
 
 GRID_HZ: Final = 100.0
-"""Of the common grid: the movement is smooth between its times."""
+"""Rate of the common grid: the movement is smooth between its times."""
 
 SMOOTHING_S: Final = 0.04
-"""Standard deviation of the kernel that both systems are smoothed with alike, against noise of either: 4 Hz
-pass, and most of people's movement is slower."""
+"""Standard deviation of the kernel that smooths both systems equally, against their noise: 4 Hz pass, and most
+movements of people are slower.
+"""
 
 LONGEST_GAP_S: Final = 0.15
-"""Across a longer gap nothing is interpolated."""
+"""Longest gap that is interpolated, in seconds."""
 
 MOST_SIGNALS: Final = 40
 
 LEAST_MOVEMENT_M: Final = 0.02
 LEAST_MOVEMENT_DEG: Final = 4.0
-"""Standard deviation over the recording: below it a signal is mostly noise."""
+"""Least standard deviation over the recording: below it a signal is mostly noise."""
 
 LEAST_KNOWN: Final = 0.2
-"""Share of the frames in which a signal must be known."""
+"""Least share of the frames in which a signal must be known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signals:
-    """time_s (g,) evenly spaced by 1 / ``GRID_HZ``; values (g, k), NaN in gaps; scaled alike, by typical movement."""
+    """Signals on a grid. time_s (g,): evenly spaced by 1 / ``GRID_HZ``; values (g, k), NaN in gaps; scaled alike, by
+    typical movement.
+    """
 
     time_s: np.ndarray
     values: np.ndarray
@@ -48,9 +51,9 @@ class Signals:
 def common_signals(
     ours: tuple[np.ndarray, np.ndarray, np.ndarray], theirs: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> tuple[Signals, Signals] | None:
-    """Signals that both have and that move; None where there is none.
+    """Return the signals that both have and that move; None where there is none.
 
-    Of each: time_s (n,), position_m (n, 21, 3), degrees (n, a), the same angles in both. NaN where missing.
+    Each system has time_s (n,), position_m (n, 21, 3), degrees (n, a), with the same angles in both; NaN where missing.
     """
     columns = [_raw(position, degrees) for _, position, degrees in (ours, theirs)]
     known = np.minimum(*(np.isfinite(each).mean(axis=0) for each in columns))
@@ -70,7 +73,7 @@ def common_signals(
 
 
 def position_signals(time_s: np.ndarray, position_m: np.ndarray) -> Signals:
-    """Coordinates (n, 21, 3) of joints in one frame, once that is known: they say more than distances."""
+    """Return the coordinates (n, 21, 3) of joints in one known frame: they contain more information than distances."""
     return on_grid(time_s, position_m.reshape(len(time_s), -1) / LEAST_MOVEMENT_M)
 
 
@@ -81,7 +84,7 @@ def _raw(position_m: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 
 
 def _spread(values: np.ndarray) -> np.ndarray:
-    """(k,) standard deviation of the known values; NaN where fewer than two are known."""
+    """Return the standard deviation (k,) of the known values; NaN where fewer than two are known."""
     count = np.isfinite(values).sum(axis=0)
     filled = np.nan_to_num(values)
     mean = filled.sum(axis=0) / np.maximum(count, 1)
@@ -90,8 +93,9 @@ def _spread(values: np.ndarray) -> np.ndarray:
 
 
 def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHING_S) -> Signals:
-    """Values (n, k) at times (n,), NaN where missing, on an even grid, smoothed by a Gaussian kernel of
-    ``smoothing_s``; not scaled."""
+    """Bring values (n, k) at times (n,), NaN where missing, to an even grid, smoothed by a Gaussian kernel of
+    ``smoothing_s``; not scaled.
+    """
     grid_s = np.arange(time_s[0], time_s[-1], 1.0 / GRID_HZ)
     found = np.stack([at_times(time_s, values[:, column], grid_s) for column in range(values.shape[1])], axis=1)
     known = np.isfinite(found)
@@ -104,7 +108,9 @@ def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHI
 
 
 def at_times(time_s: np.ndarray, values: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """values (n,) at other times (m,), linear; NaN outside, and between neighbours over ``LONGEST_GAP_S`` apart."""
+    """Interpolate values (n,) linearly at other times (m,); NaN outside, and between neighbours over ``LONGEST_GAP_S``
+    apart.
+    """
     known = np.isfinite(values)
     if known.sum() < 2:
         return np.full(len(wanted_s), np.nan)
@@ -117,7 +123,7 @@ def at_times(time_s: np.ndarray, values: np.ndarray, wanted_s: np.ndarray) -> np
 
 
 def resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """Values (t, ...) at other times, (n, ...); NaN in gaps and where they are missing."""
+    """Interpolate values (t, ...) at other times, (n, ...); NaN in gaps and where they are missing."""
     flat = values.reshape(len(time_s), -1)
     found = np.full((len(at_s), flat.shape[1]), np.nan)
     for column in np.flatnonzero(np.isfinite(flat).any(axis=0)):
@@ -126,10 +132,10 @@ def resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.nd
 
 
 COARSE: Final = 4
-"""The first search takes every fourth time of the grid."""
+"""Step of the first search: every fourth time of the grid."""
 
 LEAST_OVERLAP: Final = 0.4
-"""Share of the shorter recording that the two must have in common: over less, chance looks like agreement."""
+"""Least common share of the shorter recording: with less, chance looks like agreement."""
 
 LEAST_OVERLAP_S: Final = 3.0
 
@@ -137,21 +143,22 @@ LEAST_CORRELATION: Final = 0.6
 
 RIVAL_DISTANCE_S: Final = 0.5
 RIVAL_FACTOR: Final = 1.5
-"""Another offset, farther away than the first, that leaves less than this many times the unexplained movement is as
-good: the movement repeats itself."""
+"""Factor on the unexplained movement up to which another offset, farther away, is as good: the movement then repeats
+itself.
+"""
 
 ITERATIONS: Final = 20
 BLOCKS: Final = 10
-HUBER: Final = 2.5  # residuals beyond so many standard deviations weigh less
+HUBER: Final = 2.5  # residuals beyond this many standard deviations get less weight
 
 
 class NoCommonMovement(AnchorposeError):
-    """The two recordings do not show the same movement, or do not determine how their clocks differ."""
+    """The error that two recordings do not show the same movement, or do not determine how their clocks differ."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OtherClock:
-    """The other clock: ``t + offset_s + drift * (t - middle_s)`` at our time t. Sigmas: one standard deviation.
+    """The other clock: ``t + offset_s + drift * (t - middle_s)`` at our time t. Sigmas are standard deviations.
 
     overlap_s: our times of the first and the last common sample.
     """
@@ -164,11 +171,11 @@ class OtherClock:
     overlap_s: tuple[float, float]
 
     def reference_time_s(self, time_s: np.ndarray) -> np.ndarray:
-        """(n,) times of the other clock."""
+        """Convert our times (n,) to the other clock."""
         return time_s + self.offset_s + self.drift * (time_s - self.middle_s)
 
     def our_time_s(self, reference_s: np.ndarray) -> np.ndarray:
-        """(n,) our times at times (n,) of the other clock."""
+        """Convert times (n,) of the other clock to ours."""
         return self.middle_s + (reference_s - self.offset_s - self.middle_s) / (1.0 + self.drift)
 
 
@@ -180,7 +187,7 @@ class Clock(OtherClock):
 
 
 def find_clock(ours: Signals, theirs: Signals) -> Clock:
-    """Offset and drift with their uncertainty, from the same signals of both systems.
+    """Find offset and drift with their uncertainty, from the same signals of both systems.
 
     Raises NoCommonMovement where the best offset explains too little, or another explains as much.
     """
@@ -189,7 +196,7 @@ def find_clock(ours: Signals, theirs: Signals) -> Clock:
 
 
 def starting_clock(offset_s: float, correlation: float) -> Clock:
-    """A clock of which only the offset is known, roughly."""
+    """Return a clock with a roughly known offset only."""
     return Clock(
         offset_s=offset_s,
         offset_sigma_s=np.inf,
@@ -202,9 +209,9 @@ def starting_clock(offset_s: float, correlation: float) -> Clock:
 
 
 def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool = True) -> Clock:
-    """The clock by least squares, from a start that is right within a fraction of a movement.
+    """Refine the clock by least squares, from a start that is right within a fraction of a movement.
 
-    with_drift: False leaves the drift at 0 with the sigma of any clock, for recordings too short to show it. Raises
+    with_drift: False keeps the drift at 0 with the prior sigma of clocks, for recordings too short to show it. Raises
     NoCommonMovement as ``find_clock``.
     """
     offset_s, drift, middle_s, correlation = clock.offset_s, clock.drift, clock.middle_s, clock.correlation
@@ -229,7 +236,7 @@ def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool 
             middle_s=middle_s,
             overlap_s=(float(known_s[0]), float(known_s[-1])),
         )
-    # clocks are accurate to DRIFT_SIGMA before anything is measured
+    # prior: clocks are accurate to DRIFT_SIGMA
     share = DRIFT_SIGMA**2 / (DRIFT_SIGMA**2 + sigma[1] ** 2)
     return Clock(
         offset_s=offset_s,
@@ -243,7 +250,7 @@ def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool 
 
 
 def _coarse_offset(ours: Signals, theirs: Signals) -> tuple[float, float]:
-    """Offset in seconds of the best correlation, and that correlation."""
+    """Return the offset in seconds of the best correlation, and this correlation."""
     r, overlap = _correlations(ours.values[::COARSE], theirs.values[::COARSE])
     return offset_of_peak(ours, theirs, r, overlap)
 
@@ -256,12 +263,12 @@ def offset_of_peak(
     least_s: float = LEAST_OVERLAP_S,
     near_s: float | None = None,
 ) -> tuple[float, float]:
-    """Offset in seconds of the best correlation, and that correlation.
+    """Return the offset in seconds of the best correlation, and this correlation.
 
     r, overlap: correlation and number of common samples at each lag of every ``COARSE``-th sample, as ``_correlations``
-    has them. least_s: common time below which a lag is not considered. near_s: an offset from which the right one
-    differs by ``RIVAL_DISTANCE_S`` at most; None: any may be right. Raises NoCommonMovement where the best correlation
-    is too small, or another offset explains as much.
+    has them. least_s: common time below which a lag is not considered. near_s: an offset within ``RIVAL_DISTANCE_S`` of
+    the right one; None: any may be right. Raises NoCommonMovement where the best correlation is too small, or another
+    offset explains as much.
     """
     a, b = ours.values[::COARSE], theirs.values[::COARSE]
     least = max(LEAST_OVERLAP * min(len(a), len(b)), least_s * GRID_HZ / COARSE)
@@ -272,7 +279,7 @@ def offset_of_peak(
     if not considered.any():
         raise NoCommonMovement(f"they have less than {least * COARSE / GRID_HZ:.1f} s in common")
     r = np.where(considered, r, -1.0)
-    # movement that is not common counts as unexplained: over a short overlap chance looks like agreement
+    # uncommon movement counts as unexplained: with a short overlap chance looks like agreement
     best = int(np.argmax(r * np.sqrt(np.where(considered, overlap, 0.0))))
     if r[best] < LEAST_CORRELATION:
         raise NoCommonMovement(f"the best correlation of their movements is {max(r[best], 0.0):.2f}")
@@ -290,9 +297,9 @@ def offset_of_peak(
 
 
 def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of all signals together, at each lag of b behind a: the correlation, and how many samples it rests on.
+    """Return, for all signals together at each lag of b behind a, the correlation and its number of samples.
 
-    a (n, k), b (m, k), NaN where missing. Lag index i means that a[j] goes with b[j + i - (n - 1)].
+    a (n, k), b (m, k), NaN where missing. Lag index i pairs a[j] with b[j + i - (n - 1)].
     """
     covariance, of_a, of_b, count = (np.zeros(len(a) + len(b) - 1) for _ in range(4))
     for column in range(a.shape[1]):
@@ -318,9 +325,11 @@ def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def _normal_equations(
     ours: Signals, theirs: Signals, offset_s: float, drift: float, middle_s: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
-    """Of a step in offset and drift about the overlap's centre, for ``BLOCKS`` stretches of equal time.
+    """Return the normal equations of a step in offset and drift about the overlap's centre, for ``BLOCKS`` stretches of
+    equal time.
 
-    Matrices (b, 2, 2) and right sides (b, 2); the times of common samples; their centre. None where nothing is common.
+    They are matrices (b, 2, 2) and right sides (b, 2), with the times of common samples and their centre; None where
+    nothing is common.
     """
     at_s = ours.time_s + offset_s + drift * (ours.time_s - middle_s)
     place = (at_s - theirs.time_s[0]) * GRID_HZ
@@ -352,15 +361,17 @@ def _normal_equations(
 
 
 def _without_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Each signal (column) may differ by a constant: the two systems define joints differently."""
+    """Return each signal (column) without its weighted mean: the two systems define joints differently by a
+    constant.
+    """
     return np.where(weight > 0, values - (weight * values).sum(axis=0) / weight.sum(axis=0), 0.0)
 
 
 def _jackknife(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(2,) standard deviations of offset and drift, or (1,) of the offset alone, from how they change when one stretch
-    of the movement is left out.
+    """Return the standard deviations (2,) of offset and drift, or (1,) of the offset alone, from their changes when one
+    stretch of the movement is left out.
 
-    Errors of neighbouring frames are alike, so that residuals of frames would give far too little.
+    Errors of neighbouring frames are correlated, so residuals of frames would give far too small values.
     """
     total, side = matrix.sum(axis=0), right.sum(axis=0)
     kept = [k for k in range(len(matrix)) if matrix[k].any() and np.linalg.cond(total - matrix[k]) < 1e12]

@@ -38,11 +38,12 @@ STATES: Final = (ALL, INFERRED, *(str(state) for state in JointState if state is
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """One row; None where it is not defined. All in ``unit``, differences are ours minus theirs.
+    """One row of agreement; None where undefined. All values are in ``unit``, differences are ours minus theirs.
 
     kind: joint (centres), angle (from both systems' joints by our formula) or given_angle (as the other system computes
     it). axis: x, y, z of the world, distance, or degrees. state: all, inferred, or one of ``JointState``. offset:
-    as_measured, or with the constant difference of the definitions removed. repeated: what the units of repetition are.
+    as_measured, or with the constant difference of the definitions removed. repeated: the kind of the units of
+    repetition.
     """
 
     kind: str
@@ -81,7 +82,8 @@ COLUMNS: Final = tuple(each.name for each in fields(Agreement))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """Of one quantity in one recording: ours, theirs, sigma (n,), state_code (n,), time_s (n,); NaN where unknown.
+    """The compared values of one quantity in one recording: ours, theirs, sigma (n,), state_code (n,), time_s (n,); NaN
+    where unknown.
 
     offset (n,): the constant difference of the definitions at each time, in the same axes.
     """
@@ -94,18 +96,18 @@ class Compared:
     time_s: np.ndarray
 
     def chosen(self, state: str) -> np.ndarray:
-        """(n,) bool: the frames in which all is known and the joint, or the angle's worst joint, is in a state."""
+        """Return (n,) bool: frames in which all is known and the joint, or the angle's worst joint, is in a state."""
         known = np.isfinite(self.ours + self.theirs + self.offset) & (self.state_code != LOST)
         return np.asarray(known & in_state(self.state_code, state))
 
     def their_values(self, offset: str) -> np.ndarray:
-        """(n,) theirs, with or without the difference of the definitions."""
+        """Return their values (n,), with or without the difference of the definitions."""
         return self.theirs + self.offset if offset == OFFSET_REMOVED else self.theirs
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What is compared, and how to take it from a match; None where a recording does not have it."""
+    """A compared quantity, and the function that takes it from a match; None where a recording does not have it."""
 
     kind: str
     name: str
@@ -115,7 +117,7 @@ class Quantity:
 
 
 def quantities(matches: Sequence[Match]) -> list[Quantity]:
-    """Joint centres by axis, angles from joints, angles as the other system gives them."""
+    """Return the joint centres by axis, angles from joints, and the other system's own angles."""
     given = dict.fromkeys(name for match in matches for name in match.given_names)
     return [
         *(
@@ -129,7 +131,7 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """All rows of all recordings together; subjects: of each match, the same text for the same person."""
+    """Return all rows of all recordings together; subjects: of each match, the same text for the same person."""
     rows = list[Agreement]()
     for quantity in quantities(matches):
         taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]
@@ -143,7 +145,7 @@ def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Ag
 
 
 Parts = Sequence[tuple[Compared, str, np.ndarray]]
-"""Of one recording each: what is compared, the subject, and the frames (n,) bool that are chosen."""
+"""Parts of a comparison, one per recording: the compared values, the subject, and the chosen frames (n,) bool."""
 
 
 def _row(quantity: Quantity, parts: Parts, state: str, offset: str) -> Agreement:
@@ -173,7 +175,7 @@ def _row(quantity: Quantity, parts: Parts, state: str, offset: str) -> Agreement
 
 
 def _error_row(about: tuple[str, str, str, str], error: np.ndarray, **values: Any) -> Agreement:
-    """about: kind, name, axis and unit."""
+    """Return a row of errors. about: kind, name, axis and unit."""
     size, (kind, name, axis, unit) = np.abs(error), about
     return Agreement(
         kind=kind,
@@ -189,7 +191,7 @@ def _error_row(about: tuple[str, str, str, str], error: np.ndarray, **values: An
 
 
 def _shape(parts: Parts, offset: str) -> dict[str, Any]:
-    """CMC and ranges, each the mean over recordings."""
+    """Return CMC and ranges, each the mean over recordings."""
     pairs = [(each.ours[chosen], each.their_values(offset)[chosen]) for each, _, chosen in parts]
     cmc = [waveform_correlation(*pair) for pair in pairs]
     ranges = [tuple(float(np.ptp(values)) for values in pair) for pair in pairs]
@@ -203,7 +205,7 @@ def _shape(parts: Parts, offset: str) -> dict[str, Any]:
 
 
 def _units(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
-    """Stretches of time after which errors are independent: twice their correlation time, at least one second."""
+    """Number the stretches of time with independent errors: twice their correlation time, at least one second."""
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     centred = difference - difference.mean()
     most = min(len(centred) - 1, round(10.0 / step_s))
@@ -235,7 +237,7 @@ def _difference(each: Compared, offset: str) -> np.ndarray:
 
 
 def in_state(state_code: np.ndarray, state: str) -> np.ndarray:
-    """(...) bool: which codes are of one of ``STATES``."""
+    """Return (...) bool: codes that are of one of ``STATES``."""
     if state == ALL:
         return np.ones(state_code.shape, dtype=bool)
     if state == INFERRED:
@@ -286,7 +288,7 @@ TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four number
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Recordings side by side and what follows from all of them; subjects: of each match."""
+    """The comparisons of several recordings and their common results; subjects: of each match."""
 
     matches: tuple[Match, ...]
     subjects: tuple[str, ...]
@@ -296,9 +298,10 @@ class Comparison:
 def compare_with_reference(
     results: Sequence[Path], references: Sequence[Path], subjects: Sequence[str], settings: ReferenceSettings
 ) -> Comparison:
-    """One reference per results folder, in the same order; subjects: one per folder, or none: each is a person.
+    """Compare results folders with one reference each, in the same order; subjects: one per folder, or none: each is a
+    person.
 
-    Raises InputError or AnchorposeError where they do not belong together or cannot be used.
+    Raises InputError or AnchorposeError where the two do not belong together or cannot be used.
     """
     if len(references) != len(results):
         raise AnchorposeError(
@@ -320,7 +323,7 @@ def compare_with_reference(
 
 
 def read_transform(path: Path) -> np.ndarray:
-    """T_world_reference (4, 4) from a JSON file; raises InputError where it holds none."""
+    """Read T_world_reference (4, 4) from a JSON file; raises InputError where it has none."""
     document: Any = read_json(path)
     rows = document.get("reference_to_world") if isinstance(document, dict) else None
     try:
@@ -336,7 +339,7 @@ def read_transform(path: Path) -> np.ndarray:
 
 
 def distance_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Of each joint, and of all; mean, root mean square and largest in millimetres."""
+    """Return, per joint and for all, mean, root mean square and largest distance in millimetres."""
     rows, named = list[Agreement](), [(name, slice(k, k + 1)) for k, name in enumerate(JOINT_NAMES)]
     for offset, (name, column), state in product(
         (AS_MEASURED, OFFSET_REMOVED), (*named, ("all joints", slice(None))), STATES

@@ -25,10 +25,10 @@ REMEDY: Final = "give rows camera,frame,joint,u,v with the column u and the row 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageErrors:
-    """Distances in the plane of the image, of the joints of one name, or of all; None where none is known.
+    """Distances in the plane of the image, for the joints of one name, or for all; None where none is known.
 
-    labelled: labels of frames in the results; lost: of these, joints that were lost. Millimetres are pixels at the
-    distance of the tracked joint. within_50, within_100: share of ``labelled``, lost joints count as outside.
+    labelled: number of labels in tracked frames; lost: number of these whose joint was lost. Millimetres are pixels at
+    the distance of the tracked joint. within_50, within_100: share of ``labelled``, lost joints count as outside.
     """
 
     name: str
@@ -50,7 +50,7 @@ class _Label:
 
 
 def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[ImageErrors, ...]:
-    """All joints, observed and inferred ones, and each joint that was labelled.
+    """Evaluate all joints, observed and inferred ones, and each labelled joint.
 
     Raises InputError where a file cannot be used, or no labelled frame is among the results.
     """
@@ -74,7 +74,7 @@ def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[Image
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """A camera with its pose as used; time_s (n,) of its images by the results' clock; frame (n,) their numbers."""
+    """A camera with its pose as used; time_s (n,): of its images by the results' clock; frame (n,): their numbers."""
 
     camera: Camera
     time_s: np.ndarray
@@ -82,7 +82,9 @@ class _View:
 
 
 class _Distance(NamedTuple):
-    """Of one label; pixels and millimetres are NaN where the joint was lost or is not in the camera's view."""
+    """The distance of one label; pixels and millimetres are NaN where the joint was lost or is not in the camera's
+    view.
+    """
 
     joint: str
     state: int
@@ -91,7 +93,7 @@ class _Distance(NamedTuple):
 
 
 def _views(results: Path, recording: Recording) -> dict[str, _View]:
-    """By name of the camera; those without a pose in run.json are left out."""
+    """Return the views by camera name; cameras without a pose in run.json are left out."""
     records = {str(each["name"]): each for each in read_run(results / RUN_FILE).get("cameras", [])}
     found = {}
     for camera, stream in zip(recording.cameras, recording.streams, strict=True):

@@ -1,4 +1,6 @@
-"""Match the frames of a results folder with those of another system: one clock, one frame, joints and angles alike."""
+"""Match the frames of a results folder with those of another system: one clock, one frame, the same joints and
+angles.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ from anchorpose.results.verify import require_own
 from anchorpose.rotations import fit_rigid_transform
 
 LARGEST_SCALE: Final = 1.3
-"""Bodies are as large in both systems; definitions change distances between joints by less than this factor."""
+"""Limit of the ratio of body sizes in both systems; definitions change distances between joints by less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,12 +57,12 @@ class Match:
 
     @property
     def given_names(self) -> tuple[str, ...]:
-        """Names of the angles that the other system computed."""
+        """Return the names of the angles that the other system computed."""
         return self.reference.angles
 
 
 def match_results(results: Path, reference: Reference, given: np.ndarray | None = None) -> Match:
-    """Finds clock and frame. given: T_world_reference (4, 4) where it is known.
+    """Find clock and frame of the reference. given: T_world_reference (4, 4) if known.
 
     Raises InputError where lengths have another unit, axes or labels are the wrong way round, or no common movement is
     found.
@@ -111,7 +113,7 @@ def _match(
 def _clock_of_positions(
     joints: JointTable, axes: np.ndarray, reference: Reference, placement: Placement, clock: Clock
 ) -> Clock:
-    """The clock again, now that the frame is known: positions say more about time than distances between them."""
+    """Refine the clock with the known frame: positions determine time better than distances between them."""
     nothing = np.zeros_like(joints.position_m)
     ours = position_signals(joints.time_s, residual(joints.position_m, nothing, axes, placement.offset_m))
     theirs_m = transform_points(placement.T_world_reference, reference.centres.position_m)
@@ -119,7 +121,7 @@ def _clock_of_positions(
 
 
 def _angles_of(joints: JointTable, position_m: np.ndarray) -> AngleTable:
-    """Angles of the other system's joints by our formulas; their sigma is not known and not used."""
+    """Return the angles of the other system's joints by our formulas; their sigma is not known and not used."""
     return joint_angles(
         JointTable(
             joints.frame, joints.time_s, position_m, joints.state_code, np.zeros((len(joints.frame), JOINT_COUNT))
@@ -149,14 +151,15 @@ def _median_distance(position_m: np.ndarray, a: int, b: int) -> float:
 
 
 def require_sides(joints: JointTable, ours: AngleTable, reference: Reference) -> None:
-    """Raises InputError where the reference fits much better with axes or labels the other way round."""
+    """Raise InputError where the reference fits much better with axes or labels the other way round."""
     misfit = _misfits(joints, ours, reference)
     require_as_is(reference.path, misfit, is_length=bool(reference.centres.joints))
 
 
 def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict[Sides, float]:
-    """By what is reversed: the median distance of joints in metres after the best rigid motion; without joints, the
-    share of movement that is unexplained. Nothing where no common movement is found."""
+    """Return, by what is reversed, the median distance of joints in metres after the best rigid motion; without joints,
+    the share of unexplained movement. It is empty where no common movement is found.
+    """
     found = dict[Sides, float]()
     for is_exchanged, other in ((False, reference), (True, exchanged(reference))):
         columns = [ours.column(name) for name in other.angles]
@@ -180,7 +183,9 @@ def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict
 
 
 def _distance_m(ours_m: np.ndarray, theirs_m: np.ndarray) -> float:
-    """Median distance of joints (n, 21, 3), NaN where missing, after the best rigid motion of theirs onto ours."""
+    """Return the median distance of joints (n, 21, 3), NaN where missing, after the best rigid motion of theirs onto
+    ours.
+    """
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2)
     T = fit_rigid_transform(theirs_m[both], ours_m[both])
     return float(np.median(np.linalg.norm(ours_m[both] - transform_points(T, theirs_m[both]), axis=1)))

@@ -1,9 +1,9 @@
-"""Where another system's frame lies in ours, and how far its joints are other points of the body by definition.
+"""Find another system's frame in ours, and the offsets of its joints by definition.
 
-Two systems that both measure without error still differ: one takes the knee's centre midway between two markers, the
-other from the body's surface. Such a difference moves with the segment. It is a constant in the segment's axes, and is
-separated here from errors, which are not. An offset that all joints share looks like another position of the frame
-unless the person turns; it is counted to the frame.
+Two systems without errors still differ: one takes the knee's centre midway between two markers, the other from the
+body's surface. Such an offset is constant in the segment's axes, and is separated here from errors, which are not
+constant. An offset that all joints share looks like another position of the frame unless the person turns; it is
+attributed to the frame.
 """
 
 from __future__ import annotations
@@ -20,25 +20,27 @@ from anchorpose.rotations import fit_rigid_transform, rotation_matrices, rotatio
 
 ROUNDS: Final = 15
 LEAST_FRAMES: Final = 10
-"""Common frames of a joint, at least, for its offset to be found."""
+"""Least number of common frames of a joint for its offset to be found."""
 
 FARTHEST: Final = 4.0
-"""Distances beyond so many times the typical one weigh less: there one of the two systems has lost the joint."""
+"""Times the typical distance beyond which distances get less weight: one of the two systems has lost the joint
+there.
+"""
 
 TURN_PRIOR_FRAMES: Final = 15.0
 SHIFT_PRIOR_FRAMES: Final = 300.0
-"""How strongly offsets are held to zero, in frames (of ``MOST_FRAMES``). The first suits offsets of some millimetres,
-and gives the frame's rotation. Markers also slide with the posture, which looks like another place of the frame: its
-place is taken with the second. In 26 simulated laboratories (suite ``laboratory`` of ``benchmarks/run.py``) one value
-for both gave a rotation off by 0.15 degrees (root mean square) and a place off by 2 mm, or 0.2 degrees and 1 mm; two
-give 0.15 and 1.
+"""Strength with which offsets are held to zero, in frames (of ``MOST_FRAMES``). The first value suits offsets of some
+millimetres, and gives the frame's rotation. Markers also slide with the posture, which looks like another place of the
+frame: its place is found with the second. In 26 simulated laboratories (suite ``laboratory`` of ``benchmarks/run.py``)
+one value for both gave a rotation off by 0.15 degrees (root mean square) and a place off by 2 mm, or 0.2 degrees and 1
+mm; two values give 0.15 and 1.
 """
 
 ERROR_M: Final = 0.005
-"""What the reference, and a sigma that is too small, may add to the stated sigma of a joint."""
+"""Addition to a joint's sigma in metres, for the reference's error and a sigma that is too small."""
 
 MOST_FRAMES: Final = 1000
-"""Neighbouring frames say the same, so that a long recording is thinned to about so many."""
+"""Number of frames to which a long recording is thinned: neighbouring frames contain the same information."""
 
 _LIMBS: Final = {
     "Knee": ("Hip", "Knee", "pelvis"),
@@ -48,18 +50,19 @@ _LIMBS: Final = {
     "Wrist": ("Elbow", "Wrist", "trunk"),
     "Hand": ("Elbow", "Wrist", "trunk"),
 }
-"""The limb in whose axes a joint's offset is constant, from its upper end to its lower, and where its axes start."""
+"""The limb in whose axes a joint's offset is constant, from its upper to its lower end, and the axes it starts from."""
 
 _ON_PELVIS: Final = ("SpineBase", "HipLeft", "HipRight")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """T_world_reference (4, 4); offset_m (21, 3) of our joints against the reference's, in the segment's axes.
+    """T_world_reference (4, 4), and offset_m (21, 3) of our joints relative to the reference's, in the segment's
+    axes.
 
     x forward, y up, z to the right when the person stands with limbs hanging; NaN for joints that are not common.
-    translation_sigma_m, rotation_sigma_deg: one standard deviation, by how much the frame changes when a joint is left
-    out; NaN where it was given.
+    translation_sigma_m, rotation_sigma_deg: standard deviations, from the frame's changes when a joint is left out; NaN
+    where the frame was given.
     """
 
     T_world_reference: np.ndarray
@@ -69,7 +72,8 @@ class Placement:
 
 
 def segment_axes(position_m: np.ndarray) -> np.ndarray:
-    """(n, 21, 3, 3) columns x, y, z of the segment of each joint; position_m (n, 21, 3), NaN where not known.
+    """Return the axes (n, 21, 3, 3), columns x, y, z, of each joint's segment; position_m (n, 21, 3), NaN where
+    unknown.
 
     A limb's axes are those of pelvis or trunk, turned the shortest way until they are in line with the limb.
     """
@@ -82,7 +86,7 @@ def segment_axes(position_m: np.ndarray) -> np.ndarray:
         for side in ("Left", "Right"):
             along = unit((points[f"{lower}{side}"] - points[f"{upper}{side}"]).T)
             hanging = -base[root][:, :, 1]
-            if joint == "Foot":  # it points forward when the leg hangs
+            if joint == "Foot":  # the foot points forward when the leg hangs
                 hanging = base[root][:, :, 0]
             axes[:, JOINT_INDEX[f"{joint}{side}"]] = _shortest_turn(hanging, along) @ base[root]
     return axes
@@ -91,7 +95,7 @@ def segment_axes(position_m: np.ndarray) -> np.ndarray:
 def place(
     ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, given: np.ndarray | None = None
 ) -> Placement:
-    """The reference's frame and the offsets of its definitions, from joints (n, 21, 3) of the same times.
+    """Find the reference's frame and the offsets of its definitions, from joints (n, 21, 3) at the same times.
 
     sigma_m (n, 21): of ours; axes (n, 21, 3, 3): ``segment_axes`` of ours. given: T_world_reference where it is known;
     only the offsets are found then. Raises DegenerateGeometry where the common joints do not determine a frame.
@@ -109,7 +113,7 @@ def place(
 
 
 def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> np.ndarray:
-    """(n, 21) of mean 1, 0 where a joint is not common: an inferred joint says less about the frame."""
+    """Return weights (n, 21) of mean 1, 0 where a joint is not common: an inferred joint determines the frame less."""
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2) & np.isfinite(sigma_m)
     both[:, both.sum(axis=0) < LEAST_FRAMES] = False
     weight = np.where(both, 1.0 / (np.where(both, sigma_m, 0.0) ** 2 + ERROR_M**2), 0.0)
@@ -117,7 +121,9 @@ def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> n
 
 
 def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """T_world_reference: its rotation with freer offsets, and the place of the body's middle with tighter ones."""
+    """Return T_world_reference: its rotation with freer offsets, and the place of the body's middle with tighter
+    ones.
+    """
     turned, placed = (
         _fit(ours_m, theirs_m, axes, weight, prior)[0] for prior in (TURN_PRIOR_FRAMES, SHIFT_PRIOR_FRAMES)
     )
@@ -128,7 +134,7 @@ def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: n
 
 
 def residual(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
-    """(n, 21, 3) ours minus theirs minus the offset of the definition; all in the world."""
+    """Return (n, 21, 3) ours minus theirs minus the offset of the definition; all in the world."""
     return ours_m - theirs_m - np.einsum("njik,jk->nji", axes, offset_m)
 
 
@@ -140,7 +146,7 @@ def _fit(
     prior_frames: float,
     given: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Frame and offsets together, by Gauss-Newton: where a person turns, the two are distinct."""
+    """Fit frame and offsets together, by Gauss-Newton: where a person turns, the two are distinct."""
     known = (joint_weight > 0) & np.isfinite(axes).all(axis=(2, 3))
     every = max(1, len(known) // MOST_FRAMES)
     known[np.arange(len(known)) % every != 0] = False
@@ -174,10 +180,10 @@ def _step(
     offset: np.ndarray,
     frame_too: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rotation vector and shift of the frame, and change of the offsets (j, 3).
+    """Return the rotation vector and shift of the frame, and the change of the offsets (j, 3).
 
-    left (k, 3): what is unexplained; lever (k, 3): the reference's points about their centre; own (k, 3, 3): segment
-    axes; use: which offset each point belongs to, its weight, and the weight of each offset's prior.
+    left (k, 3): unexplained differences; lever (k, 3): the reference's points about their centre; own (k, 3, 3):
+    segment axes; use: the offset of each point, its weight, and the weight of each offset's prior.
     """
     (column, weight, prior), count = use, len(offset)
     jacobian = np.zeros((len(left), 3, 6))
@@ -202,7 +208,7 @@ def _step(
 
 
 def _turned(T: np.ndarray, turn: np.ndarray, shift: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """T followed by a small rotation about a point and a shift."""
+    """Return T followed by a small rotation about a point and a shift."""
     step = np.eye(4)
     step[:3, :3] = rotation_matrices(turn[None])[0]
     step[:3, 3] = centre_m - step[:3, :3] @ centre_m + shift
@@ -210,7 +216,7 @@ def _turned(T: np.ndarray, turn: np.ndarray, shift: np.ndarray, centre_m: np.nda
 
 
 def _spread(T: np.ndarray, others: list[np.ndarray], centre_m: np.ndarray) -> tuple[float, float]:
-    """Jackknife over joints: of where the middle of the body is put, and of the rotation, per axis."""
+    """Return the jackknife spread, over joints, of the body's middle and of the rotation, per axis."""
     source = np.linalg.inv(T) @ np.append(centre_m, 1.0)
     shift = np.array([(other @ source)[:3] - centre_m for other in others])
     turn = rotation_vectors(np.array([other[:3, :3] @ T[:3, :3].T for other in others]))
@@ -220,12 +226,12 @@ def _spread(T: np.ndarray, others: list[np.ndarray], centre_m: np.ndarray) -> tu
 
 
 def _columns(axes: Axes) -> np.ndarray:
-    """(n, 3, 3)."""
+    """Return (n, 3, 3)."""
     return np.stack([axes.x, axes.y, axes.z], axis=-1).transpose(1, 0, 2)
 
 
 def _shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) rotations of unit vectors (n, 3) onto others; NaN where they are opposite."""
+    """Return the rotations (n, 3, 3) of unit vectors (n, 3) onto others; NaN where they are opposite."""
     axis, cosine = np.cross(start, end), (start * end).sum(axis=1)
     zero = np.zeros(len(axis))
     x, y, z = axis.T

@@ -1,9 +1,9 @@
-"""Read another system's recording as joints and angles of ours, on its own clock and in its own frame.
+"""Read another system's recording as our joints and angles, on its own clock and in its own frame.
 
-Joint centres are found by labels: given, midway between markers, or a hip by an estimate. By regression: Harrington et
-al. 2007 (doi:10.1016/j.jbiomech.2006.02.003), their equations of one variable each, which Sangeux et al. 2014
-(doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults. By function: the point of the
-pelvis about which the thigh's markers move on spheres, Gamage and Lasenby 2002 (doi:10.1016/S0021-9290(01)00160-9).
+Joint centres are found by labels: given, midway between markers, or a hip by an estimate. Regression: Harrington et al.
+2007 (doi:10.1016/j.jbiomech.2006.02.003), their equations of one variable each, which Sangeux et al. 2014
+(doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults. Functional method: the point of
+the pelvis about which the thigh's markers move on spheres, Gamage and Lasenby 2002 (doi:10.1016/S0021-9290(01)00160-9).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _CENTRES: Final = {
     "Elbow": ("{s}EJC", "{s}HUO"),
     "Wrist": ("{s}WJC", "{s}RAO"),
 }
-"""Joint centres as Plug-in Gait, the Conventional Gait Model 2 and Visual3D name them."""
+"""Names of joint centres in Plug-in Gait, the Conventional Gait Model 2 and Visual3D."""
 
 _PAIRS: Final = {
     "Knee": (
@@ -59,7 +59,7 @@ _SPELT: Final = re.compile(r"^(L|R|LEFT|RIGHT)(HIP|KNEE|ANKLE|SHOULDER|ELBOW|WRI
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marking:
-    """Labels of the file by what they stand for.
+    """The meaning of the file's labels.
 
     centres: joint to the label of its centre. midpoints: joint to the labels whose mean is its centre. pelvis: ASIS
     left and right, PSIS left and right; None where one is missing. thighs: for left and right the markers on the thigh.
@@ -72,12 +72,12 @@ class Marking:
 
     @property
     def empty(self) -> bool:
-        """No joint follows from these labels."""
+        """Return whether no joint follows from these labels."""
         return not self.centres and not self.midpoints and self.pelvis is None
 
 
 def known_marking(labels: tuple[str, ...]) -> Marking:
-    """What labels in common use stand for; upper or lower case, dots, dashes and underscores do not matter."""
+    """Return the meaning of labels in common use; upper or lower case, dots, dashes and underscores do not matter."""
     own = {re.sub(r"[^A-Z0-9]", "", label.upper()): label for label in reversed(labels)}
     centres = {name: own[name.upper()] for name in JOINT_NAMES if name.upper() in own}
     midpoints = dict[str, tuple[str, ...]]()
@@ -105,7 +105,7 @@ def known_marking(labels: tuple[str, ...]) -> Marking:
 
 
 def given_marking(path: Path, labels: tuple[str, ...]) -> Marking:
-    """The user's table: rows ``joint,label``; several rows of a joint mean the middle of these labels.
+    """Read the user's table: rows ``joint,label``; several rows of a joint mean the middle of these labels.
 
     ASISLeft, ASISRight, PSISLeft and PSISRight may stand in place of a joint, and ThighLeft, ThighRight. Raises
     InputError for an unknown joint or label.
@@ -137,7 +137,7 @@ def _first(own: dict[str, str], patterns: tuple[str, ...], side: str) -> str | N
 
 
 def _thigh(own: dict[str, str], midpoints: dict[str, tuple[str, ...]], side: str, name: str) -> tuple[str, ...]:
-    """Markers that move with the thigh: those on it, and both of the knee."""
+    """Return the markers that move with the thigh: thigh markers, and both knee markers."""
     cluster = [label for plain, label in own.items() if (match := _THIGH.match(plain)) and match[1] == side]
     return (*sorted(cluster), *midpoints.get(f"Knee{name}", ()))
 
@@ -148,25 +148,28 @@ plane or hardly at all, and the centre is not determined along one direction."""
 
 
 FARTHEST_M: Final = 0.04
-"""From the hip of the regression, which is good to 15 mm: a fit farther away followed skin that slid over the bone. In
-a recording of walking (ezc3d's example of Qualisys) both hips were 67 mm away."""
+"""Largest distance in metres from the regression's hip, which is accurate to 15 mm: a fit farther away followed skin
+that slid over the bone. In a recording of walking (ezc3d's example of Qualisys) both hips were 67 mm away.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CentreTrack:
-    """position_m (t, 21, 3) in the frame of the other system, NaN where missing; origin: how each joint was found."""
+    """Joint centres over time: position_m (t, 21, 3) in the other system's frame, NaN where missing; origin: how each
+    joint was found.
+    """
 
     position_m: np.ndarray
     origin: tuple[str | None, ...]
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The joints that there are."""
+        """Return the joints that exist."""
         return tuple(name for name, how in zip(JOINT_NAMES, self.origin, strict=True) if how is not None)
 
 
 def joint_centres(captured: Captured, marking: Marking, hip: HipCentre) -> CentreTrack:
-    """All joints that the labels determine; raises InputError where ``hip`` cannot be used."""
+    """Compute all joints that the labels determine; raises InputError where ``hip`` cannot be used."""
     position = np.full((len(captured.time_s), JOINT_COUNT, 3), np.nan)
     origin: list[str | None] = [None] * JOINT_COUNT
 
@@ -203,7 +206,8 @@ _HOW: Final = {
 def pelvis_frame(
     left_asis: np.ndarray, right_asis: np.ndarray, left_psis: np.ndarray, right_psis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Axes (t, 3, 3), columns x forward, y up, z right; origin (t, 3) midway between the ASIS; width and depth in m.
+    """Return the axes (t, 3, 3), columns x forward, y up, z right; origin (t, 3) midway between the ASIS; width and
+    depth in m.
 
     All inputs (t, 3). Width and depth are medians over the recording, since a bone does not change.
     """
@@ -217,12 +221,12 @@ def pelvis_frame(
 
 
 def harrington_hip(width_m: float, depth_m: float) -> np.ndarray:
-    """(3,) metres of the right hip centre in ``pelvis_frame``: x forward, y up, z right; the left one has -z."""
+    """Return the right hip centre (3,), metres, in ``pelvis_frame``: x forward, y up, z right; the left one has -z."""
     return np.array([-0.24 * depth_m - 0.0099, -0.30 * width_m - 0.0109, 0.33 * width_m + 0.0073])
 
 
 def functional_centre(markers_m: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
-    """(3,) the common centre of spheres on which each marker (t, 3) moves, and how well it is determined.
+    """Return the common centre (3,) of spheres on which each marker (t, 3) moves, and how well it is determined.
 
     The second is the ratio of the smallest to the largest singular value of the equations. Raises ValueError for no
     marker with four known positions.
@@ -249,7 +253,9 @@ def _functional_centre(
     pelvis: tuple[np.ndarray, np.ndarray],
     regression_m: np.ndarray,
 ) -> np.ndarray:
-    """In the pelvis; raises InputError where the thigh has no markers or its movement does not determine it."""
+    """Return the functional centre in the pelvis; raises InputError where the thigh has no markers or its movement does
+    not determine it.
+    """
     axes, origin_m = pelvis
     if not markers:
         raise InputError(captured.path, f"has no markers on the {side.lower()} thigh", "leave out --hip functional")
@@ -262,13 +268,13 @@ def _functional_centre(
 
 
 def with_sides_exchanged(track: CentreTrack) -> CentreTrack:
-    """Left joints take the place of right ones and the other way round."""
+    """Exchange left and right joints."""
     other = [JOINT_INDEX[other_side(name)] for name in JOINT_NAMES]
     return CentreTrack(track.position_m[:, other], tuple(track.origin[index] for index in other))
 
 
 def other_side(name: str) -> str:
-    """The same joint or angle of the other side; itself where it has none."""
+    """Return the same joint or angle of the other side; the name itself where it has none."""
     for left, right in ((*SIDES.values(),), ("_left", "_right")):
         if name.endswith(left):
             return name.removesuffix(left) + right
@@ -290,12 +296,13 @@ _PLUG_IN: Final = {
     "AnkleAngles": "ankle_dorsiflexion",
     "ElbowAngles": "elbow_flexion",
 }
-"""Angles that mean the same as ours but for a constant; the first component (flexion) of Plug-in Gait's."""
+"""Angles equal to ours up to a constant; the first component (flexion) of Plug-in Gait's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """time_s (t,) of its own clock; centres in its own frame; degrees (t, a) of ``angles``, which have our names.
+    """The other system's recording. time_s (t,): its own clock; centres: in its own frame; degrees (t, a) of
+    ``angles``, which have our names. notes: how the file was understood, in sentences.
 
     notes: what was understood of the file, in sentences.
     """
@@ -311,7 +318,7 @@ class Reference:
 def read_reference(
     path: Path, unit: str | None = None, names: Path | None = None, hip: HipCentre = HipCentre.HARRINGTON
 ) -> Reference:
-    """Joints and angles of a file; names: a table ``joint,label`` in place of the names in common use.
+    """Read the joints and angles of a file; names: a table ``joint,label`` in place of the names in common use.
 
     Raises InputError where no joint and no angle of ours follows from it.
     """
@@ -328,13 +335,13 @@ def read_reference(
 
 
 def exchanged(reference: Reference) -> Reference:
-    """The same recording with left and right exchanged."""
+    """Return the same recording with left and right exchanged."""
     angles = tuple(other_side(name) for name in reference.angles)
     return replace(reference, centres=with_sides_exchanged(reference.centres), angles=angles)
 
 
 def _angles(captured: Captured) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
-    """Our names, (t, a) degrees, and notes on signs."""
+    """Return our names, (t, a) degrees, and notes on signs."""
     found, notes = dict[str, np.ndarray](), list[str]()
     for column, label in enumerate(captured.angles):
         name = _our_angle(label)

@@ -1,6 +1,6 @@
 """Compute how well measures repeat: intraclass correlations, standard error of measurement, minimal detectable change.
 
-ICC(2,1) and ICC(3,1) of Shrout and Fleiss 1979
+Sources: ICC(2,1) and ICC(3,1) of Shrout and Fleiss 1979
 (doi:10.1037/0033-2909.86.2.420) with the intervals of McGraw and Wong 1996 (doi:10.1037/1082-989X.1.1.30); standard
 error of measurement and minimal detectable change of Weir 2005 (doi:10.1519/15184.1).
 """
@@ -30,7 +30,7 @@ from anchorpose.settings import LARGEST
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reliability:
-    """Of one measure; None where ``why`` states the reason. sem and mdc95 are in ``unit``."""
+    """The reliability of one measure; None where ``why`` states the reason. sem and mdc95 are in ``unit``."""
 
     measure: str
     side: str | None
@@ -49,7 +49,7 @@ class Reliability:
     why: str | None = None
 
     def without(self, why: str) -> Reliability:
-        """The same measure without values, and why."""
+        """Return the same measure without values, and why."""
         about = (self.measure, self.side, self.unit, self.subjects, self.repeats)
         return Reliability(**dict(zip(COLUMNS, about, strict=False)), why=why)  # type: ignore[arg-type]
 
@@ -60,7 +60,7 @@ HEAD: Final = ",".join(COLUMNS)  # the first line of the table
 
 @dataclass(frozen=True, slots=True)
 class MeanSquares:
-    """Of a two-way analysis of variance: between subjects, between repeats, and the rest."""
+    """Mean squares of a two-way analysis of variance: between subjects, between repeats, and the rest."""
 
     subjects: float
     repeats: float
@@ -70,8 +70,8 @@ class MeanSquares:
 def mean_squares(values: np.ndarray) -> MeanSquares:
     """Return the mean squares of values (subjects, repeats), all finite.
 
-    Every subject has every repeat, so that the sums are those of Shrout and Fleiss; statsmodels solves for one unknown
-    a subject, which takes gigabytes for some thousand of them.
+    Every subject has every repeat, so the sums are those of Shrout and Fleiss; statsmodels solves for one unknown per
+    subject, which takes gigabytes for some thousand of them.
     """
     subjects, repeats = values.shape
     centred = values - values.mean()  # so that a large mean costs no digits
@@ -85,7 +85,7 @@ def mean_squares(values: np.ndarray) -> MeanSquares:
 
 
 def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Estimate:
-    """ICC(2,1): repeats are a sample of all, and their differences count as error."""
+    """Compute ICC(2,1): repeats are a random sample, and their differences count as error."""
     n, k = subjects, repeats
     value = (ms.subjects - ms.rest) / (ms.subjects + (k - 1) * ms.rest + k * (ms.repeats - ms.rest) / n)
     a = k * value / (n * (1.0 - value))
@@ -102,7 +102,7 @@ def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Estimate
 
 
 def consistency(ms: MeanSquares, subjects: int, repeats: int) -> Estimate:
-    """ICC(3,1): a constant difference between repeats does not count as error."""
+    """Compute ICC(3,1): a constant difference between repeats does not count as error."""
     n, k = subjects, repeats
     tail = 0.5 + CONFIDENCE / 2.0
     ratio, freedom = ms.subjects / ms.rest, (n - 1) * (k - 1)
@@ -112,7 +112,7 @@ def consistency(ms: MeanSquares, subjects: int, repeats: int) -> Estimate:
 
 
 def reliability_of(measure: str, side: str | None, unit: str, values: np.ndarray) -> Reliability:
-    """values (subjects, repeats), NaN where there is none: such subjects are left out."""
+    """Compute the reliability of values (subjects, repeats); subjects with NaN are left out."""
     whole = values[np.isfinite(values).all(axis=1)]
     subjects, repeats = whole.shape
     empty = Reliability(measure=measure, side=side, unit=unit, subjects=subjects, repeats=repeats)
@@ -133,7 +133,7 @@ def reliability_of(measure: str, side: str | None, unit: str, values: np.ndarray
         icc_3_1_low=same.low,
         icc_3_1_high=same.high,
         sem=sem,
-        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # that errors alone exceed only 5 times in 100
+        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # errors alone exceed it only 5 times in 100
     )
 
 
@@ -152,14 +152,14 @@ REMEDY: Final = (
 )
 
 OTHER_UNIT: Final = 100.0
-"""Ratio of values from which on they are in another unit: metres and centimetres. No person changes by as much."""
+"""Ratio of values that means another unit: metres and centimetres. No person changes by as much."""
 
 Key = tuple[str, str | None, str]  # measure, side, unit
 Values = dict[tuple[str, str], dict[Key, float]]  # by subject and repeat
 
 
 def session_reliability(path: Path) -> tuple[Reliability, ...]:
-    """Every measure in a table of sessions, in the order in which measures first occur.
+    """Return every measure in a table of sessions, in the order in which measures first occur.
 
     Raises InputError where the table or a results folder cannot be used, or measures are defined differently.
     """
@@ -178,7 +178,8 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
 
 
 def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
-    """The session, or the subject's session, whose values (subjects, repeats) are of another order of magnitude.
+    """Return the session, or the subject's session, whose values (subjects, repeats) are of another order of
+    magnitude.
 
     Single values may be near zero for good reasons, so that only a whole session counts as too small.
     """
@@ -198,18 +199,18 @@ def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str
 
 
 def _times(some: np.ndarray, others: np.ndarray) -> float:
-    """Ratio of two medians; 1 where either is 0, which has no order of magnitude."""
+    """Return the ratio of two medians; 1 where either is 0, which has no order of magnitude."""
     own, rest = float(np.median(some)), float(np.median(others))
     return own / rest if own > 0.0 and rest > 0.0 else 1.0
 
 
 def reliability_text(rows: Sequence[Reliability]) -> str:
-    """As CSV; empty cells where there is no value."""
+    """Return the rows as CSV; empty cells where there is no value."""
     return csv_text(COLUMNS, (astuple(row) for row in rows))
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
-    """A table as CSV."""
+    """Return a table as CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([head, *([cell_text(cell) for cell in row] for row in rows)])
     return text.getvalue()

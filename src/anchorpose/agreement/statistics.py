@@ -1,8 +1,8 @@
 """Compute bias and limits of agreement of repeated measurements, with intervals.
 
 Bland and Altman 2007 (doi:10.1080/10543400701329422), pairs whose true value changes: the variance of a difference is
-that within a unit plus that between units, both from a one-way analysis of variance. A unit is a subject, or, where
-only one recording is at hand, a stretch of it. Intervals by the method of variance estimates recovery: Zou 2013
+that within a unit plus that between units, both from a one-way analysis of variance. A unit is a subject or, with only
+one recording, a stretch of it. Intervals are by the method of variance estimates recovery: Zou 2013
 (doi:10.1177/0962280211402548).
 """
 
@@ -17,7 +17,9 @@ from scipy import stats
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_UNITS: Final = 3
-"""Fewer give an interval wider than anything that it is compared with; so many subjects or more are the units."""
+"""Number of subjects from which on subjects are the units; fewer give an interval wider than anything it is compared
+with.
+"""
 
 CONFIDENCE: Final = 0.95
 
@@ -41,12 +43,13 @@ class Limits:
     lower: Estimate
     upper: Estimate
     within_sd: float | None  # of differences in the same unit; None where no unit has two
-    between_sd: float | None  # of the units' own means, sampling error taken out; None for a single unit
+    between_sd: float | None  # of the units' own means, without sampling error; None for a single unit
     sd: float  # of a single difference
 
 
 def limits_of_agreement(difference: np.ndarray, unit: np.ndarray) -> Limits:
-    """difference (n,) finite; unit (n,) integers or texts: differences with the same value belong together.
+    """Compute the limits of agreement. difference (n,): finite; unit (n,): integers or texts, equal for differences of
+    one unit.
 
     Raises ValueError for fewer than two differences.
     """
@@ -101,7 +104,7 @@ def _within_variance(difference: np.ndarray, own_mean: np.ndarray, freedom: int)
 def _intervals(
     bias: float, sd: float, mean: np.ndarray, size: np.ndarray, within: tuple[float, int]
 ) -> tuple[Estimate, Estimate, Estimate]:
-    """Of bias, lower and upper limit; within: variance in a unit and its degrees of freedom."""
+    """Return the intervals of bias, lower and upper limit; within: variance in a unit and its degrees of freedom."""
     units, (variance, freedom) = len(mean), within
     bias_half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, units - 1) * _sigma_of_bias(mean, size, bias))
     harmonic = units / (1.0 / size).sum()
@@ -118,14 +121,18 @@ def _intervals(
 
 
 def _sigma_of_bias(mean: np.ndarray, size: np.ndarray, bias: float) -> float:
-    """Standard error of the mean of all differences: units are independent, their differences are not."""
+    """Return the standard error of the mean of all differences: units are independent, differences within one are
+    not.
+    """
     share = size / size.sum()
     units = len(mean)
     return float(np.sqrt(units / (units - 1.0) * (share**2 * (mean - bias) ** 2).sum()))
 
 
 def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple[float, float]:
-    """Of a sum of independent variances (variance, degrees of freedom), by recovering it from those of the parts."""
+    """Return the interval of a sum of independent variances (variance, degrees of freedom), recovered from the
+    intervals of the parts.
+    """
     below, above = 0.0, 0.0
     for part, freedom in parts:
         if freedom > 0:
@@ -136,18 +143,18 @@ def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple
 
 
 LEAST_SAMPLES: Final = 10
-"""Fewer have no agreement to speak of, and a waveform no shape."""
+"""Least number of samples; fewer have no meaningful agreement, and a waveform no shape."""
 
 LEVELS: Final = np.linspace(0.05, 0.95, 19)
-"""The nominal shares at which coverage is compared with what was found."""
+"""The nominal shares at which coverage is tested."""
 
 
 def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | None:
-    """Coefficient of multiple correlation (CMC) between two systems that measured the same movement; (n,) each.
+    """Return the coefficient of multiple correlation (CMC) of two systems' curves (n,) of the same movement.
 
-    1 where both curves coincide; offsets and gains lower it. None where the curves differ by more than they move,
-    which leaves the root of a negative number, and for fewer than ``LEAST_SAMPLES`` samples.
-    Source: Ferrari et al. 2010 (doi:10.1016/j.gaitpost.2009.09.009), one cycle, two protocols.
+    It is 1 where both curves coincide; offsets and gains lower it. It is None where the curves differ by more than they
+    move (the root of a negative number), and for fewer than ``LEAST_SAMPLES`` samples. Source: Ferrari et al. 2010
+    (doi:10.1016/j.gaitpost.2009.09.009), one cycle, two protocols.
     """
     if len(values) < LEAST_SAMPLES:
         return None
@@ -158,15 +165,16 @@ def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | N
 
 
 def coverage_95(error: np.ndarray, sigma: np.ndarray) -> float:
-    """Share of errors (n,) within 1.96 of their own sigma (n,)."""
+    """Return the share of errors (n,) within 1.96 of their own sigma (n,)."""
     return float((np.abs(error) <= stats.norm.ppf(0.975) * sigma).mean())
 
 
 def calibration_error(error: np.ndarray, sigma: np.ndarray) -> float:
-    """Expected calibration error: mean difference between the shares of errors found within an interval and nominal.
+    """Return the expected calibration error: the mean difference between observed and nominal shares of errors in
+    intervals.
 
-    error, sigma (n,). 0 where sigma is right at all of ``LEVELS``; 0.5 where it is never or always far too large.
-    Source: Kuleshov et al. 2018 (arXiv:1807.00263), for normal errors and central intervals.
+    error, sigma (n,). It is 0 where sigma is right at all of ``LEVELS``, and 0.5 where it is always far too small or
+    far too large. Source: Kuleshov et al. 2018 (arXiv:1807.00263), for normal errors and central intervals.
     """
     within = np.abs(error / sigma)[None] <= stats.norm.ppf(0.5 + LEVELS / 2.0)[:, None]
     return float(np.abs(within.mean(axis=1) - LEVELS).mean())

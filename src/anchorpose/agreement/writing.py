@@ -1,4 +1,4 @@
-"""Write what a comparison leaves behind: tables as CSV, sentences for a methods section, and the page."""
+"""Write the results of a comparison: tables as CSV, sentences for a methods section, and the page."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ DISTANCE_HEAD: Final = ("", "mean, mm", "RMSE, mm", "largest, mm", "samples")
 
 
 def page_text(comparison: Comparison, alignments: Sequence[Sequence[str]], methods: Sequence[str]) -> str:
-    """The page; alignments: sentences per recording."""
+    """Return the page; alignments: sentences per recording."""
     named = [f"{match.results.name} against {match.reference.path.name}" for match in comparison.matches]
     return render_page(
         "anchorpose.agreement",
@@ -69,7 +69,7 @@ def page_text(comparison: Comparison, alignments: Sequence[Sequence[str]], metho
 
 
 def distance_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
-    """(title, cells of ``DISTANCE_HEAD``) of joints and of all of them."""
+    """Return (title, cells of ``DISTANCE_HEAD``) of joints and of all of them."""
     return [
         (_title(row), [f"{row.mean_abs:.1f}", f"{row.rmse:.1f}", f"{row.largest:.0f}", str(row.samples)])
         for row in comparison.rows
@@ -78,7 +78,7 @@ def distance_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
 
 
 def angle_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
-    """(title, cells of ``DIFFERENCE_HEAD``) of angles."""
+    """Return (title, cells of ``DIFFERENCE_HEAD``) of angles."""
     return [_difference_cells(row) for row in comparison.rows if row.kind != "joint" and row.state in SHOWN_STATES]
 
 
@@ -143,7 +143,9 @@ MOST_POINTS: Final = 400
 
 
 def difference_plot(series: Sequence[Compared], row: Agreement) -> Markup:
-    """Difference against mean of both systems, with bias and limits (Bland and Altman); a point per frame, thinned."""
+    """Return the difference against mean of both systems, with bias and limits (Bland and Altman); a point per frame,
+    thinned.
+    """
     means, differences, inferred = (np.concatenate(each) for each in zip(*map(_cloud, series), strict=True))
     lines = [value for value in (row.bias, row.lower, row.upper) if value is not None]
     across = make_axis([(means, means)], [], 1e-6)
@@ -192,7 +194,7 @@ def _down(axis: Axis, value: np.ndarray) -> np.ndarray:
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> str:
-    """A path that is broken where a value is missing."""
+    """Return a path that is broken where a value is missing."""
     return "".join("M" + "L".join(_places(x[run], y[run])) for run in runs_of(np.isfinite(y)))
 
 
@@ -257,7 +259,7 @@ SOURCES: Final = (
 
 
 def write_comparison(folder: Path, comparison: Comparison, overwrite: bool = False) -> None:
-    """Writes all files into a new folder, or over those of an earlier comparison; raises as ``check_results_path``."""
+    """Write all files into a new folder, or over those of an earlier comparison; raises as ``check_results_path``."""
     check_results_path(folder, None, overwrite, COMPARISON)
     methods = methods_sentences(comparison)
     with whole_or_nothing(folder, COMPARISON.own) as work:
@@ -299,7 +301,7 @@ def _alignment(match: Match) -> Any:
 
 
 def alignment_sentences(match: Match) -> list[str]:
-    """How the clocks and frames of two recordings lie, with their uncertainty, for people."""
+    """Return how the clocks and frames of two recordings lie, with their uncertainty, for people."""
     clock, placement = match.clock, match.placement
     begin, end = clock.overlap_s
     found = [

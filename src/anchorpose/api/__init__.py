@@ -1,1 +1,1 @@
-"""What programs call: arrays in, joints out (docs/python.md)."""
+"""Provide the functions that programs call: arrays in, joints out (docs/python.md)."""

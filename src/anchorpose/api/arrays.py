@@ -24,10 +24,10 @@ LARGEST_GREY: Final = 65535
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setup:
-    """Cameras, and what is known of the patient and the room.
+    """Cameras, and statements about the patient and the room.
 
-    subject: what is stated about the patient. equipment: an equipment.json. empty_room_m: by a camera's name a picture
-    (height, width) of the room without people, metres.
+    subject: the patient. equipment: an equipment.json. empty_room_m: by camera name, a depth image (height, width) of
+    the room without people, metres.
     """
 
     cameras: Sequence[Camera]
@@ -37,9 +37,9 @@ class Setup:
 
     @contextmanager
     def writers(self, folder: Path) -> Iterator[list[CameraWriter]]:
-        """Make a recording of an existing empty folder, and open its cameras' folders to write images into.
+        """Make a recording in an existing empty folder, and open its cameras' folders for writing images.
 
-        Raises InputError where a camera, the patient or the equipment is stated wrongly.
+        Raises InputError where the description of a camera, the patient or the equipment is wrong.
         """
         plans = [CameraPlan(camera=camera) for camera in self.cameras]
         document = self._document([plan.document() for plan in plans])
@@ -71,15 +71,15 @@ class Setup:
 class DepthImages(Setup):
     """A recording in memory.
 
-    depth_m: by a camera's name its images (n, height, width), metres along the optical axis; 0, NaN and infinite are no
-    reading. time_s: when they were taken, rising; (n,) for all cameras, or by a camera's name.
+    depth_m: by camera name, images (n, height, width), metres along the optical axis; 0, NaN and infinite are no
+    reading. time_s: their times, rising; (n,) for all cameras, or by camera name.
     """
 
     depth_m: Mapping[str, np.ndarray]
     time_s: np.ndarray | Mapping[str, np.ndarray]
 
     def write(self, folder: Path) -> Path:
-        """Write it as a recording into an existing empty folder, and return the folder.
+        """Write the recording into an existing empty folder, and return the folder.
 
         Raises AnchorposeError where images are missing, or do not fit their camera or their times.
         """
@@ -108,9 +108,9 @@ class DepthImages(Setup):
 
 
 def grey_of(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the grey values (height, width) uint16 of a depth image in metres, as the camera's files have them.
+    """Convert a depth image in metres to grey values (height, width) uint16, as the camera's files have them.
 
-    Raises AnchorposeError where the shape is not the camera's, or a reading is negative or farther than fits.
+    Raises AnchorposeError where the shape is not the camera's, or a reading is negative or too large for the format.
     """
     depth = np.asarray(depth_m)
     if depth.shape != (camera.height, camera.width):

@@ -1,7 +1,7 @@
-"""Track frame by frame: depth images in, joints out, while they come.
+"""Track frame by frame: depth images in, joints out, while they arrive.
 
-The first seconds are looked at before anything is tracked, as ``anchorpose live`` does: clocks and camera poses, the
-room, the patient and the patient's body are found in them. They are kept in a temporary folder meanwhile.
+The first seconds are analysed before tracking starts, as in ``anchorpose live``: they determine clocks and camera
+poses, the room, the patient and the patient's body. They are kept in a temporary folder meanwhile.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 
-START_S: Final = 6.0  # as ``anchorpose live``: a patient moves enough in it to show where the limbs turn
+START_S: Final = 6.0  # s, as ``anchorpose live``: a patient moves enough in it to show where the limbs turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,19 +55,19 @@ class Pose:
     states: tuple[JointState, ...]
 
     def __getitem__(self, joint: str) -> np.ndarray:
-        """(3,) a joint by its name; raises KeyError where there is none of that name."""
+        """Return a joint (3,) by its name; raises KeyError for an unknown name."""
         if joint not in JOINT_NAMES:
             raise KeyError(joint)
         return np.asarray(self.joints_m[JOINT_NAMES.index(joint)])
 
     @property
     def angles_deg(self) -> dict[str, float]:
-        """Each angle of docs/angles.md by its name, degrees; NaN where the pose leaves it undetermined."""
+        """Return each angle of docs/angles.md by its name, degrees; NaN where the pose leaves it undetermined."""
         return dict(zip(self._angles.names, self._angles.degrees[0].tolist(), strict=True))
 
     @property
     def angles_sigma_deg(self) -> dict[str, float]:
-        """One standard deviation of each angle."""
+        """Return the standard deviation of each angle, degrees."""
         return dict(zip(self._angles.names, self._angles.sigma_deg[0].tolist(), strict=True))
 
     @cached_property
@@ -80,10 +80,10 @@ class Pose:
 
 
 class Tracker:
-    """Finds the patient in depth images that come one after another, and then gives the pose of each.
+    """A tracker that finds the patient in successive depth images, and then gives the pose in each.
 
-    why: why ``step`` gave None last, one sentence; empty where it gave a pose. Use it in a ``with`` block, or ``close``
-    it: it keeps the first seconds in a temporary folder until the patient is found.
+    why: why ``step`` last returned None, one sentence; empty if it returned a pose. Use it in a ``with`` block, or
+    ``close`` it: it keeps the first seconds in a temporary folder until the patient is found.
     """
 
     why: str
@@ -98,11 +98,12 @@ class Tracker:
         start_s: float = START_S,
         config: TrackConfig | None = None,
     ) -> None:
-        """cameras: those whose images come; or a recording folder, whose cameras, patient and equipment hold here.
+        """Take cameras, whose images will follow, or a recording folder, whose cameras, patient and equipment are
+        used.
 
-        subject, equipment (an equipment.json) and empty_room_m (by a camera's name (height, width) metres): what is
-        known beforehand. start_s: how long is looked before the body is learnt. Raises InputError where any of them
-        cannot be used.
+        subject, equipment (an equipment.json) and empty_room_m (by camera name, (height, width) metres): prior
+        knowledge. start_s: duration of the first seconds, from which the body is learnt. Raises InputError where any of
+        them cannot be used.
         """
         known = _setup_of(Path(cameras)) if isinstance(cameras, Path | str) else Setup(cameras=tuple(cameras))
         self._setup = replace(
@@ -127,12 +128,12 @@ class Tracker:
         self.close()
 
     def close(self) -> None:
-        """Remove the temporary folder. No more images are taken."""
+        """Remove the temporary folder. No more images are accepted."""
         self._stack.close()
 
     @property
     def height_m(self) -> float | None:
-        """The patient's standing height as learnt, None before."""
+        """Return the patient's standing height as learnt, None before that."""
         if self._prepared is None:
             return None
         from anchorpose.body.shape_prior import standing_height
@@ -141,11 +142,11 @@ class Tracker:
         return standing_height(body_points().asset, self._prepared.learnt.shape)[0]
 
     def step(self, depth_m: Mapping[str, np.ndarray], time_s: float) -> Pose | None:
-        """The pose in the next frame; None while the patient is not found, or is lost (``why``).
+        """Return the pose in the next frame; None while the patient is not found, or is lost (``why``).
 
-        depth_m: by a camera's name (height, width) metres along the optical axis; 0, NaN and infinite are no reading; a
-        camera that is missing has no image in this frame. time_s: later than that of the frame before. The step that
-        ends the first seconds takes as long as learning the body. Raises AnchorposeError on what does not fit.
+        depth_m: by camera name, (height, width) metres along the optical axis; 0, NaN and infinite are no reading; a
+        missing camera has no image in this frame. time_s: later than that of the frame before. The step that ends the
+        first seconds takes as long as learning the body. Raises AnchorposeError where an argument does not fit.
         """
         if not time_s > self._last_s:
             raise AnchorposeError(f"The frame at {time_s:g} s is not later than that before; give rising times.")
@@ -164,14 +165,14 @@ class Tracker:
         return self._answer(estimate)
 
     def _begin(self) -> None:
-        """Look at the first seconds, from the next frame on."""
+        """Start collecting the first seconds with the next frame."""
         self._stack, self._began_s = ExitStack(), np.nan
         self._folder = Path(mkdtemp(prefix="anchorpose-"))
         self._stack.callback(shutil.rmtree, self._folder, ignore_errors=True)
         self._writers: list[CameraWriter] = self._stack.enter_context(self._setup.writers(self._folder))
 
     def _look(self, greys: Sequence[np.ndarray | None], time_s: float) -> Estimate | None:
-        """One more frame of the first seconds; at their end the newest estimate, where the patient is found."""
+        """Add a frame of the first seconds; at their end return the newest estimate, if the patient is found."""
         self._began_s = time_s if np.isnan(self._began_s) else self._began_s
         for writer, grey in zip(self._writers, greys, strict=True):
             if grey is not None:
@@ -197,7 +198,7 @@ class Tracker:
         return self._catch_up(self._prepared)
 
     def _catch_up(self, prepared: Prepared) -> Estimate | None:
-        """Track the first seconds from a good frame on; the newest estimate."""
+        """Track the first seconds from a good frame on; return the newest estimate."""
         run = replace(prepared.run, config=self._options.live(prepared.run.config))
         initial, recording = latest_good(run.room.initial_frames), run.room.recording
         self._follower, newest = Follower(run, initial.choice, prepared.learnt.shape), list[Estimate]()
@@ -232,7 +233,7 @@ class Tracker:
 
 
 def _setup_of(folder: Path) -> Setup:
-    """What a recording states about its cameras, patient and room."""
+    """Read what a recording states about its cameras, patient and room."""
     recording = open_recording(folder)
     rooms = {
         camera.name: room

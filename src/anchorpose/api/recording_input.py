@@ -1,4 +1,4 @@
-"""Make a recording of what a caller names: a recording folder is one, a recorder's file is converted."""
+"""Make a recording of a path from the caller: a recording folder is one, a recorder's file is converted."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ Progress = Callable[[int, int | None], None]
 
 
 class Watcher:
-    """Hears how long work goes on; this one stays silent. The command line's draws bars and prints notes.
+    """A listener to progress and notes; this one is silent. The command line's draws bars and prints notes.
 
-    how_to_resume: what the message of a run that was stopped tells to do; None: the same command with --resume.
+    how_to_resume: the advice in the message of a stopped run; None: the same command with --resume.
     """
 
     def __init__(self, how_to_resume: str | None = None) -> None:
         self.how_to_resume = how_to_resume
 
     def working(self, on: str, at_once: bool = True) -> AbstractContextManager[Progress]:
-        """Return a context for one piece of work; what it gives is called with (done, total), None while unknown.
+        """Return a context for one piece of work; its value is called with (done, total), total None while unknown.
 
         at_once: show the work before the first call, not only then.
         """
         return nullcontext(lambda done, total: None)
 
     def note(self, sentence: str) -> None:
-        """Hear a sentence that the user should know."""
+        """Receive a sentence that the user should know."""
 
 
 def as_recording(path: Path, watcher: Watcher) -> Path:
     """Return the recording folder for a path; a recorder's file or folder is first converted, beside it.
 
-    Raises InputError where the conversion is refused. A path that no reader knows is returned as it is.
+    Raises InputError where the conversion is refused. A path that no reader knows is returned unchanged.
     """
     from anchorpose.sources.convert import look_at, make_recording
 
@@ -48,7 +48,7 @@ def as_recording(path: Path, watcher: Watcher) -> Path:
 
 @contextmanager
 def noting_how_to_go_on(out: Path) -> Iterator[None]:
-    """Say how to go on where a conversion into ``out`` is stopped."""
+    """Note how to resume if a conversion into ``out`` is stopped."""
     from anchorpose.results.folder import naming_place
 
     try:

@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATIENT: Final = "patient"
-WITHIN_M: Final = 0.1  # what ``confidence`` asks: an error that clinical measures and pictures of a pose show
+WITHIN_M: Final = 0.1  # m, limit of ``confidence``: an error that shows in clinical measures and pictures of a pose
 EVEN: Final = 0.01  # of the frame interval: times that differ by less are evenly spaced
 
 
 class Results:
-    """A results folder. Every table is read when it is asked for; missing values are NaN or None, never a number.
+    """A results folder. Every table is read when it is used; missing values are NaN or None, never a number.
 
-    folder: where it is; ``track`` without a folder of yours keeps it for as long as this object lives.
+    folder: its place; ``track`` without a folder argument keeps it as long as this object lives.
     """
 
     folder: Path
 
     def __init__(self, folder: Path, kept: TemporaryDirectory[str] | None = None) -> None:
-        """Raises InputError where the folder holds no results."""
+        """Open a results folder; raises InputError where it has no results."""
         self.folder, self._kept = folder, kept
         if not (folder / RUN_FILE).is_file():
             raise InputError(folder, "is not a results folder", "give a folder that 'anchorpose track' has written")
@@ -45,46 +45,48 @@ class Results:
 
     @cached_property
     def run(self) -> dict[str, Any]:
-        """What run.json says: versions, settings, cameras, the learnt body, notes (docs/guide/track.md)."""
+        """Return the content of run.json: versions, settings, cameras, the learnt body, notes (docs/guide/track.md)."""
         return dict(read_json(self.folder / RUN_FILE))
 
     @cached_property
     def joints(self) -> pd.DataFrame:
-        """A row for each joint of each frame: frame, time_s, joint, x_m, y_m, z_m (world), state, sigma_m."""
+        """Return a row for each joint of each frame: frame, time_s, joint, x_m, y_m, z_m (world), state, sigma_m."""
         return self._frame("joints")
 
     @cached_property
     def angles(self) -> pd.DataFrame:
-        """A row for each angle of each frame, degrees (docs/angles.md)."""
+        """Return a row for each angle of each frame, degrees (docs/angles.md)."""
         return self._frame("angles")
 
     @cached_property
     def measures(self) -> pd.DataFrame:
-        """A row for each clinical measure (docs/measures.md); with trials also for each trial and condition."""
+        """Return a row for each clinical measure (docs/measures.md); with trials also for each trial and condition."""
         return self._frame("measures")
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
-        """A row for each interval of standing, sitting, or a transition."""
+        """Return a row for each interval of standing, sitting, or a transition."""
         return self._frame("episodes")
 
     @cached_property
     def posture(self) -> pd.DataFrame:
-        """A row for each frame: centre of mass, trunk, feet."""
+        """Return a row for each frame: centre of mass, trunk, feet."""
         return self._frame("posture")
 
     @cached_property
     def contacts(self) -> pd.DataFrame:
-        """A row for each contact of another person, or a part of the equipment, with a part of the patient."""
+        """Return a row for each contact of another person, or of a part of the equipment, with a part of the
+        patient.
+        """
         return self._frame("contacts")
 
     @cached_property
     def joint_table(self) -> JointTable:
-        """The joints as arrays: position_m (n, 21, 3), sigma_m (n, 21), states."""
+        """Return the joints as arrays: position_m (n, 21, 3), sigma_m (n, 21), states."""
         return read_joints(self.folder / "joints.parquet")
 
     def to_xarray(self) -> xr.Dataset:
-        """The joints in the convention of the package ``movement`` for poses.
+        """Return the joints in the convention of the package ``movement`` for poses.
 
         position (time, space, keypoints, individuals) metres, world; confidence (time, keypoints, individuals): how
         probable it is, by sigma, that the joint is within 10 cm; sigma in metres along each axis and state beside it.

@@ -14,7 +14,7 @@ from anchorpose.tracker.config import TrackConfig
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What tracking does differently, each as the option of ``anchorpose track``; None: not given."""
+    """Options of tracking, each as the option of ``anchorpose track``; None: not given."""
 
     config: TrackConfig | None = None
     calibration: Path | str | None = None
@@ -36,12 +36,12 @@ def track(
     overwrite: bool = False,
     threads: int = 1,
 ) -> Results:
-    """Find the patient's 21 joints in every frame of a recording, and open what was found.
+    """Find the patient's 21 joints in every frame of a recording, and open the results.
 
-    recording: a recording folder, a recorder's file, or depth images in memory. results: the folder to write, which is
-    there once all is done; without one, results are kept for as long as the returned object lives. config: settings
-    that differ from the defaults. The rest as the options of ``anchorpose track``.
-    Raises InputError where the recording cannot be used, or the folder exists and is not to be overwritten.
+    recording: a recording folder, a recorder's file, or depth images in memory. results: the folder to write, which
+    appears when all is done; without it, results are kept as long as the returned object lives. config: settings that
+    differ from the defaults. Other arguments are as the options of ``anchorpose track``. Raises InputError where the
+    recording cannot be used, or the folder exists and is not to be overwritten.
     """
     options = Options(config, calibration, corrections, events, overwrite, threads=threads)
     return track_watched(recording, results, options, Watcher())
@@ -71,5 +71,5 @@ def track_watched(
 
 
 def open_results(results: Path | str) -> Results:
-    """Open a results folder; raises InputError where it is none."""
+    """Open a results folder; raises InputError where it is not a results folder."""
     return Results(Path(results))

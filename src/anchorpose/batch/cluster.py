@@ -1,6 +1,6 @@
-"""Run many independent jobs: on workers of this machine, of a scheduler that runs already, or in jobs of SLURM.
+"""Run many independent jobs: on workers of this machine, on a running scheduler, or in jobs of SLURM.
 
-A job that fails, or kills its worker, fails alone.
+A job that fails, or kills its worker, does not affect others.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ if find_spec("distributed") is None:
 SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
 CONNECT_S: Final = 20.0
-DEATHS: Final = 3  # of its worker that a job survives; more is its own doing, such as too little memory
+# deaths of its worker that a job survives; with more, the job is the cause, for example by too little memory
+DEATHS: Final = 3
 
 SCHEDULING: Final = {
     "distributed.scheduler.allowed-failures": DEATHS,
@@ -37,13 +38,14 @@ SCHEDULING: Final = {
 }
 
 IGNORE_CTRL_C: Final = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-"""In the workers of this machine: the first process stops them, after their children."""
+"""Setting of this machine's workers: the first process stops them, after their children."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """workers: how many, None for one per core (with a running scheduler, all that it has). scheduler: None for this
-    machine, an address, or ``slurm``; slurm: keyword arguments of dask_jobqueue.SLURMCluster."""
+    """The place of the workers. workers: their number, None for one per core (on a running scheduler, all it has).
+    scheduler: None for this machine, an address, or ``slurm``; slurm: keyword arguments of dask_jobqueue.SLURMCluster.
+    """
 
     workers: int | None = None
     scheduler: str | None = None
@@ -58,21 +60,21 @@ class Place:
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def connected(place: Place, jobs: int) -> Iterator[Client]:
-    """A client of the scheduler; what was started for it ends with the block.
+    """Yield a client of the scheduler; processes that were started for it end with the block.
 
-    jobs: no more workers than that are started. Raises AnchorposeError where the scheduler cannot be reached.
+    jobs: largest number of workers to start. Raises AnchorposeError where the scheduler cannot be reached.
     """
     import dask
     import distributed  # noqa: F401  its defaults: those that come while others are set go with them
 
     with dask.config.set(SCHEDULING):
-        logging.getLogger("distributed").setLevel(logging.ERROR)  # what matters comes back with the outcomes
+        logging.getLogger("distributed").setLevel(logging.ERROR)  # errors that matter come back with the outcomes
         if place.scheduler is None:
             with _client_of(_local(min(place.workers or cores(), jobs))) as client:
                 yield client
@@ -86,10 +88,10 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
 
 @contextmanager
 def _client_of(cluster: Any) -> Iterator[Client]:
-    """A client of a cluster that was started here, and closed at the end.
+    """Yield a client of a cluster that was started here, and close it at the end.
 
-    A worker that is being started again may keep the cluster from closing in time. That is no error of the work: all
-    outcomes are known by then, and the workers end with this process.
+    A worker that is being restarted may keep the cluster from closing in time. This is ignored: all outcomes are known
+    by then, and the workers end with this process.
     """
     from distributed import Client
 
@@ -122,8 +124,8 @@ def _local(workers: int) -> Any:
         threads_per_worker=1,
         processes=True,
         host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",  # any free port: several batches at once
-        memory_limit=0,  # the worker itself holds nothing
+        dashboard_address="127.0.0.1:0",  # any free port, for several batches at once
+        memory_limit=0,  # the worker itself holds no data
         silence_logs=logging.CRITICAL,
         preload=[IGNORE_CTRL_C],
     )
@@ -145,7 +147,7 @@ def _slurm(place: Place, jobs: int) -> Any:
     return cluster
 
 
-POLL_S: Final = 0.5  # after which new workers are noticed
+POLL_S: Final = 0.5  # time after which new workers are noticed
 
 KILLED: Final = (
     f"its worker died {DEATHS + 1} times while it ran; give it more memory or time, or run it alone to see why."
@@ -154,8 +156,9 @@ KILLED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A call that a child process makes. call: picklable by the name of its function; what it returns is dropped, its
-    results are files. log: the file for what it prints."""
+    """A call that a child process makes. call: picklable by the name of its function; its return value is dropped, its
+    results are files. log: file for its output.
+    """
 
     name: str
     call: Callable[[], Any]
@@ -163,11 +166,11 @@ class Job:
 
 
 def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambda: None) -> Iterator[Outcome]:
-    """Runs all jobs, those listed first begin first, and gives the outcome of each as it ends.
+    """Run all jobs, beginning with the first listed, and yield the outcome of each as it ends.
 
-    tick: called about twice a second while jobs run, for progress that can be seen from outside of them.
-    An exception in the caller's loop, such as that of a signal, stops the jobs that run; their processes have ended
-    when it comes out. Raises AnchorposeError where the scheduler cannot be used.
+    tick: called about twice a second while jobs run, for progress visible outside of them. An exception in the caller's
+    loop, such as a signal, stops the running jobs; their processes have ended when it is raised. Raises AnchorposeError
+    where the scheduler cannot be used.
     """
     if not jobs:
         return
@@ -176,15 +179,16 @@ def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambd
         try:
             yield from _run(client, jobs, group, tick)
         except BaseException:
-            with suppress(Exception):  # whatever keeps it from stopping, the first error counts
+            with suppress(Exception):  # the first error counts
                 client.run(stop_children, group)
             raise
 
 
 def _run(client: Client, jobs: Sequence[Job], group: str, tick: Callable[[], None]) -> Iterator[Outcome]:
-    """No more jobs are handed over than there are threads: one that waits on a worker would share in its death.
+    """Run jobs, no more at once than there are threads: a job that waits on a worker would share in its death.
 
-    A future is let go with its outcome. The scheduler forgets the job then, so that no death of a worker repeats it.
+    A future is released with its outcome. The scheduler then forgets the job, so that a worker's death does not repeat
+    it.
     """
     from distributed import wait
 
@@ -212,7 +216,7 @@ def _submit(client: Client, job: Job, number: int, group: str) -> Future:
 
 
 def _why(future: Future) -> str | None:
-    """Why the scheduler gave a job up; None where it has its outcome."""
+    """Return why the scheduler gave up a job; None where it has an outcome."""
     from distributed.scheduler import KilledWorker
 
     if future.status == "finished":

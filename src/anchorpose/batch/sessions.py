@@ -1,8 +1,7 @@
 """Find the sessions of a batch, and name each one's results folder.
 
-Recordings are named one by one, by folder, by pattern, or in a table with one row each. Which recording has which name
-in the folder of a batch stands in ``batch.json``, over all calls into it: a name never passes from one recording to
-another.
+Recordings are named one by one, by folder, by pattern, or in a table with one row each. ``batch.json`` records the name
+of each recording in the folder of a batch, over all calls: a name never passes from one recording to another.
 """
 
 from __future__ import annotations
@@ -42,8 +41,9 @@ COLUMNS: Final = ("recording", "session", "subject", *SETTINGS)
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One recording to track: a path, or an address as text. name: of its results folder; subject: who, as the table
-    says; options: of its run."""
+    """A recording to track: a path, or an address as text. name: of its results folder; subject: the patient by the
+    table; options: of its run.
+    """
 
     recording: Path | str
     name: str = ""
@@ -52,24 +52,24 @@ class Session:
 
     @property
     def place(self) -> Path | None:
-        """The whole path of the recording; None where it is at an address."""
+        """Return the whole path of the recording; None where it is at an address."""
         return None if isinstance(self.recording, str) else self.recording.resolve()
 
     @property
     def shown(self) -> str:
-        """The whole path of the recording, or its address without its password."""
+        """Return the whole path of the recording, or its address without its password."""
         return without_password(self.recording) if isinstance(self.recording, str) else str(self.place)
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """The names of the recording and of the folders above it, the recording's last."""
+        """Return the names of the recording and of the folders above it, the recording's last."""
         if isinstance(self.recording, str):
             return parts_of(self.recording)
         path = self.recording.resolve()
         return tuple(part for part in path.parts if part != path.anchor)
 
     def absolute(self) -> Session:
-        """The same with paths that hold in any folder, for a worker that runs elsewhere."""
+        """Return the session with absolute paths, for a worker that runs in another folder."""
         paths = {name: getattr(self.options, name) for name in FILES}
         known: dict[str, Any] = {name: path.resolve() for name, path in paths.items() if path is not None}
         options = replace(self.options, **known)
@@ -77,11 +77,11 @@ class Session:
 
 
 def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
-    """Return the sessions that a user names, in the order given; only a table gives them names (``names``).
+    """Find the sessions that a user names, in the order given; only a table gives them names (``names``).
 
     given: recordings (folders, or files of a recorder), folders that contain recordings, addresses, patterns such as
     ``clinic/*/recording``, and tables (``.csv``). options: for all of them; a row of a table overrides them. Raises
-    InputError where one leads to no recording, or a table cannot be used.
+    InputError where a name leads to no recording, or a table cannot be used.
     """
     found = [session for text in given for session in _sessions_of(text, options)]
     for session in found:
@@ -108,7 +108,9 @@ def _sessions_of(text: str, options: TrackOptions) -> Iterator[Session]:
 
 
 def _recordings_in(path: Path) -> list[Path]:
-    """The recording itself, or all recordings below a folder; a file is left to the readers of recorders' files."""
+    """Return the recording itself, or all recordings below a folder; a file is left to the readers of recorders'
+    files.
+    """
     if not path.is_dir() or (path / RECORDING_FILE).is_file():
         return [path]
     below = sorted(file.parent for file in path.rglob(RECORDING_FILE))
@@ -164,17 +166,19 @@ def _value(name: str, text: str, path: Path, number: int) -> object:
 BATCH_FILE: Final = "batch.json"
 LOCK_FILE: Final = ".batch.lock"
 LONGEST_NAME: Final = 100
-"""Bytes: encrypted folders allow 143, and a run adds up to 30, as in .NAME.json.partial-01234567."""
+"""Limit of a name in bytes: encrypted folders allow 143, and a run adds up to 30, as in .NAME.json.partial-01234567."""
 
-DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)  # no file names on Windows
+# names that no file can have on Windows
+DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 BEGINNING: Final = 2**20  # bytes of a recorder's file: its header and the first images
 DAMAGED: Final = "choose another folder for the batch; the results in this one stay as they are"
 
 
 @dataclass(frozen=True, slots=True)
 class NamedRecording:
-    """A line of batch.json. recording: its whole path or its address; mark: hash of some of its images, None where it
-    has none or they cannot be read."""
+    """An entry of batch.json. recording: its whole path or its address; mark: hash of some of its images, None where it
+    has none or they cannot be read.
+    """
 
     session: str
     recording: str
@@ -182,7 +186,9 @@ class NamedRecording:
     mark: str | None = None
 
     def is_of(self, other: NamedRecording) -> bool:
-        """Whether both are one recording: the same images at the same place, or moved from a place that is gone."""
+        """Return whether both are the same recording: the same images at the same place, or moved from a place that is
+        gone.
+        """
         same_images = self.mark == other.mark or None in (self.mark, other.mark)
         if self.recording == other.recording:
             return same_images
@@ -190,10 +196,10 @@ class NamedRecording:
 
 
 def open_folder(out: Path, sessions: Sequence[Session]) -> tuple[Session, ...]:
-    """Make the folder of a batch, or check that it is one; return the sessions with the names that they have in it.
+    """Make the folder of a batch, or check that it is one; return the sessions with their names in it.
 
-    Raises InputError where the folder is of something else, a session's name cannot be that of a folder, or a name
-    that the user gives belongs to another recording.
+    Raises InputError where it is another kind of folder, a session's name cannot name a folder, or a given name belongs
+    to another recording.
     """
     mark = out / BATCH_FILE
     if out.exists() and not out.is_dir():
@@ -204,7 +210,7 @@ def open_folder(out: Path, sessions: Sequence[Session]) -> tuple[Session, ...]:
     if inside:
         raise InputError(out, f"lies inside the recording {inside[0].recording}", "choose a folder outside of it")
     before = _read(mark)
-    _named(sessions, before, out)  # what is refused leaves no folder
+    _named(sessions, before, out)  # a refusal leaves no folder
     with new_folder(out.resolve(), out), FileLock(out / LOCK_FILE):
         before = _read(mark)
         named = _named(sessions, before, out)
@@ -213,7 +219,7 @@ def open_folder(out: Path, sessions: Sequence[Session]) -> tuple[Session, ...]:
 
 
 class BatchDocument(Entry):
-    """batch.json."""
+    """The content of batch.json."""
 
     format: Literal["anchorpose-batch"] = "anchorpose-batch"
     version: Version = 1
@@ -236,12 +242,12 @@ def _write(path: Path, named: Sequence[NamedRecording]) -> None:
 
 
 def _named(sessions: Sequence[Session], before: Sequence[NamedRecording], out: Path) -> tuple[NamedRecording, ...]:
-    """Return an entry per session: named by the user, as in an earlier call, or as short as it can be."""
+    """Return an entry per session: named by the user, as in an earlier call, or as briefly as possible."""
     own = [NamedRecording("", each.shown, each.subject, _mark_of(each.place)) for each in sessions]
     names = [_given(each) or _earlier(one, before) for each, one in zip(sessions, own, strict=True)]
     taken = {_key(one.session): one for one in before}
     found = dict[int, NamedRecording]()
-    for index in sorted(range(len(own)), key=lambda k: names[k] is None):  # names that are given or known come first
+    for index in sorted(range(len(own)), key=lambda k: names[k] is None):  # given or known names come first
         name = names[index] or _free(sessions[index], sessions, taken)
         own[index] = one = replace(own[index], session=name)
         _require_own(one, names[index] is None, tuple(found.values()), taken.get(_key(name)), out)
@@ -252,8 +258,9 @@ def _named(sessions: Sequence[Session], before: Sequence[NamedRecording], out: P
 def _require_own(
     one: NamedRecording, unnamed: bool, others: Sequence[NamedRecording], holder: NamedRecording | None, out: Path
 ) -> None:
-    """Raises InputError where another session of this call has the name, or is of the same recording without a name of
-    its own, or the name belongs to another recording."""
+    """Raise InputError where another session of this call has the name, or is of the same recording without its own
+    name, or the name belongs to another recording.
+    """
     remedy = "name them in a table with a column 'session'"
     if not unnamed:
         remedy = "give them other names in the column 'session'; capitals and the form of accents make no difference"
@@ -266,7 +273,7 @@ def _require_own(
 
 
 def _given(session: Session) -> str | None:
-    """The name from the user's table; raises InputError where no folder can have it."""
+    """Return the name from the user's table; raises InputError where no folder can have it."""
     name = _clean(session.name)
     if len(name.encode()) > LONGEST_NAME:
         problem = f"has a name of {len(name.encode())} bytes ({name[:20]}...)"
@@ -280,7 +287,7 @@ def _earlier(one: NamedRecording, before: Sequence[NamedRecording]) -> str | Non
 
 
 def _free(session: Session, sessions: Sequence[Session], taken: dict[str, NamedRecording]) -> str:
-    """The name of the recording's folder, with as many of the folders above it as it takes, or with a number."""
+    """Return the name of the recording's folder, with as many of its parent folders as needed, or with a number."""
     parts = session.parts
     ends = ["-".join(parts[-count:]) for count in range(1, len(parts) + 1)]
     counts = [sum(other.parts[-k:] == parts[-k:] for other in sessions) for k in range(1, len(parts) + 1)]
@@ -291,13 +298,13 @@ def _free(session: Session, sessions: Sequence[Session], taken: dict[str, NamedR
 
 
 def _clean(name: str) -> str:
-    """Letters, digits and . + - _ only."""
+    """Reduce a name to letters, digits and . + - _."""
     cleaned = re.sub(r"[^\w.+-]+", "_", unicodedata.normalize("NFC", name)).strip(".")
     return f"_{cleaned}" if DEVICES.fullmatch(cleaned) else cleaned
 
 
 def _short(name: str) -> str:
-    """A name that is too long, cut off; a hash of all of it keeps it apart from others."""
+    """Cut off a name that is too long; a hash of the whole name keeps it distinct."""
     if len(name.encode()) <= LONGEST_NAME:
         return name
     start = name.encode()[: LONGEST_NAME - 12].decode(errors="ignore")
@@ -305,13 +312,14 @@ def _short(name: str) -> str:
 
 
 def _key(name: str) -> str:
-    """A key that is equal for names that some file systems do not tell apart."""
+    """Return a key that is equal for names that some file systems do not distinguish."""
     return unicodedata.normalize("NFC", name.casefold())
 
 
 def _mark_of(place: Path | None) -> str | None:
-    """A hash of the first, the middle and the last depth image of a recording's first camera, or of the beginning of a
-    recorder's file and its size."""
+    """Return a hash of the first, middle and last depth image of a recording's first camera, or of the beginning and
+    size of a recorder's file.
+    """
     try:
         if place is None or not place.exists():
             return None

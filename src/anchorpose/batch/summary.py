@@ -1,4 +1,6 @@
-"""Write sessions.parquet and measures.parquet (and CSV): what became of every session, its measures; and index.html."""
+"""Write sessions.parquet and measures.parquet (and CSV) with the outcome and measures of every session; and
+index.html.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ AGAIN: Final = "write it again with 'anchorpose batch --summary'"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionRow:
-    """One session. state: one of ``STATES``; why: the sentence of one that failed. The rest is None unless it is done.
+    """One session. state: one of ``STATES``; why: the sentence of a failed one. Other fields are None unless it is
+    done. length_s: from the first frame to the last; the shares are of all joints in all frames; work_s: duration of
+    tracking, by run.json.
 
     length_s: from the first frame to the last; the shares are of all joints in all frames; work_s: the time that
     tracking took, by run.json.
@@ -81,7 +85,7 @@ _TYPES: Final = {"str": _TEXT, "int": pa.int64(), "float": pa.float64()}
 
 
 def _table(file: str, record: type, **known: tuple[str, ...]) -> RecordTable[Any]:
-    """Return a table with a column for each field of a record, of the type of its annotation."""
+    """Return a table with a column for each field of a record, with the type of its annotation."""
     columns = [(field.name, _TYPES[str(field.type).partition(" ")[0]]) for field in fields(record)]
     return RecordTable(file=file, record=record, schema=pa.schema(columns), known=known, remedy=AGAIN)
 
@@ -94,14 +98,14 @@ MOVE_AWAY: Final = "move it away, or choose another folder for the batch"
 
 
 def note_outcome(out: Path, outcome: Outcome) -> None:
-    """Keeps why a session failed beside its log, for a summary that is written later."""
+    """Store why a session failed beside its log, for a summary that is written later."""
     path = _outcome_file(out, outcome.name)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text_whole(path, json.dumps({"why": outcome.why, "seconds": round(outcome.seconds, 1)}) + "\n")
 
 
 def require_places(out: Path, sessions: Sequence[Session]) -> None:
-    """Raises InputError where a link or anything of another kind stands at a place in the folder that is written to."""
+    """Raise InputError where a link or a thing of another kind is at a place to be written."""
     for name in (RESULTS_FOLDER, LOGS_FOLDER):
         if (out / name).is_symlink() or (is_there(out / name) and not (out / name).is_dir()):
             raise InputError(out / name, "is a link, or no folder", MOVE_AWAY)
@@ -119,10 +123,10 @@ def _outcome_file(out: Path, name: str) -> Path:
 def row_of(
     out: Path, session: Session, outcomes: Mapping[str, str | None] = MappingProxyType({})
 ) -> tuple[SessionRow, tuple[Measure, ...]]:
-    """Return what the folder of a batch holds on a session, and its measures, where it is done.
+    """Return a batch folder's row on a session, and its measures if it is done.
 
-    One that failed in its last run is failed, whatever is there. outcomes: why sessions failed that have just run,
-    None where they did not, by name.
+    A session that failed in its last run is failed, whatever results exist. outcomes: by name, why sessions that have
+    just run failed, None where they did not.
     """
     results = out / RESULTS_FOLDER / session.name
     who: dict[str, Any] = {"session": session.name, "recording": session.shown, "subject": session.subject}
@@ -138,7 +142,7 @@ def row_of(
 
 
 def _noted(out: Path, name: str) -> str | None:
-    """Why a session failed in its last run; None where it did not, or has not run."""
+    """Return why a session failed in its last run; None where it did not fail or has not run."""
     path = _outcome_file(out, name)
     if not is_there(path):
         return None
@@ -150,7 +154,7 @@ def _noted(out: Path, name: str) -> str | None:
 
 
 def _figures(results: Path) -> dict[str, Any]:
-    """Read in row groups: the joints of many hours do not stand in memory together."""
+    """Compute the figures of a session in row groups: the joints of many hours do not fit in memory together."""
     path, counts, first_s, last_s, frames = results / JOINTS_FILE, dict[str, int](), None, None, 0
     with refuse_unreadable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
         for batch in file.iter_batches(columns=["frame", "time_s", "state"]):
@@ -175,13 +179,13 @@ def _figures(results: Path) -> dict[str, Any]:
 
 
 def _measures(results: Path) -> tuple[Measure, ...]:
-    """The measures of a session that are not about a single person; none where it is not measured."""
+    """Return the measures of a session that are not about a single person; none where it was not measured."""
     path = results / MEASURES_FILE
     return tuple(measure for measure in read_measures(path) if measure.person is None) if is_there(path) else ()
 
 
 def write_tables(out: Path, rows: Sequence[SessionRow], measures: Iterable[tuple[SessionRow, Measure]]) -> None:
-    """Writes both tables, each whole or not at all."""
+    """Write both tables, each whole or not at all."""
     _write(out, SESSIONS, rows)
     names = ("measure", "side", "part", "value", "unit", "sigma", "why")
     _write(
@@ -202,7 +206,7 @@ def _write(out: Path, table: RecordTable[Any], rows: Sequence[Any]) -> None:
 
 
 def _for_spreadsheets(table: pa.Table) -> pa.Table:
-    """The table with texts that no spreadsheet runs as a formula."""
+    """Return the table with texts that no spreadsheet runs as a formula."""
     for index, column in enumerate(table.schema):
         if column.type == _TEXT:
             cells = [cell and cell_text(cell) for cell in table[column.name].to_pylist()]
@@ -210,13 +214,13 @@ def _for_spreadsheets(table: pa.Table) -> pa.Table:
     return table
 
 
-MOST_COMPARED: Final = 300  # sessions with their measures on the page: it stays quick; the tables hold all
+MOST_COMPARED: Final = 300  # sessions with measures on the page, which then stays fast; the tables hold all
 
 UNKNOWN: Final = Markup('<span title="{}">–</span>')
 
 
 def write_page(out: Path, rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]) -> Path:
-    """Writes index.html. measures: of each session that is done, by its name."""
+    """Write index.html. measures: of each finished session, by name."""
     counts = Counter(row.state for row in rows)
     compared = [row for row in rows if row.state == DONE][:MOST_COMPARED]
     page = render_page(
@@ -273,7 +277,7 @@ def _titles(rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]
 def _measure_rows(
     rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]
 ) -> list[tuple[Markup, list[Markup]]]:
-    """(session, a cell per measure)."""
+    """Return (session, a cell per measure)."""
     keys = list(_titles(rows, measures))
     found = [{_key(one): one for one in measures[row.session]} for row in rows]
     return [(_name(row), [_value(own.get(key)) for key in keys]) for row, own in zip(rows, found, strict=True)]

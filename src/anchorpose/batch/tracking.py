@@ -1,4 +1,4 @@
-"""Track the sessions of a batch, each in a process of its own, then write the tables and the page over all of them."""
+"""Track the sessions of a batch, each in its own process, then write the tables and the page of all of them."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ Progress = Callable[[int, int], None]
 
 
 def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Progress) -> tuple[SessionRow, ...]:
-    """Tracks all sessions that are not done and writes the tables and index.html; returns a row per session.
+    """Track all sessions that are not done and write the tables and index.html; return a row per session.
 
-    One that fails keeps no other from its end. progress is called with sessions finished and in total. Raises
+    A failure does not affect other sessions. progress is called with sessions finished and in total. Raises
     InputError where ``out`` is not the folder of a batch, AnchorposeError where the scheduler cannot be used.
     """
     sessions, outcomes = _opened(out, sessions), dict[str, str | None]()
@@ -46,7 +46,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
 
 
 def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
-    """Tracks the session with this number, counted from 0, on a worker of its own; for arrays of jobs."""
+    """Track the session with this number, counted from 0, on its own worker; for job arrays."""
     if not 0 <= index < len(sessions):
         raise AnchorposeError(f"--index is {index}; there are {len(sessions)} sessions, numbered from 0.")
     session = _opened(out, sessions)[index]
@@ -56,7 +56,7 @@ def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
 
 
 def summarise(sessions: Sequence[Session], out: Path) -> tuple[SessionRow, ...]:
-    """Writes the tables and index.html from what the folder holds; returns a row per session."""
+    """Write the tables and index.html from the folder's content; return a row per session."""
     return _summarise(_opened(out, sessions), out, {})
 
 
@@ -84,10 +84,10 @@ ENDING_S: Final = 30.0  # for the child of a killed worker to end
 
 
 def track_session(session: Session, results: Path) -> bool:
-    """Tracks a session into a folder that appears when it is whole; returns whether there was anything to do.
+    """Track a session into a folder that appears when it is whole; return whether there was anything to do.
 
-    It is done where ``run.json`` has the identity of its inputs, settings, code and libraries. Results of another
-    identity are replaced; an unfinished run of the same one goes on, of another it begins again. Raises what
+    A session is done if ``run.json`` has the identity of its inputs, settings, code and libraries. Results of another
+    identity are replaced; an unfinished run is resumed if it has the same identity, else begun again. Raises what
     ``anchorpose track`` raises.
     """
     from anchorpose.api.recording_input import as_recording
@@ -109,7 +109,7 @@ def track_session(session: Session, results: Path) -> bool:
 
 
 def done_identity(results: Path) -> str | None:
-    """The identity in the run.json of a results folder; None where there is none."""
+    """Return the identity in the run.json of a results folder; None where there is none."""
     path = results / RUN_FILE
     return read_run(path).get("identity") if path.is_file() else None
 

@@ -1,12 +1,12 @@
-"""Run a job of the scheduler in a child process of its own, and wait for it.
+"""Run a job of the scheduler in its own child process, and wait for it.
 
-Nothing of the work happens in the worker: a crash, a leak or a killed child leaves it as it was, and a worker that is
-killed takes its child with it. It returns a sentence, so that no result is lost with it.
+None of the work happens in the worker: a crash, a leak or a killed child does not affect it, and a killed worker takes
+its child with it. It returns only a sentence, so that no result is lost with it.
 
-The work, a pickled call, comes on the standard input of the child: whoever may hand dask a job may run anything on its
-workers, with or without this. Nothing is unpickled from a disk, and results are the files that the work writes. The
-input stays open as long as the process that asked for the work lives. When that one is killed, the input ends, and the
-work is stopped as by a signal, so that what it stored is kept and can be resumed elsewhere.
+The work, a pickled call, comes on the child's standard input. (Anyone who may submit a job to dask can run anything on
+its workers anyway.) Nothing is unpickled from a disk, and results are the files that the work writes. The input stays
+open as long as the requesting process lives. When that is killed, the input ends, and the work is stopped as by a
+signal, so that its stored state is kept and can be resumed elsewhere.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from typing import Any, Final
 
 KERNELS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
-"""One core per child: as many run at once as there are workers."""
+"""One core per child: as many children as workers run at once."""
 
 STOP_S: Final = 15.0  # for a child to end by itself; longer than ``ABANDONED_STOP_S``
 ABANDONED_STOP_S: Final = 10.0  # to remove half-written files, and for a kernel to return
-ABANDONED: Final = 143  # as of SIGTERM
+ABANDONED: Final = 143  # exit code, as of SIGTERM
 TAIL_BYTES: Final = 4096
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a job ended: why not, None where it was done; how long it took."""
+    """The outcome of a job: why it failed, None where it was done; its duration."""
 
     name: str
     why: str | None = None
@@ -49,9 +49,9 @@ _stopped: set[str] = set()
 
 
 def run_apart(name: str, work: bytes, log: str | None, group: str) -> Outcome:
-    """Does a pickled call in a child process with one thread.
+    """Run a pickled call in a child process with one thread.
 
-    log: the file that its output is added to, None to keep none. group: of the jobs that are stopped together.
+    log: the file to which its output is appended, None to discard it. group: jobs that are stopped together.
     """
     begin = time.monotonic()
     with TemporaryDirectory(prefix="anchorpose-") as folder:
@@ -70,7 +70,7 @@ def run_apart(name: str, work: bytes, log: str | None, group: str) -> Outcome:
 
 @contextmanager
 def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
-    """The started process, in a session of its own: Ctrl+C in a terminal reaches the first process only."""
+    """Yield the started process, in its own session: Ctrl+C in a terminal reaches the first process only."""
     if group in _stopped:
         yield None
         return
@@ -93,7 +93,7 @@ def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
 
 
 def stop_children(group: str) -> None:
-    """Stops the children of a group on this worker and waits for them; none of it starts here any more."""
+    """Stop the children of a group on this worker and wait for them; no child of the group starts here any more."""
     _stopped.add(group)
     children = tuple(_running.get(group, ()))
     for process in children:
@@ -112,7 +112,7 @@ def _why(code: int, output: Path) -> str:
 
 
 def _last_line(output: Path) -> str:
-    """The last line with text, which is the sentence that a refused piece of work ends with."""
+    """Return the last line with text, which is the sentence that a refused job ends with."""
     with output.open("rb") as stream:
         stream.seek(max(output.stat().st_size - TAIL_BYTES, 0))
         lines = stream.read().decode("utf-8", errors="replace").splitlines()
@@ -120,14 +120,14 @@ def _last_line(output: Path) -> str:
 
 
 def do_work() -> int:
-    """Does the work that the standard input has, in the child, and returns the exit code."""
+    """Run the call from standard input, in the child, and return the exit code."""
     from anchorpose.cli import exit_code_of
 
     call = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_stop_when_abandoned, daemon=True).start()
 
     def work() -> None:
-        call()  # what it returns is no exit code
+        call()  # its return value is no exit code
 
     return exit_code_of(work)
 

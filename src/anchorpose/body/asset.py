@@ -33,22 +33,22 @@ JOINT_BONES = {
     "AnkleRight": "RightFoot",
     "FootRight": "RightToeBase",
 }
-"""The bone whose head is the joint; for ``Head`` it is the middle of the bone."""
+"""The bone whose head is the joint; the joint ``Head`` is the middle of its bone."""
 
 ADULT_COMPONENTS = 16
-"""The first statistical components: those of adults alone."""
+"""Number of the statistical components that describe adults; they come first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyAsset:
     """Linear shape space over a skinned mesh. Axes X forward, Y up, Z to the body's right; metres; rest pose.
 
-    vertices (v, 3), vertex_basis (k, v, 3): skin of the mean adult and what one standard deviation of each shape
-    coefficient adds. bone_heads, bone_tails (b, 3) and their bases (k, b, 3): the skeleton, moved by the same
-    coefficients. bone_parents (b,) int, -1 for the root; parents stand before children. skin_bones, skin_weights
-    (v, w): linear blend skinning, rows sum to 1. faces (f, 3) int32, counter-clockwise from outside.
-    adult_sigma (c,): standard deviations of adults' statistical coefficients, whose mean is 0; child_mean (c,) and
-    child_covariance (c, c): of children of 0.95 to 1.60 m.
+    vertices (v, 3), vertex_basis (k, v, 3): skin of the mean adult, and the change by one standard deviation of each
+    shape coefficient. bone_heads, bone_tails (b, 3) and their bases (k, b, 3): the skeleton, moved by the same
+    coefficients. bone_parents (b,) int, -1 for the root; parents stand before children. skin_bones, skin_weights (v,
+    w): linear blend skinning, rows sum to 1. faces (f, 3) int32, counter-clockwise from outside. adult_sigma (c,):
+    standard deviations of adults' statistical coefficients, whose mean is 0; child_mean (c,) and child_covariance (c,
+    c): the coefficients of children of 0.95 to 1.60 m.
     """
 
     vertices: np.ndarray
@@ -65,34 +65,34 @@ class BodyAsset:
     adult_sigma: np.ndarray
     child_mean: np.ndarray
     child_covariance: np.ndarray
-    own_names: tuple[str, ...] = ()  # of the last directions: single segments (``segments``)
+    own_names: tuple[str, ...] = ()  # names of the last directions, single segments (``segments``)
 
     @property
     def shape_count(self) -> int:
-        """Number of shape coefficients."""
+        """Return the number of shape coefficients."""
         return len(self.vertex_basis)
 
     @property
     def common_count(self) -> int:
-        """Number of statistical components: they come first, and move the whole body, left equal to right."""
+        """Return the number of statistical components: they come first, and change the whole body symmetrically."""
         return len(self.vertex_basis) - len(self.own_names)
 
     def bone(self, name: str) -> int:
-        """Index of a bone."""
+        """Return the index of a bone."""
         return self.bone_names.index(name)
 
     def own_row(self, name: str) -> int:
-        """Index among all shape coefficients of a direction of a person's own, by its name in ``own_names``."""
+        """Return the index of a direction in ``own_names`` among all shape coefficients."""
         return self.common_count + self.own_names.index(name)
 
     def main_bone(self) -> np.ndarray:
-        """(v,) int: the bone that moves each vertex most; the vertex's body part."""
+        """Return (v,) int: the bone that moves each vertex most, which is the vertex's body part."""
         return self.skin_bones[np.arange(len(self.skin_bones)), self.skin_weights.argmax(axis=1)]
 
 
 @cache
 def stored_asset() -> BodyAsset:
-    """The asset that ships with the package: its statistical components alone."""
+    """Return the asset that ships with the package, with its statistical components only."""
     with resources.files("anchorpose.body").joinpath("data/body.npz").open("rb") as stream, np.load(stream) as stored:
         weights = stored["skin_weights"].astype(np.float64)
         return BodyAsset(
@@ -115,7 +115,7 @@ def stored_asset() -> BodyAsset:
 
 @cache
 def joint_bones(asset: BodyAsset) -> np.ndarray:
-    """(21,) int, read only: the bone that carries each joint, in the order of ``JOINT_NAMES``."""
+    """Return (21,) int, read only: the bone that carries each joint, in the order of ``JOINT_NAMES``."""
     bones = np.array([asset.bone(JOINT_BONES[name]) for name in JOINT_NAMES])
     bones.setflags(write=False)
     return bones

@@ -1,4 +1,4 @@
-"""State what is known of a pose: the pose, its covariance, and how it becomes uncertain while time passes."""
+"""Describe the belief in a pose: the pose, its covariance, and how it becomes uncertain with time."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from anchorpose.body.joint_ranges import turns_together
 from anchorpose.body.pose import DEGREE, LIMB_OF_BONES, POSE_SIZE, SEGMENT_OF_BONES, TRUNK, Pose
 from anchorpose.body.segments import load_body_asset
 
-UNSEEN_S: Final = 4.0  # a limb that was not where it was expected is as uncertain as one unseen for so long
+UNSEEN_S: Final = 4.0  # s; a limb that was not at its expected place is as uncertain as one unseen for this time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
     """How fast a prediction becomes uncertain: a random walk about the predicted motion.
 
-    turn_sigma, radians, and root_sigma_m: standard deviations after one second of each bone's turn and of the root.
+    turn_sigma, radians, and root_sigma_m: standard deviations of each bone's turn and of the root after one second.
     """
 
     turn_sigma: float
     root_sigma_m: float
 
     def variance(self, elapsed_s: float) -> np.ndarray:
-        """(POSE_SIZE,) that a prediction gains over a time."""
+        """Return the variance (POSE_SIZE,) that a prediction gains over a time."""
         variance = np.full(POSE_SIZE, self.turn_sigma**2 * elapsed_s)
         variance[-3:] = self.root_sigma_m**2 * elapsed_s
         return variance
 
 
 PATIENT_PACE: Final = Pace(turn_sigma=15.0 * DEGREE, root_sigma_m=0.08)
-"""In 1/15 s a predicted limb strays by 4 degrees and a predicted trunk by 2 cm."""
+"""Pace of the patient: in 1/15 s a predicted limb strays by 4 degrees and a predicted trunk by 2 cm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseBelief:
     """A pose and its uncertainty, in the parameters of ``Pose.moved``.
 
-    covariance (POSE_SIZE, POSE_SIZE): of the pose, all knowledge together. information (POSE_SIZE, POSE_SIZE): of what
-    was seen so far, without the joint range, which every frame adds again and which must not count twice.
+    covariance (POSE_SIZE, POSE_SIZE): the pose's, from all knowledge. information (POSE_SIZE, POSE_SIZE): from all
+    observations so far, without the joint range, which every frame adds again and which must not count twice.
     """
 
     pose: Pose
@@ -48,13 +48,13 @@ class PoseBelief:
     information: np.ndarray
 
     def later(self, pose: Pose, elapsed_s: float, pace: Pace = PATIENT_PACE) -> PoseBelief:
-        """The belief in a predicted pose: what is not seen becomes more uncertain with time."""
+        """Return the belief in a predicted pose: unseen parts become more uncertain with time."""
         return self.grown(pose, pace.variance(elapsed_s))
 
     def grown(self, pose: Pose, variance: np.ndarray) -> PoseBelief:
-        """The belief in another pose, with an additional variance (POSE_SIZE,) of each parameter.
+        """Return the belief in another pose, with more variance (POSE_SIZE,) of each parameter.
 
-        Joints move together as they bend together: a hidden knee follows the hip that is seen to bend.
+        The added variance is correlated as joints bend together: a hidden knee follows a hip that is seen to bend.
         """
         sigma = np.sqrt(variance)
         growth = sigma[:, None] * turns_together(load_body_asset()) * sigma

@@ -1,4 +1,4 @@
-"""Settings of the body: how it is registered and learnt, and when a joint counts as seen."""
+"""Hold the settings of the body: how it is registered and learnt, and when a joint counts as seen."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Source(StrEnum):
 
 @settings
 class RegistrationConfig:
-    """How the body is registered to one frame."""
+    """Settings of the body's registration to one frame."""
 
     reaches_m: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.12, 0.10, 0.07, 0.06)
     """Metres, one per step: within this distance a node pulls the skin. It begins with the prediction error of a fast
@@ -40,18 +40,18 @@ class RegistrationConfig:
 
 @settings
 class LearningConfig:
-    """How much of the recording the shape is learnt from."""
+    """Settings of how the shape is learnt, and from how much of the recording."""
 
     own_shape: bool = True  # False: no shape is learnt; the body is the mean adult of the given or seen height
     window_s: Positive = 4.0  # s, learnt from at once; a patient moves enough in it to show where the limbs turn
-    longest_s: Positive = 30.0  # s, all parts together; more changes nothing, and every second is tracked twice
+    longest_s: Positive = 30.0  # s, all stretches together; more changes nothing, and every second is tracked twice
     frame_count: Count = 12  # frames of the first window that the fit uses; more frames repeat the evidence
     height_sigma_m: Positive = 0.01  # m; error of a measured height: shoes or none, morning or evening
 
 
 @settings
 class VisibilityConfig:
-    """When skin counts as seen."""
+    """Settings of when skin counts as seen."""
 
     reach_m: Positive = 0.04  # m between skin and reading; clothes, sensor and pose error together reach this
 

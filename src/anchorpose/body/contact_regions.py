@@ -113,7 +113,7 @@ def find_nearness(
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> Nearness:
-    """Distances from the posed skin to what is seen of all others, and to theirs that is remembered."""
+    """Return the distances from the posed skin to the seen skin of all other people, and to their remembered skin."""
     others, shown = memory.without_patient, seen_skin(posed, views, cameras, config)
     person, point, distance, remembered = [], [], [], []
     for label in np.flatnonzero(np.bincount(others.owner)).tolist():
@@ -145,17 +145,18 @@ def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
 SIDES = ("Left", "Right")
 PLACES: Final = 6  # skin points that hold a foot: its place and its rotation
 STILL_S: Final = 0.4  # seen standing for this long: longer than the sole is flat on the floor during a step
-STILL_M: Final = 0.03  # distance within which it stays meanwhile: the noise of a visible ankle
-SIGMA_M: Final = 0.02  # of its place when it goes out of sight
-DRIFT_M_S: Final = 0.05  # growth of that while unseen: a small step in two seconds
-ON_FLOOR_M: Final = 0.10  # of the sole of a foot that stands: a hidden one's place is as uncertain
+STILL_M: Final = 0.03  # m; while standing the foot stays within it: the noise of a visible ankle
+SIGMA_M: Final = 0.02  # uncertainty of the foot's place when it goes out of sight
+DRIFT_M_S: Final = 0.05  # growth of this uncertainty while unseen: a small step in two seconds
+ON_FLOOR_M: Final = 0.10  # height of a standing foot's sole above the floor: the place of a hidden foot is as uncertain
 DOUBT_M: Final = 0.10  # a knee that is seen to move farther takes the foot with it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stand:
-    """places_m (k, 3): of the foot's skin points, ankle_m (3,), world; since_s: when it was last known to be there;
-    seen: whether it was seen there, or only believed to be."""
+    """The place where a foot stands. places_m (k, 3): of its skin points, ankle_m (3,), world; since_s: when it was
+    last known to be there; seen: whether it was seen there, or is only assumed to be.
+    """
 
     places_m: np.ndarray
     ankle_m: np.ndarray
@@ -164,7 +165,7 @@ class _Stand:
 
 
 class StandingFeet:
-    """Where each foot stands: where it was last seen to, or where it is believed to; time may run backwards."""
+    """The place where each foot stands, as last seen or as assumed; time may run backwards."""
 
     _skin: dict[str, np.ndarray]
     _recent: dict[str, deque[tuple[float, np.ndarray]]]
@@ -217,7 +218,7 @@ class StandingFeet:
     def _believe(
         self, side: str, skin_m: np.ndarray, ankle_m: np.ndarray, time_s: float, floor_m: float | None
     ) -> None:
-        """A foot that nothing shows stands where the body has it, if that is on the floor."""
+        """Assume that a foot which nothing shows stands where the body has it, if that is on the floor."""
         places_m = skin_m[self._skin[side]]
         if floor_m is not None and places_m[:, 1].min() < floor_m + ON_FLOOR_M:
             self._stand[side] = _Stand(places_m, ankle_m, time_s, seen=False)
@@ -232,7 +233,7 @@ class StandingFeet:
                 self._recent[side].clear()
 
     def rows(self, time_s: float) -> Constraints:
-        """What holds the feet in a frame; none of feet that do not stand."""
+        """Return constraints that hold the standing feet in a frame; none for a foot that does not stand."""
         held = []
         for side, stand in self._stand.items():
             sigma_m = SIGMA_M + DRIFT_M_S * abs(time_s - stand.since_s)

@@ -13,13 +13,15 @@ from anchorpose.body.skin_points import SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 
-NEAR_M: Final = 0.12  # gaps up to here are kept: a hand's length less the wrist, far beyond every gap that decides
-MODEL_SIGMA_M: Final = 0.005  # of the equipment's surface: docs/guide/equipment.md asks for a tape measure's centimetre
+NEAR_M: Final = 0.12  # m; larger gaps are dropped: a hand's length, far beyond every gap that decides a contact
+# m, error of the equipment's surface: docs/guide/equipment.md asks for a tape measure's centimetre
+MODEL_SIGMA_M: Final = 0.005
 SAMPLING_M: Final = 0.005
-"""By how much the nearest of the skin points is farther from a part than the skin between them: the mean over hands,
-arms, thighs and pelvis of two simulated clinics (seeds 52001 and 52002), where single regions had -2 to 9 mm."""
+"""Metres by which the nearest skin point is farther from a part than the continuous skin: the mean over hands, arms,
+thighs and pelvis of two simulated clinics (seeds 52001 and 52002), where single regions had -2 to 9 mm.
+"""
 
-FEET: Final = ("foot_left", "foot_right")  # they stand on the floor and on what lies on it, which is no contact
+FEET: Final = ("foot_left", "foot_right")  # feet stand on the floor and on objects on it, which is no contact
 
 _ENDS: Final = {
     "head": ("Head",),
@@ -34,7 +36,7 @@ _ENDS: Final = {
     "knee": ("Knee",),
     "shank": ("Knee", "Ankle"),
 }
-"""The joints that say where the skin of a region is: its skin is as uncertain as the less certain of them."""
+"""The joints that determine where a region's skin is: it is as uncertain as the less certain of them."""
 
 
 def _joints_of(region: str) -> list[int]:
@@ -49,12 +51,12 @@ REGION_JOINTS: Final = {region: _joints_of(region) for region in REGIONS if regi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentGaps:
-    """Pairs of a part of the equipment and a region of the body within ``NEAR_M`` of it, sorted by part, then region.
+    """Pairs of an equipment part and a body region within ``NEAR_M`` of it, sorted by part, then region.
 
     part (n,) int16: index into the parts of the model; region (n,) uint8: index into ``REGIONS``. gap_m (n,) float32:
-    least distance of the region's skin to the part's surface, negative inside of it; sigma_m (n,) float32: one standard
-    deviation of that. area_m2 (n,) float32: the region's skin within reach of the part; shown (n,) float32: of that
-    skin, as far as it faces a camera, the share that is seen, 0 where none faces one.
+    least distance of the region's skin to the part's surface, negative inside of it; sigma_m (n,) float32: standard
+    deviation of the gap. area_m2 (n,) float32: area of the region's skin within reach of the part; shown (n,) float32:
+    seen share of the part of that skin that faces a camera, 0 where none does.
     """
 
     part: np.ndarray
@@ -67,7 +69,9 @@ class EquipmentGaps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownSkin:
-    """faces, seen (p,) bool: skin points that face some camera, and that some camera sees."""
+    """Visibility of the skin points. faces, seen (p,) bool: points that face some camera, and points that some camera
+    sees.
+    """
 
     faces: np.ndarray
     seen: np.ndarray
@@ -84,8 +88,8 @@ def find_equipment_gaps(
     """Return the gaps of one frame.
 
     skin_m (p, 3): the posed skin points, in the frame of the equipment, which is the world. joint_sigma_m (21,): NaN
-    where a joint is lost, and then nothing is known of its regions. reach_m: skin within this distance of a part counts
-    as touching it, or as close enough to show that it does.
+    where a joint is lost; its regions then have no gaps. reach_m: skin within this distance of a part counts as
+    touching it, or as evidence of a touch.
     """
     region, sigma_m = region_of_points(points), region_sigma(joint_sigma_m)
     known = np.flatnonzero(np.isfinite(sigma_m)[region])
@@ -105,9 +109,10 @@ def find_equipment_gaps(
 
 
 def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Part, region and gap (k,) of each region near it, and how many of its points are in each row of ``counted``.
+    """Return part, region and gap (k,) of each region near a part, and how many of its points each row of ``counted``
+    has.
 
-    distance_m, region (n,): of the skin points around the part; counted (3, n) bool. The last is (3, k).
+    distance_m, region (n,): the skin points around the part; counted (3, n) bool. The last array returned is (3, k).
     """
     least = np.full(len(REGIONS), np.inf)
     np.minimum.at(least, region, distance_m)
@@ -117,7 +122,7 @@ def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.
 
 
 def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-    """(p,) bool: points in a box; an axis at a time, which takes half of the time of all at once."""
+    """Return (p,) bool: points in a box. Testing one axis at a time takes half of the time."""
     inside = (skin_m[:, 0] > low_m[0]) & (skin_m[:, 0] < high_m[0])
     for axis in (1, 2):
         inside &= (skin_m[:, axis] > low_m[axis]) & (skin_m[:, axis] < high_m[axis])
@@ -125,9 +130,9 @@ def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.nda
 
 
 def region_sigma(joint_sigma_m: np.ndarray) -> np.ndarray:
-    """(regions,) one standard deviation of where each region's skin is against the equipment; NaN where unknown.
+    """Return the standard deviation (regions,) of each region's skin relative to the equipment; NaN where unknown.
 
-    joint_sigma_m (21,), NaN where lost. The feet have none: see ``FEET``.
+    joint_sigma_m (21,), NaN where lost. Feet are left out, see ``FEET``.
     """
     variance = joint_sigma_m**2
     sigma = [variance[REGION_JOINTS[name]].max() if name in REGION_JOINTS else np.nan for name in REGIONS]

@@ -1,4 +1,4 @@
-"""What constrains a pose in one frame: the surface, the outlines, and that limbs stay out of the trunk."""
+"""Gather what constrains a pose in one frame: the surface, the outlines, and that body parts do not intersect."""
 
 from __future__ import annotations
 
@@ -21,29 +21,31 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
 
-OUTLINE_SIGMA_M: Final = 0.020  # one to two pixels at 2.5 m, edges flicker
-THICK_PX: Final = 5  # what hides a limb is wider; a silhouette's rim of lost readings is thinner
+OUTLINE_SIGMA_M: Final = 0.020  # m, error of an outline: one to two pixels at 2.5 m, since edges flicker
+THICK_PX: Final = 5  # pixels; an object that hides a limb is wider, a silhouette's rim of lost readings is thinner
 
 _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint")
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
 _FOOT: Final = ("Foot", "ToeBase")
 _SHANK: Final = ("Leg", *_FOOT)
-_FLESH_M: Final = 0.03  # below the skin: half of a shank's thickness
-_DEEPEST_M: Final = 0.15  # half a trunk: farther in, the nearest skin is no longer the way out
-_ALLOWED_M: Final = 0.01  # soft tissue gives
-_ALLOWED_FLOOR_M: Final = 0.03  # the floor's own error at the patient's place, and the soles of rough bodies
+_FLESH_M: Final = 0.03  # depth below the skin that must stay outside of the other shank: half of a shank's thickness
+_DEEPEST_M: Final = 0.15  # half a trunk's thickness: for deeper points the nearest skin is not the way out
+_ALLOWED_M: Final = 0.01  # depth to which soft tissue gives
+_ALLOWED_FLOOR_M: Final = 0.03  # error of the floor's height at the patient's place, and of the soles of rough bodies
 _SIGMA_M: Final = 0.01
-_STANDING_M: Final = 0.14  # with the next: 95 of 100 feet in rehabilitation stand, so that one in the air costs 6 nats
-_IN_THE_AIR_M: Final = 0.5  # above the floor: what a raised foot costs grows little from here on
+_STANDING_M: Final = (
+    0.14  # m, sigma of a foot's height; 95 of 100 feet in rehabilitation stand, so that a raised foot costs 6 nats
+)
+_IN_THE_AIR_M: Final = 0.5  # m above the floor from where the cost of a raised foot grows little
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
     """A person's nodes, and every camera's labelled depth frame with the person's outline in it.
 
-    surface: with edges where it is the whole seen surface; evidence needs its nodes only. views and outlines: None for
-    a camera without a frame; outlines also where the person is not in the image. floor_m: height of the floor, None
-    where it is unknown. label: the person's, of the pixels.
+    surface: with edges if it is the whole seen surface; evidence needs only its nodes. views and outlines: None for a
+    camera without a frame; outlines also where the person is not in the image. floor_m: height of the floor, None where
+    unknown. label: the person's pixel label.
     """
 
     surface: Nodes | Surface
@@ -57,7 +59,7 @@ class Evidence:
 def gather_evidence(
     surface: Nodes, views: Sequence[View | None], cameras: Sequence[Camera], floor_m: float | None = None
 ) -> Evidence:
-    """Evidence of one frame; outlines are found once."""
+    """Return the evidence of one frame, with its outlines computed once."""
     outlines = tuple(each(lambda view: None if view is None else find_outline(view), views))
     return Evidence(surface, tuple(views), outlines, tuple(cameras), floor_m)
 
@@ -65,7 +67,9 @@ def gather_evidence(
 def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Every node to the skin, skin that should be seen to the outline, limbs out of the trunk, feet on the floor."""
+    """Return all constraint rows: nodes pull the skin, unseen skin is pulled to the outline, limbs stay out of the
+    trunk, feet stand on the floor.
+    """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
     rows.append(separation_rows(body, posed))
@@ -79,11 +83,12 @@ def evidence_rows(
 
 
 def find_outline(view: View) -> np.ndarray | None:
-    """(height, width) bool: where the patient is in a view, or may be unseen; None where the patient is not in it.
+    """Return (height, width) bool: pixels where the patient is or may be unseen; None if the patient is not in the
+    view.
 
-    The patient may be where they are seen, behind equipment, where nothing was read, and behind another person in front
-    of them. Only background, and another person behind them, show that they are not there; and the thin rim of lost and
-    flying readings along every silhouette shows no more than the background beside it.
+    The patient may be where they are seen, behind equipment, at pixels without reading, and behind another person. Only
+    background, or another person behind them, excludes them. The thin rim of lost and flying readings along every
+    silhouette counts as the background beside it.
     """
     import cv2
 
@@ -101,11 +106,11 @@ def find_outline(view: View) -> np.ndarray | None:
 def outline_constraints(
     posed: PosedPoints, view: View, outline: np.ndarray, camera: Camera, reach_m: float
 ) -> Constraints:
-    """Skin that should be seen but is not is pulled to the patient's outline: model to data.
+    """Return rows that pull skin which should be seen, but is not, to the patient's outline: model to data.
 
     A skin point in front of background (without a reading where the room was removed) or in front of another person
     cannot be there; it is moved across the ray to the nearest pixel where the patient is or may be. Pixels without
-    reading, and what equipment hides, give no row.
+    reading and pixels of equipment give no row.
     """
     point, target, direction = _stray_rows(
         posed.points_m, projection_of(camera), view.labels, view.depth_m, outline, camera.pixel_rays(), reach_m
@@ -123,7 +128,7 @@ def _stray_rows(
     rays: np.ndarray,
     reach: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Point, target and unit direction of the row of each stray point within three reaches of where it may be."""
+    """Return point, target and unit direction for each stray point within three reaches of a possible place."""
     column, row, distance = pixels_of(points, projection, labels.shape[0], labels.shape[1])
     T_world_camera, focal_px = projection.T_world_camera, max(projection.lens[0], projection.lens[1])
     kept, count = np.empty(len(points), np.int64), 0
@@ -154,7 +159,7 @@ def _stray_rows(
 
 @njit(cache=True, nogil=True)
 def _stray(label: int, depth: float, farthest: float) -> bool:
-    """Whether a pixel shows the room, or another person, beyond the farthest depth that the skin may have."""
+    """Return whether a pixel shows the room, or another person, behind the farthest depth that the skin may have."""
     if label != PixelLabel.BACKGROUND and label < PixelLabel.OTHER_PERSON:
         return False
     return depth <= 0.0 or depth > farthest
@@ -162,7 +167,7 @@ def _stray(label: int, depth: float, farthest: float) -> bool:
 
 @njit(cache=True, nogil=True)
 def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int) -> tuple[int, int]:
-    """Row and column of the nearest True pixel no more than reach_px rows and columns off; -1, -1 without one."""
+    """Return row and column of the nearest True pixel at most reach_px rows and columns away; -1, -1 without one."""
     height, width = possible.shape
     best, best_row, best_column = np.inf, -1, -1
     for ring in range(reach_px + 1):
@@ -181,7 +186,7 @@ def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int)
 
 @cache
 def trunk_and_arms(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the skin points on the trunk, and of those on forearms and hands."""
+    """Return the indices of the skin points on the trunk, and of those on forearms and hands."""
     names = np.array(points.asset.bone_names)[points.part]
     trunk = np.flatnonzero(np.isin(names, _TRUNK))
     arms = np.flatnonzero([str(name).endswith(_LIMBS) for name in names])
@@ -190,24 +195,26 @@ def trunk_and_arms(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def shanks(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the skin points on the left shank and foot, and on the right ones."""
+    """Return the indices of the skin points on the left shank and foot, and on the right ones."""
     names = np.array(points.asset.bone_names)[points.part]
     left, right = (np.flatnonzero(np.isin(names, [f"{side}{part}" for part in _SHANK])) for side in ("Left", "Right"))
     return left, right
 
 
 def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
-    """Rows for what of a person lies in another part, towards the nearest skin of that part.
+    """Return rows that push body parts out of each other, towards the nearest skin of the other part.
 
-    One for each point of a forearm or hand inside the trunk, and for each of the left shank and foot of which the flesh
-    below lies inside the right one: two that explain the same surface have the same skin.
+    There is a row for each point of a forearm or hand inside the trunk, and for each point of the left shank and foot
+    whose flesh lies inside the right shank. (Two shanks that explain the same surface share the same skin.)
     """
     (trunk, arms), (left, right) = trunk_and_arms(body.points), shanks(body.points)
     return join([_pushed_out(body, posed, arms, trunk, 0.0), _pushed_out(body, posed, left, right, _FLESH_M)])
 
 
 def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarray, below_m: float) -> Constraints:
-    """Rows of a limb's points that lie inside a part; below_m: how far below the limb's skin that is asked."""
+    """Return rows for the points of a limb that lie inside a part; below_m: depth below the limb's skin that is
+    tested.
+    """
     if body.shape.missing:
         limb = limb[~missing_points(body.points.asset, body.points.part[limb], body.shape.missing)]
     shift_m = below_m * posed.normals
@@ -220,7 +227,7 @@ def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarr
 
 
 def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
-    """One row for each skin point below the floor (a height), upwards. Nobody stands deeper than carpets give."""
+    """Return a row for each skin point below the floor height, upwards. Nobody stands deeper than carpets give."""
     below = np.flatnonzero(posed.points_m[:, 1] < floor_m - _ALLOWED_FLOOR_M)
     target = posed.points_m[below].copy()
     target[:, 1] = floor_m - _ALLOWED_FLOOR_M
@@ -229,8 +236,9 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
 
 
 def standing_rows(body: Body, posed: PosedPoints, floor_m: float, rows_per_observation: float) -> Constraints:
-    """One row for each foot, from its lowest skin to the floor: it counts as one observation, and little where a foot
-    is in the air. Where nothing shows a leg, it stands or sits as others do."""
+    """Return a row for each foot, from its lowest skin to the floor. It counts as one observation, and little for a
+    raised foot. A leg that nothing shows then stands or sits as others do.
+    """
     feet = [_lowest(posed, foot) for foot in _feet(body.points, body.shape.missing) if len(foot)]
     target = posed.points_m[feet].copy()
     target[:, 1] = floor_m
@@ -246,7 +254,7 @@ def _lowest(posed: PosedPoints, of: np.ndarray) -> int:
 
 @cache
 def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the skin points on the left foot and on the right one; none of one that is missing."""
+    """Return the indices of the skin points on the left and the right foot; none for a missing foot."""
     names = np.array(points.asset.bone_names)[points.part]
     there = ~missing_points(points.asset, points.part, missing)
     left, right = (
@@ -259,8 +267,9 @@ def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.
 def _nearest(
     asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which arm points (places ``asked``) have trunk skin nearer than the deepest a limb may be, and the nearest of it;
-    rows of both."""
+    """Return the ``asked`` arm points with trunk skin nearer than the greatest depth, and the nearest trunk skin of
+    each; rows of both.
+    """
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for t in range(len(trunk)):

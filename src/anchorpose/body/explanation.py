@@ -1,4 +1,4 @@
-"""Measure how well a pose explains a frame, from its depth images alone: a prediction has no part in it.
+"""Measure how well a pose explains a frame, from its depth images alone; predictions are not used.
 
 Two things show that a limb is elsewhere: seen skin of the patient that no part of the body covers, and skin of the body
 in front of something that a camera sees. The first is an area, the second a share of each limb.
@@ -23,19 +23,20 @@ from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import View
 
-COVERED_M: Final = 0.06  # clothes, the spacing of skin points and half a forearm: a node farther off is not covered
-NODES: Final = 2500  # as many as registration takes
-LEAST_FACING: Final = 8  # skin points: of fewer the share says nothing
+# m from node to skin; beyond it a node is not covered: clothes, point spacing and half a forearm
+COVERED_M: Final = 0.06
+NODES: Final = 2500  # nodes that are compared, as many as registration uses
+LEAST_FACING: Final = 8  # skin points; a share of fewer points is not reliable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
-    """How well one pose explains one frame.
+    """The measures of how well one pose explains one frame.
 
-    covered (c,), node (u,) int: nodes of the surface that skin covers, and that none does, of every ``thinned``-th.
-    uncovered_m2: the latter's area, in the camera that sees most of it. seen_past (PARTS,): share of each limb's skin
-    turned to a camera that the camera sees past, in the camera where it is largest; NaN where too little of it is in
-    any view. covering (p,) bool: skin points that cover a node.
+    covered (c,), node (u,) int: covered and uncovered nodes of the surface, of every ``thinned``-th. uncovered_m2: area
+    of the uncovered ones, in the camera that sees most of it. seen_past (PARTS,): share of each limb's camera-facing
+    skin that a camera sees past, in the camera where it is largest; NaN where too little of it is in view. covering
+    (p,) bool: skin points that cover a node.
     """
 
     covered: np.ndarray
@@ -46,9 +47,9 @@ class Explanation:
     covering: np.ndarray
 
 
-@lru_cache(maxsize=2)  # the frame's estimate asks for what registration was judged by
+@lru_cache(maxsize=2)  # registration and the frame's estimate need the same explanation
 def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Explanation:
-    """Compare a posed body with what the cameras show."""
+    """Compare a posed body with the depth images."""
     chosen = thin(len(evidence.surface), NODES)
     nearest = nearest_point(posed.points_m, evidence.surface.points_m[chosen].astype(np.float64), COVERED_M)
     bare = chosen[nearest < 0]
@@ -62,7 +63,9 @@ def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Expla
 
 
 def node_area_m2(evidence: Evidence) -> np.ndarray:
-    """(c,) square metres that one node of each camera stands for, as if the skin faced the camera; 0 without nodes."""
+    """Return the area (c,), m2, that one node of each camera stands for, as if skin faced the camera; 0 without
+    nodes.
+    """
     area = np.zeros(len(evidence.cameras))
     count = np.bincount(evidence.surface.camera, minlength=len(area))
     for number, (view, camera) in enumerate(zip(evidence.views, evidence.cameras, strict=True)):
@@ -76,7 +79,9 @@ def node_area_m2(evidence: Evidence) -> np.ndarray:
 def seen_past(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """(PARTS,) as in ``Explanation``: what hides a limb says nothing about it, what is seen behind it does."""
+    """Return the shares (PARTS,) seen past, as in ``Explanation``: hidden skin does not count, only skin with a farther
+    reading does.
+    """
     most = np.full(PARTS, np.nan)
     for past, counted in _seen_past_counts(points, posed, views, cameras):
         most = np.fmax(most, np.where(counted >= LEAST_FACING, past / np.maximum(counted, 1), np.nan))
@@ -86,8 +91,9 @@ def seen_past(
 def seen_past_by_all(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """(PARTS,) the same share of each limb's skin in all cameras together: of a body whose direction is only roughly
-    right, the camera that shows its profile sees past more than the others."""
+    """Return the shares (PARTS,) seen past in all cameras together. If a body's direction is only roughly right, the
+    camera that shows its profile sees past more than the others.
+    """
     counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
     past, counted = np.sum(counts, axis=0)
     return np.where(counted >= LEAST_FACING, past / np.maximum(counted, 1), np.nan)
@@ -96,7 +102,7 @@ def seen_past_by_all(
 def _seen_past_counts(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """For each camera the skin points of each limb (PARTS,) that it sees past, and those that it may."""
+    """Yield, per camera, how many skin points of each limb (PARTS,) it sees past, and how many it could see past."""
     limb = limb_of_points(points)
     for view, camera in zip(views, cameras, strict=True):
         if view is None:
@@ -107,7 +113,7 @@ def _seen_past_counts(
 
 @njit(cache=True, nogil=True)
 def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points of each limb (PARTS,) that the camera sees past, and those that it may."""
+    """Return how many points of each limb (PARTS,) the camera sees past, and how many it could see past."""
     past, counted = np.zeros(PARTS, np.int64), np.zeros(PARTS, np.int64)
     for p in range(len(limb)):
         if facing[p] and reason[p] != SkinReason.OUTSIDE and reason[p] != SkinReason.HOLE:
@@ -118,18 +124,18 @@ def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tup
 
 @cache
 def limb_of_points(points: SkinPoints) -> np.ndarray:
-    """(p,) the limb of each skin point, as in ``LIMB_OF_BONES``; 0: trunk and head."""
+    """Return the limb (p,) of each skin point, as in ``LIMB_OF_BONES``; 0: trunk and head."""
     return np.asarray(LIMB_OF_BONES[_bone_of_points(points)])
 
 
 @cache
 def segment_of_points(points: SkinPoints) -> np.ndarray:
-    """(p,) the segment of each skin point, as in ``SEGMENT_OF_BONES``."""
+    """Return the segment (p,) of each skin point, as in ``SEGMENT_OF_BONES``."""
     return np.asarray(SEGMENT_OF_BONES[_bone_of_points(points)])
 
 
 def _bone_of_points(points: SkinPoints) -> np.ndarray:
-    """(p,) the row in ``MOVING_BONES`` of the bone that each skin point moves with."""
+    """Return (p,) the row in ``MOVING_BONES`` of the bone that moves each skin point."""
     found, parents = np.zeros(len(points.part), np.int64), points.asset.bone_parents
     row = {int(bone): number for number, bone in enumerate(points.moving)}
     for bone in np.unique(points.part):

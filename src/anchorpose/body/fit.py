@@ -19,17 +19,17 @@ from anchorpose.body.shape_rows import FreeShape, accumulate_shape
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.rotations import inverse_left_jacobian
 
-HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # how far past its limit a knee, elbow or hip may be estimated
-LEAST_OBSERVED: Final = 2.0  # observations of a part that is seen: one may be a stray
-MAX_TURN: Final = 30.0 * DEGREE  # of a bone in one step of the solver
+HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # sigma beyond the limit of a knee, elbow or hip
+LEAST_OBSERVED: Final = 2.0  # observations of a part to count as seen: a single one may be an outlier
+MAX_TURN: Final = 30.0 * DEGREE  # largest turn of a bone in one step of the solver
 
 Predicted = tuple[Pose, np.ndarray]
-"""A predicted pose and the information (POSE_SIZE, POSE_SIZE) it carries."""
+"""A predicted pose and its information (POSE_SIZE, POSE_SIZE)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """``hessian @ change = -gradient`` in pose, then shape; cost in units of one observation."""
+    """The system ``hessian @ change = -gradient`` in pose, then shape; cost in units of one observation."""
 
     hessian: np.ndarray
     gradient: np.ndarray
@@ -45,9 +45,9 @@ def pose_equations(
     rows_per_observation: float,
     free: FreeShape | None = None,
 ) -> NormalEquations:
-    """Normal equations of one frame: data and what is known without them; shape columns where asked for.
+    """Return the normal equations of one frame from its data and the prior, with shape columns if asked for.
 
-    prior: of the pose, as of ``prior_equations``.
+    prior: the pose's, from ``prior_equations``.
     """
     size = POSE_SIZE + (0 if free is None else sum(free))
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
@@ -67,7 +67,9 @@ def pose_equations(
 
 
 def hidden_bones(points: SkinPoints, rows: Constraints, rows_per_observation: float) -> tuple[int, ...]:
-    """Rows of ``MOVING_BONES`` of the limbs, up to elbow or knee and beyond, of which rows hardly show anything."""
+    """Return the rows of ``MOVING_BONES`` of the limbs, up to elbow or knee and beyond, that the constraint rows hardly
+    show.
+    """
     observed = np.bincount(segment_of_points(points)[rows.point], minlength=2 * PARTS) / rows_per_observation
     return _bones_of_segments(tuple((observed < LEAST_OBSERVED).tolist()))
 
@@ -80,7 +82,7 @@ def _bones_of_segments(hidden: tuple[bool, ...]) -> tuple[int, ...]:
 def prior_equations(
     points: SkinPoints, pose: Pose, predicted: Predicted | None, hidden: tuple[int, ...] | None = None
 ) -> NormalEquations:
-    """The joint range, the hinge limits and, where there is one, the prediction; hidden: as in ``joint_range``."""
+    """Return the equations of the joint range, the hinge limits and any prediction; hidden: as in ``joint_range``."""
     ranges = joint_range_at(points.asset, pose, hidden)
     hessian, gradient, cost = _range_equations(pose.rotation_vectors(points.moving), ranges, HINGE_LIMIT_SIGMA)
     if predicted is not None:
@@ -94,13 +96,13 @@ def prior_equations(
 
 
 def range_information(points: SkinPoints, pose: Pose, hidden: tuple[int, ...]) -> np.ndarray:
-    """(POSE_SIZE, POSE_SIZE) information of joint range and hinge limits alone at a pose."""
+    """Return the information (POSE_SIZE, POSE_SIZE) of joint range and hinge limits at a pose."""
     return prior_equations(points, pose, None, hidden).hessian
 
 
 @njit(cache=True, nogil=True)
 def _coupled(information: np.ndarray, m: int, n: int) -> bool:
-    """Whether anything couples two bones: not the root, nor bones that turn each for itself."""
+    """Return whether the information couples two bones: the root and independent bones are not coupled."""
     for i in range(3):
         for j in range(3):
             if information[m, i, n, j] != 0.0:
@@ -112,7 +114,8 @@ def _coupled(information: np.ndarray, m: int, n: int) -> bool:
 def _range_equations(
     vectors: np.ndarray, ranges: JointRange, hinge_limit_sigma: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Hessian, gradient and cost: squared deviations of the moving bones from their mean, and the square past limits.
+    """Return hessian, gradient and cost of the joint range: squared deviations of the moving bones from their mean, and
+    squared excess beyond limits.
 
     vectors (m, 3): the bones' rotation vectors, radians.
     """
@@ -157,9 +160,9 @@ def _range_equations(
 
 
 def solve_damped(equations: NormalEquations) -> np.ndarray:
-    """The Gauss-Newton change with a little of Marquardt's damping (doi:10.1137/0111030).
+    """Return the Gauss-Newton change with slight Marquardt damping (doi:10.1137/0111030).
 
-    What nothing was observed of stays as it is: the place of a body that is near no node.
+    Parameters without observations stay as they are, such as the place of a body that is near no node.
     """
     diagonal = np.diag(equations.hessian)
     hessian = equations.hessian + np.diag(np.where(diagonal == 0.0, 1.0, 1e-3 * diagonal))
@@ -170,7 +173,7 @@ def solve_damped(equations: NormalEquations) -> np.ndarray:
 
 
 def limited(change: np.ndarray) -> np.ndarray:
-    """The change, shortened so that no bone turns farther than one step may."""
+    """Return the change, shortened so that no bone turns farther than allowed in one step."""
     largest = np.abs(change[: POSE_SIZE - 3]).max()
     return change * min(1.0, MAX_TURN / largest) if largest > 0 else change
 
@@ -178,9 +181,9 @@ def limited(change: np.ndarray) -> np.ndarray:
 def damped_step(
     body: Body, pose: Pose, rows: Constraints, predicted: Predicted | None, rows_per_observation: float
 ) -> Pose:
-    """The pose after one Gauss-Newton step; without a prediction it may be far off.
+    """Return the pose after one Gauss-Newton step; without a prediction the pose may be far off.
 
-    Then rows may show another limb than the one that they pull, so that none counts as seen in ``joint_range``.
+    The rows may then come from another limb than the one that they pull, so no limb counts as seen in ``joint_range``.
     """
     hidden = None if predicted is None else hidden_bones(body.points, rows, rows_per_observation)
     prior = prior_equations(body.points, pose, predicted, hidden)

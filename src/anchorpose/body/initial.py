@@ -1,7 +1,7 @@
-"""The first pose and a first guess of the shape, from the learnt descriptor's matches and the surface; nobody clicks.
+"""Find the first pose and a first estimate of the shape from the learnt descriptor's matches and the surface.
 
-``find_first_pose`` is for the patient, whose shape is estimated with it; ``find_rough_pose`` is for people of whom
-nothing is known, on a body of given shape. The matches propose, the surface decides.
+``find_first_pose`` is for the patient, and estimates the shape too; ``find_rough_pose`` is for unknown people, with a
+body of given shape. The matches propose poses, the surface decides between them.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
 
 _REACHES_M: Final = (0.20, 0.20, 0.15, 0.15, 0.15, 0.12, 0.12, 0.12)
-"""Of each step from the matched pose onto the surface: matches are up to two decimetres off, at hands."""
+"""Reach in metres of each step from the matched pose onto the surface: matches of hands are up to 0.2 m off."""
 
-_RIGID_STEPS: Final = 2  # before the shape may change too: a wrong height would pull limbs into false places
+_RIGID_STEPS: Final = 2  # steps before the shape may change too: a wrong height would pull limbs to wrong places
 _ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstPose:
-    """The best of several bodies; log: how probable pose and shape are by the images and the prior, nats; facing: how
-    probable the facing is beforehand (``facing_nats``).
+    """The best of several bodies. log: log probability of pose and shape by the images and the prior, nats; facing:
+    prior log probability of the facing (``facing_nats``).
 
-    others: the person facing the other way, with the same body first, then with a body of its own.
+    others: the person facing the other way, first with the same body, then with a body fitted to that facing.
     """
 
     pose: Pose
@@ -45,20 +45,20 @@ class FirstPose:
 
     @property
     def shape(self) -> FittedShape:
-        """The body that was fitted."""
+        """Return the shape of the fitted body."""
         return self.belief.shape
 
     def ahead_of(self, turned: FirstPose) -> float:
-        """Return by how much it is likelier than the person facing the other way, believed nats."""
+        """Return how much likelier this pose is than the person facing the other way, believed nats."""
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstShape:
-    """What is known of the shape before the first pose.
+    """The knowledge of the shape before the first pose.
 
-    tried: the patient's learnt shape, or guesses that may still change where ``may_change``, each with what is known of
-    it beforehand: of an adult, or of a child.
+    tried: the patient's learnt shape, or first estimates (changed by the fit if ``may_change``), each with its prior
+    belief, an adult's or a child's.
     """
 
     tried: Sequence[ShapeBelief]
@@ -68,9 +68,9 @@ class FirstShape:
 def find_first_pose(
     evidence: Evidence, person: MatchedPerson, shape: FirstShape, config: RegistrationConfig
 ) -> FirstPose:
-    """Fit each body to the matches, settle it on the surface, and keep the most probable, and turn that round.
+    """Fit each body to the matches and the surface, keep the most probable, and also turn it round.
 
-    A learnt body was learnt with one facing: who faces the other way has another one.
+    A learnt body belongs to the facing it was learnt with; the other facing has another body.
     """
     found = [_fitted(evidence, person.matches, tried, person.pose, shape, config) for tried in shape.tried]
     number = max(range(len(found)), key=lambda k: found[k].log)
@@ -99,7 +99,7 @@ def _fitted(
 def _settle(
     pose: Pose, belief: ShapeBelief, evidence: Evidence, may_change: bool, config: RegistrationConfig
 ) -> FirstPose:
-    """The surface draws the body in, with less and less reach."""
+    """Register the body to the surface with decreasing reach."""
     shape, rows_per_observation = belief.shape, config.rows_per_observation
     body = build_body(body_points(), shape)
     for number, reach_m in enumerate(_REACHES_M):
@@ -116,7 +116,7 @@ def _settle(
 
 
 def find_rough_pose(body: Body, evidence: Evidence, person: MatchedPerson, config: RegistrationConfig) -> Pose:
-    """Return the pose by the matches after a few steps onto the surface."""
+    """Return the matched pose after a few registration steps onto the surface."""
     pose = fit_matches(body, person.matches, person.pose)
     for reach_m in _ROUGH_REACHES_M:
         rows = surface_constraints(pose_points(body, pose), evidence.surface, evidence.cameras, reach_m, config)

@@ -1,4 +1,4 @@
-"""From joint positions to poses: predicted joints (paper, Section IV), legs taken for each other, corrected joints."""
+"""Find poses from joint positions: predicted joints (paper, Section IV), exchanged legs, corrected joints."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from anchorpose.body.fit import limited, prior_equations
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 
-JOINT_SIGMA_M: Final = 0.01  # predicted joints are means of whole parts: closer than that they need not be met
-CONTRADICTED: Final = 3.8  # sigmas of both together: two in a thousand are farther off; then a wrong limb was seen
+JOINT_SIGMA_M: Final = 0.01  # m; predicted joints are means over whole parts and need not be met more exactly
+CONTRADICTED: Final = 3.8  # sigmas of both together: two in a thousand are farther off; beyond it a wrong limb was seen
 _STEPS: Final = 3
-_CORRECTION_STEPS: Final = 8  # a limb that was on the wrong side of the body has some way to go
+_CORRECTION_STEPS: Final = 8  # steps; a limb that was on the wrong side of the body has far to go
 
 
 def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
-    """The pose near ``start`` whose joints come closest to joints_m (21, 3); rows of NaN are left out."""
+    """Return the pose near ``start`` whose joints come closest to joints_m (21, 3); rows of NaN are ignored."""
     bones = joint_bones(body.points.asset)
     known = np.isfinite(joints_m).all(axis=1)
-    nearby = np.diag(1.0 / PATIENT_PACE.variance(1.0))  # what the joints leave open stays as it was
+    nearby = np.diag(1.0 / PATIENT_PACE.variance(1.0))  # parameters that the joints leave open keep their values
     pose = start
     for _ in range(_STEPS):
         transforms = body.transforms(pose)
@@ -50,7 +50,7 @@ class CorrectedJoints:
 
 
 def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> bool:
-    """Whether a joint is farther from its corrected place than the uncertainties of both allow."""
+    """Return whether a joint is farther from its corrected place than the uncertainties of both allow."""
     at, jacobian = _joints(body, belief.pose, corrected)
     variance = place_variance(jacobian, belief.covariance) + corrected.sigma_m**2
     away_m = np.linalg.norm(at - corrected.position_m, axis=1)
@@ -58,7 +58,9 @@ def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> 
 
 
 def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
-    """Return the belief as if the limbs of the corrected joints were long unseen; the others stay certain."""
+    """Return the belief with the limbs of the corrected joints as uncertain as if long unseen; other limbs stay
+    certain.
+    """
     growth = PATIENT_PACE.variance(UNSEEN_S)
     limbs = np.unique(LIMB_OF_JOINTS[corrected.joint])
     growth[:-3] *= np.repeat(np.isin(LIMB_OF_BONES, limbs), 3)
@@ -67,10 +69,10 @@ def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
 
 
 def apply_corrections(body: Body, belief: PoseBelief, corrected: CorrectedJoints, inflation: float = 1.0) -> PoseBelief:
-    """The belief together with the corrected joints: the most probable pose by both, bones of the same length.
+    """Combine a belief with the corrected joints: the most probable pose by both, with the same bone lengths.
 
-    inflation: by which sigma is computed from the posterior (``UncertaintyConfig``), so that the reported sigma of a
-    corrected joint is the given one.
+    inflation: factor from the posterior to sigma (``UncertaintyConfig``), so that the reported sigma of a corrected
+    joint is the given one.
     """
     worth = np.repeat((corrected.sigma_m / inflation) ** -2, 3)
     expected, pose = (belief.pose, belief.information), belief.pose
@@ -86,7 +88,7 @@ def apply_corrections(body: Body, belief: PoseBelief, corrected: CorrectedJoints
 
 
 def _joints(body: Body, pose: Pose, corrected: CorrectedJoints) -> tuple[np.ndarray, np.ndarray]:
-    """(k, 3) where the corrected joints are in a pose, and (k, 3, POSE_SIZE) how the pose moves them."""
+    """Return the corrected joints' places (k, 3) in a pose, and their derivative (k, 3, POSE_SIZE) by the pose."""
     transforms = body.transforms(pose)
     at = body.mesh.joints(transforms)[corrected.joint]
     return at, joint_jacobian(body, transforms, joint_bones(body.points.asset)[corrected.joint], at)

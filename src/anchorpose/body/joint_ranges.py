@@ -1,8 +1,8 @@
-"""State how joints bend in people: how far each one may, and how those of arms and legs bend together.
+"""Describe how joints bend in people: the range of each joint, and how those of arms and legs bend together.
 
-Ranges alone let a hidden leg of a seated person hang straight. Joints of one limb bend together, and so do both sides:
-the limbs of people who were captured at rehabilitation exercises say how much (``tools/measure_limb_turns.py``). That
-tells where hidden parts of limbs are, and which of two poses is likelier; what is seen is left to its readings.
+With ranges alone, a hidden leg of a seated person would hang straight. Joints of one limb bend together, and so do both
+sides: how much was measured on people captured at rehabilitation exercises (``tools/measure_limb_turns.py``). It
+predicts hidden parts of limbs and decides which of two poses is likelier; visible parts follow their readings.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
 
 
 class JointRange(NamedTuple):
-    """How bones turn in people: one Gaussian on the rotation vectors of all moving bones, and hinge limits.
+    """Distribution of bone turns in people: one Gaussian on the rotation vectors of all moving bones, and hinge
+    limits.
 
     mean (m, 3) radians; information (m, 3, m, 3): inverse of the covariance, 0 for the root. hinge (m, 3): unit axis
     of a hinge, or of a hip's flexion, or zero; hinge_limit (m,): least rotation about it, radians.
@@ -31,8 +32,8 @@ class JointRange(NamedTuple):
     hinge_limit: np.ndarray
 
 
-# Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose.
-# Broad on purpose: they only decide what the depth does not; about half of the passive ranges in the textbooks.
+# Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose, broad on purpose:
+# about half of the passive ranges in the textbooks. They only decide where depth does not.
 _SPREAD_DEG: Final = {
     "LowerBack": (8, 8, 14),
     "Spine": (8, 8, 10),
@@ -49,18 +50,21 @@ _SPREAD_DEG: Final = {
 _SPINE: Final = ("LowerBack", "Spine", "Spine1")
 _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}  # about the hinge, across, along the bone
 
-HIP_EXTENSION: Final = 25.0 * DEGREE  # 9.4 degrees and three deviations (Roaas and Andersson 1982)
-OWN_VARIANCE: Final = 0.5  # share of a range's variance that is each joint's own: one leg raised stays probable
-KNEE_EXTENSION: Final = 3.0 * DEGREE  # a knee bends from the rest pose as from a straight leg
+HIP_EXTENSION: Final = 25.0 * DEGREE  # mean 9.4 degrees plus three deviations (Roaas and Andersson 1982)
+OWN_VARIANCE: Final = 0.5  # share of a range's variance that is independent per joint: one raised leg stays probable
+KNEE_EXTENSION: Final = 3.0 * DEGREE  # limit of extension; the rest pose counts as a straight leg
 SEEN_SPREAD: Final = 35.0 * DEGREE
-"""Up to here ranges are twice as wide where readings show a bone: a person may hold it to one side for minutes.
+"""Deviation up to which ranges are doubled where readings show a bone: a person may hold it to one side for minutes.
 
-Turns about a limb's own axis, abduction and feet: their ranges pulled hips and toes off in every frame. Flexions are as
-wide already; any wider, thighs of seated people on real depth were off by 2 degrees more (UTD-MHAD)."""
+It applies to turns about a limb's own axis, abduction and feet: their ranges pulled hips and toes off in every frame.
+Flexions have such wide ranges anyway; with wider ones, thighs of seated people on real depth were off by 2 degrees more
+(UTD-MHAD)."""
 
 
 class LimbTurns(NamedTuple):
-    """How captured people held arms and legs: mean (k,) radians and covariance (k, k) of ``captured_turns``."""
+    """Statistics of how captured people held arms and legs: mean (k,) radians and covariance (k, k) of
+    ``captured_turns``.
+    """
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -68,7 +72,7 @@ class LimbTurns(NamedTuple):
 
 @cache
 def limb_turns() -> LimbTurns:
-    """The statistics that ship with the package."""
+    """Return the statistics that ship with the package."""
     with (
         resources.files("anchorpose.body").joinpath("data/limb_turns.npz").open("rb") as stream,
         np.load(stream) as stored,
@@ -77,10 +81,11 @@ def limb_turns() -> LimbTurns:
 
 
 def captured_turns() -> np.ndarray:
-    """(k, 3 m) what captured skeletons show of the limbs, of the bones' rotation vectors; the left side's first.
+    """Return the rows (k, 3 m) that select, from the bones' rotation vectors, the turns that captured skeletons show;
+    left side first.
 
-    All of the arms; of the legs how hips and knees bend. A skeleton of joints shows neither how a thigh turns about
-    itself nor where a foot points, and it has no lower back: its thighs bend against the trunk.
+    They are all turns of the arms, and flexions of hips and knees. A skeleton of joints shows neither how a thigh turns
+    about itself nor where a foot points, and it has no lower back: its thighs bend against the trunk.
     """
     shown = []
     for side in ("Left", "Right"):
@@ -99,7 +104,9 @@ def _limb(name: str) -> str:
 
 
 def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
-    """(3, 3) rows: hinge axis (a positive turn bends the limb), across, along; and the bend at rest, radians."""
+    """Return the rows (3, 3) hinge axis (a positive turn bends the limb), across, along; and the bend at rest,
+    radians.
+    """
     bone = asset.bone(name)
     parent, child = asset.bone_parents[bone], bone + 1
     upper = asset.bone_heads[bone] - asset.bone_heads[parent]
@@ -114,11 +121,11 @@ def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
 
 @lru_cache(maxsize=512)
 def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> JointRange:
-    """The joint range of the asset's skeleton; the root is free.
+    """Return the joint range of the asset's skeleton; the root is free.
 
-    hidden: rows of ``MOVING_BONES`` that nothing shows. How people who were captured bend their limbs tells what to
-    expect of these, given the others, of which the readings tell more; those have the textbooks' ranges,
-    twice as wide, about the rest pose. None: all are as captured.
+    hidden: rows of ``MOVING_BONES`` that nothing shows. Their turns are expected from the visible ones, as captured
+    people bend their limbs; visible bones have the textbooks' ranges, twice as wide, about the rest pose. None: all
+    bones are distributed as captured.
     """
     captured = _as_captured(asset)
     if hidden is None:
@@ -144,8 +151,9 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
 
 
 class _Textbook(NamedTuple):
-    """The textbooks' ranges. covariance (3 m, 3 m) of the bones' turns, each independent, 0 for the
-    root; the rest as in JointRange."""
+    """The textbooks' ranges. covariance (3 m, 3 m): of the bones' turns, each independent, 0 for the root; other fields
+    as in ``JointRange``.
+    """
 
     covariance: np.ndarray
     hinge: np.ndarray
@@ -172,7 +180,7 @@ def _textbook(asset: BodyAsset) -> _Textbook:
 
 @cache
 def _where_seen(asset: BodyAsset) -> np.ndarray:
-    """(3 m, 3 m) covariance of the bones' turns where readings show the bones: see ``SEEN_SPREAD``."""
+    """Return the covariance (3 m, 3 m) of the turns of visible bones: see ``SEEN_SPREAD``."""
     covariance = _textbook(asset).covariance.copy()
     for row in range(1, len(MOVING_BONES)):
         own = slice(3 * row, 3 * row + 3)
@@ -184,17 +192,17 @@ def _where_seen(asset: BodyAsset) -> np.ndarray:
 
 @cache
 def _as_captured(asset: BodyAsset) -> JointRange:
-    """The joint range in which ``captured_turns`` are as captured, and the rest is by the textbooks.
+    """Return the joint range with ``captured_turns`` as captured, and all other turns by the textbooks.
 
-    How hips and spine share the bend between trunk and thighs was not captured. By their ranges the spine takes a
-    quarter of it (of people who sit down a third, Schoberth 1962), and each person's share varies by the spine's range.
+    How hips and spine share the flexion between trunk and thighs was not captured. By their ranges the spine takes a
+    quarter of it (a third in people who sit down, Schoberth 1962), and the share varies by the spine's range.
     """
     count, shown, turns = len(MOVING_BONES), captured_turns(), limb_turns()
     ranges, hinge, limit = _textbook(asset)
     expected = shown @ ranges @ shown.T
     gain = np.linalg.solve(expected, shown @ ranges).T
     covariance = ranges + gain @ (_of_people(expected, turns) - expected) @ gain.T
-    for spine in _SPINE:  # it bends more and both hips less, or the other way, between one trunk and its thighs
+    for spine in _SPINE:  # the spine takes more of the flexion and both hips less, or vice versa
         slump = np.zeros((count, 3))
         slump[[MOVING_BONES.index(bone) for bone in (spine, "LeftUpLeg", "RightUpLeg")], 2] = 1.0
         flexion = 3 * MOVING_BONES.index(spine) + 2
@@ -205,9 +213,10 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
-    """(k, k) covariance of ``captured_turns`` in people: as captured, and each one's own, which others' movements add.
+    """Return the covariance (k, k) of ``captured_turns`` in people: as captured, plus each joint's own independent
+    part.
 
-    expected (k, k): by the textbooks' ranges, which are the least.
+    expected (k, k): by the textbooks' ranges, which are a lower bound.
     """
     factor = np.linalg.cholesky(expected)
     captured = np.linalg.solve(factor, np.linalg.solve(factor, turns.covariance).T)
@@ -217,7 +226,9 @@ def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
 
 @cache
 def turns_together(asset: BodyAsset) -> np.ndarray:
-    """(POSE_SIZE, POSE_SIZE) correlation of the bones' turns, in the parameters of ``Pose.moved``; root alone."""
+    """Return the correlation (POSE_SIZE, POSE_SIZE) of the bones' turns, in the parameters of ``Pose.moved``; the root
+    is independent.
+    """
     free = slice(3, POSE_SIZE - 3)
     covariance = np.linalg.inv(joint_range(asset).information.reshape(POSE_SIZE - 3, POSE_SIZE - 3)[3:, 3:])
     sigma = np.sqrt(np.diag(covariance))
@@ -226,14 +237,14 @@ def turns_together(asset: BodyAsset) -> np.ndarray:
     return found
 
 
-RAISED: Final = 30.0 * DEGREE  # an arm that is raised further takes the shoulder with it
-RHYTHM: Final = 0.2  # of the arm's turn beyond it: 30 degrees for an arm that points up (Inman et al. 1944)
+RAISED: Final = 30.0 * DEGREE  # elevation of an arm beyond which the shoulder girdle moves too
+RHYTHM: Final = 0.2  # share of the arm's turn beyond it: 30 degrees for an arm that points up (Inman et al. 1944)
 
 
 def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None = None) -> JointRange:
-    """``joint_range`` where the arms are as in a pose: the shoulder girdle goes up with a raised arm.
+    """Return ``joint_range`` with the shoulder girdle's mean raised as the pose's arms are.
 
-    Its mean follows the arm and does not pull on it. Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
+    The mean follows the arm, and exerts no pull on it. Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
     """
     ranges = joint_range(asset, hidden)
     mean = ranges.mean.copy()
@@ -246,7 +257,9 @@ def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None 
 
 @cache
 def _girdles(asset: BodyAsset) -> tuple[tuple[int, int, int, np.ndarray, float], ...]:
-    """Of each side: the girdle's row in ``MOVING_BONES`` and bone, the arm's bone and direction, the sign of "up"."""
+    """Return, for each side, the girdle's row in ``MOVING_BONES`` and bone, the arm's bone and direction, and the sign
+    of "up".
+    """
     found = []
     for side, way in (("Left", 1.0), ("Right", -1.0)):
         girdle, arm, below = (asset.bone(f"{side}{name}") for name in ("Shoulder", "Arm", "ForeArm"))

@@ -1,4 +1,4 @@
-"""Pose a body of one shape: forward kinematics and linear blend skinning, compiled; bodies that lack limbs."""
+"""Pose a body of one shape by forward kinematics and linear blend skinning (compiled), also without some limbs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class BodyMesh:
     bone_tails: np.ndarray  # (b, 3)
 
     def bone_transforms(self, rotations: np.ndarray, root_m: np.ndarray) -> np.ndarray:
-        """Forward kinematics: rest body to posed body, one rigid motion per bone.
+        """Compute the rigid motion of each bone from rest to posed body (forward kinematics).
 
         rotations : (b, 3, 3), each bone's turn relative to its parent, in the axes of the rest pose.
         root_m : (3,), where the head of the root bone goes.
@@ -32,7 +32,7 @@ class BodyMesh:
         return forward(self.asset.bone_parents, self.bone_heads, rotations, root_m)
 
     def skin(self, transforms: np.ndarray) -> np.ndarray:
-        """(v, 3) posed skin for ``transforms`` of ``bone_transforms``."""
+        """Return the posed skin (v, 3) for ``transforms`` of ``bone_transforms``."""
         weights, bones = self.asset.skin_weights, self.asset.skin_bones
         posed = np.zeros_like(self.vertices)
         for influence in range(weights.shape[1]):
@@ -42,7 +42,7 @@ class BodyMesh:
         return posed
 
     def rest_joints(self) -> np.ndarray:
-        """(21, 3) joints in the rest pose, order of ``JOINT_NAMES``."""
+        """Return the joints (21, 3) in the rest pose, in the order of ``JOINT_NAMES``."""
         bones = joint_bones(self.asset)
         joints = self.bone_heads[bones].copy()
         head = JOINT_INDEX["Head"]
@@ -50,13 +50,15 @@ class BodyMesh:
         return joints
 
     def joints(self, transforms: np.ndarray) -> np.ndarray:
-        """(21, 3) joints in a pose, order of ``JOINT_NAMES``: the rule J of the paper's Section III."""
+        """Return the joints (21, 3) in a pose, in the order of ``JOINT_NAMES``: the rule J of the paper's Section
+        III.
+        """
         moved = transforms[joint_bones(self.asset)]
         return np.einsum("jab,jb->ja", moved[:, :3, :3], self.rest_joints()) + moved[:, :3, 3]
 
 
 def shape_body(asset: BodyAsset, coefficients: np.ndarray) -> BodyMesh:
-    """The body with the given shape coefficients (k,), k up to ``asset.shape_count``; 0 is the mean adult."""
+    """Return the body with the given shape coefficients (k,), k up to ``asset.shape_count``; 0 is the mean adult."""
     used = len(coefficients)
     if used > asset.shape_count:
         raise ValueError(f"{used} shape coefficients given, the asset has {asset.shape_count}")
@@ -70,7 +72,7 @@ def shape_body(asset: BodyAsset, coefficients: np.ndarray) -> BodyMesh:
 
 @njit(cache=True, nogil=True)
 def forward(parents: np.ndarray, heads: np.ndarray, rotations: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """T_world_rest (b, 4, 4); see ``BodyMesh.bone_transforms``."""
+    """Return T_world_rest (b, 4, 4); see ``BodyMesh.bone_transforms``."""
     transforms = np.zeros((len(parents), 4, 4))
     for bone in range(len(parents)):
         parent = parents[bone]
@@ -99,7 +101,9 @@ def forward(parents: np.ndarray, heads: np.ndarray, rotations: np.ndarray, root:
 def skin(
     bones: np.ndarray, weights: np.ndarray, transforms: np.ndarray, rest_m: np.ndarray, rest_normals: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Linear blend skinning: points and unit normals (p, 3). bones, weights (p, w): heaviest first, 0 ends a row."""
+    """Return points and unit normals (p, 3) by linear blend skinning. bones, weights (p, w): heaviest first, 0 ends a
+    row.
+    """
     points, normals = np.empty_like(rest_m), np.empty_like(rest_normals)
     blend = np.empty((3, 4))
     for p in range(len(rest_m)):
@@ -129,7 +133,7 @@ def skin(
 def joint_frames(
     transforms: np.ndarray, heads: np.ndarray, parents: np.ndarray, moving: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """pivot (m, 3): each moving bone's head in the world; frame (m, 3, 3): its parent's axes, which its turn is in."""
+    """Return pivot (m, 3), each moving bone's head in the world, and frame (m, 3, 3), the parent's axes of its turn."""
     pivot, frame = np.empty((len(moving), 3)), np.empty((len(moving), 3, 3))
     for m in range(len(moving)):
         bone, parent = moving[m], parents[moving[m]]
@@ -148,7 +152,9 @@ def joint_frames(
 def joint_derivative(
     pivot: np.ndarray, frame: np.ndarray, below: np.ndarray, bones: np.ndarray, joints_m: np.ndarray
 ) -> np.ndarray:
-    """(n, 3, 3 m + 3) of ``joint_jacobian``: axis k of a bone's frame, crossed with the arm from its pivot."""
+    """Return the derivative (n, 3, 3 m + 3) of ``joint_jacobian``: axis k of a bone's frame, crossed with the arm from
+    its pivot.
+    """
     moving = len(pivot)
     jacobian = np.zeros((len(bones), 3, 3 * moving + 3))
     for n in range(len(bones)):
@@ -167,17 +173,17 @@ def joint_derivative(
 
 
 _STUMPS: Final = {"arm": "Arm", "forearm": "ForeArm", "hand": "Hand", "leg": "UpLeg", "shank": "Leg", "foot": "Foot"}
-"""The bone at whose head each part would begin."""
+"""The bone at whose head each missing part would begin."""
 
 
 def stump_of(asset: BodyAsset, part: str) -> int:
-    """The first missing bone of a part such as ``shank_left``."""
+    """Return the first missing bone of a part such as ``shank_left``."""
     name, side = part.rsplit("_", 1)
     return asset.bone(f"{side.capitalize()}{_STUMPS[name]}")
 
 
 def below(asset: BodyAsset, bone: int) -> np.ndarray:
-    """(b,) bool: the bone and all that hang on it."""
+    """Return (b,) bool: the bone and all bones below it."""
     found = np.zeros(len(asset.bone_names), bool)
     found[bone] = True
     for other, parent in enumerate(asset.bone_parents.tolist()):  # parents stand before children
@@ -186,7 +192,9 @@ def below(asset: BodyAsset, bone: int) -> np.ndarray:
 
 
 def without_parts(mesh: BodyMesh, parts: Sequence[str]) -> BodyMesh:
-    """The body without some parts: all of a part lies in the joint where it would begin, and no turn moves it away."""
+    """Return the body without some parts: each part collapses into the joint where it would begin, so no turn moves
+    it.
+    """
     vertices, heads, tails = mesh.vertices.copy(), mesh.bone_heads.copy(), mesh.bone_tails.copy()
     for part in parts:
         stump = stump_of(mesh.asset, part)
@@ -197,12 +205,12 @@ def without_parts(mesh: BodyMesh, parts: Sequence[str]) -> BodyMesh:
 
 
 def missing_points(asset: BodyAsset, part_of_points: np.ndarray, parts: Sequence[str]) -> np.ndarray:
-    """(p,) bool: points that move most with a missing bone; part_of_points (p,)."""
+    """Return (p,) bool: points that move most with a missing bone; part_of_points (p,) gives each point's bone."""
     return np.isin(part_of_points, np.flatnonzero(_missing_bones(asset, parts)))
 
 
 def missing_joints(asset: BodyAsset, parts: Sequence[str]) -> np.ndarray:
-    """(21,) bool: joints beyond the stumps; the joint where a part would begin is there."""
+    """Return (21,) bool: joints beyond the stumps; the joint where a missing part would begin exists."""
     bones = joint_bones(asset)
     stumps = [stump_of(asset, part) for part in parts]
     outermost = [stump for stump in stumps if not any(below(asset, other)[stump] for other in stumps if other != stump)]
@@ -210,7 +218,7 @@ def missing_joints(asset: BodyAsset, parts: Sequence[str]) -> np.ndarray:
 
 
 def missing_anchors(parts: Sequence[str]) -> np.ndarray:
-    """(5,) bool of ``ANCHOR_NAMES``: hands and feet that are not there."""
+    """Return (5,) bool, by ``ANCHOR_NAMES``: hands and feet that are missing."""
     ends = {"arm": "Hand", "forearm": "Hand", "hand": "Hand", "leg": "Foot", "shank": "Foot", "foot": "Foot"}
     gone = {f"{ends[name]}{side.capitalize()}" for name, side in (part.rsplit("_", 1) for part in parts)}
     return np.isin(ANCHOR_NAMES, list(gone))

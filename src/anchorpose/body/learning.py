@@ -1,4 +1,4 @@
-"""Learning the patient's shape from frames, and the bone lengths that follow."""
+"""Learn the patient's shape, and so the bone lengths, from frames."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body, pos
 from anchorpose.body.standing_off import BONE_SHARE, standing_off
 from anchorpose.joints import JOINT_INDEX
 
-REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)  # of each step; three more left the bones as they were
-REFINING_M: Final = (0.07, 0.06)  # the same where the shape is known from earlier frames
-LARGEST_STEP: Final = 1.0  # of a coefficient in one step of the solver
+REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)  # reach of each step; three more steps left the bones unchanged
+REFINING_M: Final = (0.07, 0.06)  # reach of each step where the shape is known from earlier frames
+LARGEST_STEP: Final = 1.0  # largest change of a coefficient in one step of the solver, in standard deviations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearnedBody:
-    """What is known of the shape, and the pose of each frame it was learnt from."""
+    """The belief in the shape, and the pose of each frame that it was learnt from."""
 
     belief: ShapeBelief
     poses: tuple[Pose, ...]
@@ -44,11 +44,10 @@ def learn_body(
     config: RegistrationConfig,
     reaches_m: Sequence[float] = REACHES_M,
 ) -> LearnedBody:
-    """One shape for all frames, each frame's own pose: alternate correspondences and a joint Gauss-Newton step.
+    """Fit one shape to all frames, with each frame's own pose: alternate correspondences and a joint Gauss-Newton step.
 
-    shape: to start from. known: what is known of it without these frames, from a prior or from earlier frames: where
-    that is certain, these frames hardly change it; where it is not, they decide.
-    Raises ValueError when no frame is given.
+    shape: the initial shape. known: the belief without these frames, from a prior or from earlier frames: where it is
+    certain the frames hardly change it, where it is not they decide. Raises ValueError when no frame is given.
     """
     if not poses:
         raise ValueError("a body needs at least one frame to be learnt from")
@@ -64,10 +63,10 @@ def learn_body(
 
 
 def most_different(points: SkinPoints, poses: Sequence[Pose], count: int) -> list[int]:
-    """Rising indices of up to ``count`` poses whose limbs are bent and turned most differently.
+    """Return rising indices of up to ``count`` poses whose limbs are bent and turned most differently.
 
-    Each next one is as far as possible from those before: bent limbs show where they turn, and more of the same pose
-    shows the same again.
+    Each chosen pose is as far as possible from the chosen ones: bent limbs show where they turn, and similar poses show
+    nothing new.
     """
     limbs = [row for row, bone in enumerate(MOVING_BONES) if bone.endswith(("Arm", "UpLeg", "Leg"))]
     turns = np.array([pose.rotation_vectors(points.moving)[limbs].ravel() for pose in poses])
@@ -95,9 +94,9 @@ def learn_shape_step(
     known: ShapeBelief,
     rows_per_observation: float,
 ) -> tuple[ShapeBelief, list[Pose]]:
-    """One Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
+    """Take one Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
 
-    known: what is known without these frames. Returns what is known with them, linearised at ``shape``, and the poses.
+    known: the belief without these frames. Returns the belief with them, linearised at ``shape``, and the poses.
     """
     body, count = build_body(points, shape), known.free.coefficients
     seen, slope = np.zeros_like(known.seen), np.zeros_like(known.pull)
@@ -134,13 +133,16 @@ BONES: Final = tuple(
     )
     for side in ("Left", "Right")
 )
-"""Name, and the joints at both ends, which are heads of bones in a row: the length is the same in every pose."""
+"""Bones as a name and the joints at both ends; these are heads of successive bones, so lengths are the same in all
+poses.
+"""
 
 
-LEAST_BONE_M: Final = 1e-6  # a missing one has no length
+LEAST_BONE_M: Final = 1e-6  # a missing bone has no length
 SYSTEMATIC_M: Final = {"upper_arm": 0.004, "forearm": 0.008, "thigh": 0.009, "shank": 0.008}
-"""What clothes, folds and bodies unlike the model add to a bone's sigma, the same however many frames were seen; set on
-suite ``bodies`` of ``benchmarks/run.py``."""
+"""Systematic error of a bone's length from clothes, folds and bodies unlike the model, however many frames were seen;
+set on suite ``bodies`` of ``benchmarks/run.py``.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +155,7 @@ class BoneLength:
 
 
 def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...]:
-    """Every bone of ``BONES`` that the most likely body has; sigma by the information on the shape."""
+    """Return every bone of ``BONES`` that the most likely body has; sigma follows from the information on the shape."""
     span = _spans(asset, belief.shape)
     length_m = np.linalg.norm(span, axis=1)
     start, end = _ends(asset)
@@ -173,7 +175,7 @@ def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...
 
 
 def _spans(asset: BodyAsset, shape: FittedShape) -> np.ndarray:
-    """(n, 3) from the first to the second joint of each bone at rest."""
+    """Return the vector (n, 3) from the first to the second joint of each bone at rest."""
     start, end = _ends(asset)
     heads = shape.mesh(asset).bone_heads
     return np.asarray(heads[end] - heads[start])

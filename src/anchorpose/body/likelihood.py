@@ -1,8 +1,8 @@
-"""The likelihood of depth readings where a body has a pose, and how well each limb is explained.
+"""Compute the likelihood of depth readings given a body's pose, and how well each limb is explained.
 
 The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or what
-is behind it; the score is the logarithm of how much more probable the readings are with the body than without it. Skin
-that something hides tells nothing, skin that a camera sees past costs, skin that explains a reading gains.
+is behind it; the score is the logarithm of how much more probable the readings are with the body than without it.
+Hidden skin does not count, skin that a camera sees past lowers the score, skin that explains a reading raises it.
 """
 
 from __future__ import annotations
@@ -24,20 +24,19 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import pixel_of_ray
 
 FOOTPRINT_M: Final = 0.02  # of a pixel at reduced resolution: half of a wrist's width
-SKIN_SIGMA_M: Final = 0.02  # between rendered skin and reading: clothes, and what a body of few points leaves out
-ALIKE_M: Final = 0.05  # side of the patch whose readings are off by one error: clothes and folds, not the sensor
-RANGE_M: Final = 4.0  # of a depth camera: something of which nothing is known is anywhere within it
-CLUTTER: Final = 0.1  # share of the pixels that show something of which nothing is known
-PAST: Final = 0.05  # share of the rendered skin that cameras see past where the pose is right: outlines are rough
-LEAST_SEEN: Final = 1.0  # explained observations of a part that is seen: 25 cm2, three fingers
-LEAST_SHARE: Final = (
-    0.15  # of the skin that a part turns to cameras, to count as seen: a strip of a thigh shows no knee
-)
+SKIN_SIGMA_M: Final = 0.02  # between rendered skin and reading: clothes, and the coarse sampling of the skin
+ALIKE_M: Final = 0.05  # side of a patch whose readings have a common error, from clothes and folds, not from the sensor
+RANGE_M: Final = 4.0  # of a depth camera: an unknown object is anywhere within it
+CLUTTER: Final = 0.1  # share of the pixels that show an unknown object
+PAST: Final = 0.05  # share of the rendered skin that cameras see past in a right pose, since outlines are rough
+LEAST_SEEN: Final = 1.0  # explained observations of a part to count as seen: 25 cm2, three fingers
+LEAST_SHARE: Final = 0.15  # explained share of a part to count as seen: a strip of a thigh does not show its knee
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likelihood:
-    """What the readings say of each limb, as in ``LIMB_OF_BONES``, up to elbow or knee and beyond; (PARTS, 2) each.
+    """The likelihood of the readings of each limb, as in ``LIMB_OF_BONES``, up to elbow or knee and beyond; (PARTS, 2)
+    each.
 
     log: nats, how much more probable its pixels' readings are with the body than without it. explained, past, hidden:
     independent observations, patches of ``ALIKE_M``, that show its skin, something behind it, or something before it.
@@ -50,19 +49,19 @@ class Likelihood:
 
     @property
     def seen(self) -> np.ndarray:
-        """(PARTS, 2) bool: what of the limbs readings show where the pose has it."""
+        """Return (PARTS, 2) bool: parts of limbs whose readings show them where the pose has them."""
         turned = self.explained + self.past + self.hidden
         return np.asarray((self.explained >= LEAST_SEEN) & (self.explained >= LEAST_SHARE * turned))
 
     @property
     def total(self) -> float:
-        """Of the whole body, nats."""
+        """Return the log likelihood ratio of the whole body, nats."""
         return float(self.log.sum())
 
 
-@lru_cache(maxsize=2)  # the frame's estimate asks for what registration was judged by
+@lru_cache(maxsize=2)  # registration and the frame's estimate need the same likelihood
 def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
-    """Return the likelihood of all cameras' readings of the evidence's person, for a body in a pose."""
+    """Compute the likelihood of all cameras' readings of the person, given a body in a pose."""
     skin_m = pose_points(body, pose).points_m
     sums = np.zeros((4, 2 * PARTS))
     for view, camera in zip(evidence.views, evidence.cameras, strict=True):
@@ -72,15 +71,16 @@ def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
 
 
 def most_nats(area_m2: float) -> float:
-    """What a surface of some area, seen by one camera, would add to the likelihood if skin lay on it."""
+    """Return the log likelihood that a surface of this area, seen by one camera, would gain if skin lay on it."""
     skin = (1.0 - CLUTTER) / (np.pi * SKIN_SIGMA_M) + PAST / RANGE_M
     return float(np.log(skin * RANGE_M / CLUTTER)) * area_m2 / ALIKE_M**2
 
 
 class RenderedSkin(NamedTuple):
-    """Of every ``step``-th row and column of an image: depth_m (h, w) float64 of the nearest skin, infinite without;
-    point (h, w) int64, the skin point there, -1 without. patches: how many patches of ``ALIKE_M`` a pixel shows,
-    at most one."""
+    """The skin rendered at every ``step``-th row and column of an image. depth_m (h, w) float64: nearest skin, infinite
+    where there is none; point (h, w) int64: the skin point there, else -1. patches: how many patches of ``ALIKE_M`` a
+    pixel covers, at most one.
+    """
 
     step: int
     depth_m: np.ndarray
@@ -91,7 +91,7 @@ class RenderedSkin(NamedTuple):
 def render_skin(
     points: SkinPoints, skin_m: np.ndarray, camera: Camera, footprint_m: float = FOOTPRINT_M
 ) -> RenderedSkin | None:
-    """Return the skin alone as a camera sees it, in pixels of about ``footprint_m``; None behind the camera.
+    """Render the skin as a camera sees it, in pixels of about ``footprint_m``; None behind the camera.
 
     skin_m (p, 3): the skin points in the world.
     """
@@ -107,7 +107,7 @@ def render_skin(
 
 
 def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
-    """(4, 2 PARTS) as in ``Likelihood``, of ``SEGMENT_OF_BONES``, by one camera."""
+    """Return the likelihood (4, 2 PARTS) by one camera, for ``SEGMENT_OF_BONES``; rows as in ``Likelihood``."""
     skin = render_skin(points, skin_m, camera)
     if skin is None:
         return np.zeros((4, 2 * PARTS))
@@ -117,7 +117,9 @@ def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camer
 
 @cache
 def skin_faces(points: SkinPoints) -> np.ndarray:
-    """(f, 3) triangles between skin points: each vertex of the asset's skin goes to the skin point nearest to it."""
+    """Return triangles (f, 3) between skin points: each vertex of the asset's skin is assigned to its nearest skin
+    point.
+    """
     from scipy.spatial import cKDTree
 
     asset = points.asset
@@ -131,7 +133,7 @@ def skin_faces(points: SkinPoints) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _placed(skin_m: np.ndarray, projection: Projection) -> np.ndarray:
-    """(p, 3) column, row and depth of each skin point; depth 0 behind the camera."""
+    """Return column, row and depth (p, 3) of each skin point; depth is 0 behind the camera."""
     T, lens = projection.T_camera_world, projection.lens
     placed, at = np.zeros((len(skin_m), 3)), np.empty(3)
     for p in range(len(skin_m)):
@@ -149,7 +151,7 @@ def _placed(skin_m: np.ndarray, projection: Projection) -> np.ndarray:
 def _rendered(
     placed: np.ndarray, faces: np.ndarray, step: int, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Depth and skin point (h, w) as in ``RenderedSkin``."""
+    """Render depth and skin point (h, w), as in ``RenderedSkin``."""
     rows, columns = (height + step - 1) // step, (width + step - 1) // step
     depth, point = np.full((rows, columns), np.inf), np.full((rows, columns), np.int64(-1))
     for f in range(len(faces)):
@@ -184,7 +186,7 @@ def _scored(
     own: int,
     step: int,
 ) -> np.ndarray:
-    """(4, 2 PARTS) log likelihood ratio, and pixels that are explained, seen past and hidden."""
+    """Return (4, 2 PARTS): log likelihood ratio, and the numbers of pixels explained, seen past and hidden."""
     sums = np.zeros((4, 2 * PARTS))
     past = np.log(PAST)
     for r in range(skin_m.shape[0]):

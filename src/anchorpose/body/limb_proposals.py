@@ -1,9 +1,8 @@
-"""Propose poses with one limb laid elsewhere: onto uncovered skin, or along the path of an anchor.
+"""Propose poses with one limb moved: onto uncovered skin, or along the path of an anchor.
 
-Nothing here depends on a prediction but the trunk that the limbs hang on, and that is proposed too (``exchanged``).
-
-The end of a limb shows where the limb is, whatever skin the body covers: an arm laid on the wrong side of a walker
-covers its rail, and nothing is uncovered.
+The proposals do not depend on a prediction, except through the trunk, for which there are proposals too
+(``exchanged``). The end of a limb shows where the limb is even if the body leaves no skin uncovered: an arm fitted to
+the wrong side of a walker covers its rail.
 """
 
 from __future__ import annotations
@@ -31,17 +30,19 @@ from anchorpose.geodesics.center import center_field, limb_path
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_INDEX
 
 SIDES: Final = ("Left", "Right")
-NEIGHBOUR_M: Final = 0.05  # between thinned nodes of one piece: twice their spacing
+NEIGHBOUR_M: Final = 0.05  # m between thinned nodes of one piece: twice their spacing
 SMALLEST_M2: Final = 0.002  # a few fingers: smaller uncovered pieces are clothes
-MOST_PIECES: Final = 3  # two arms and a leg; what else is uncovered is looked at once those have been found
-TURNS: Final = 4  # of three steps: a limb may have half a circle to go
-SETTLED_M: Final = 0.01  # a proposal is registered afterwards
-REACH_SLACK_M: Final = 0.15  # by which a tip may be farther than the limb is long: the trunk leans, the shoulder moves
+MOST_PIECES: Final = 3  # two arms and a leg; further pieces are examined after these limbs have been found
+TURNS: Final = 4  # solver turns of three steps each: a limb may have to move by half a circle
+SETTLED_M: Final = 0.01  # m; the solver stops when joints move less, since a proposal is registered afterwards
+REACH_SLACK_M: Final = 0.15  # m by which a tip may be beyond the limb's length: the trunk leans, the shoulder moves
 
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """A limb from its end: joints, how far along the skin each lies from the tip at rest, and how deep inside."""
+    """A limb listed from its end: joints, how far along the skin each lies from the tip at rest, and how deep
+    inside.
+    """
 
     bones: tuple[str, ...]
     joints: tuple[str, ...]
@@ -67,7 +68,7 @@ _SIDED: Final = tuple(JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "H
 @dataclass(frozen=True, slots=True, eq=False)
 class LimbPath:
     """The axis of an uncovered piece of surface: places_m (k, 3) on the skin from its tip to where it meets the body,
-    inward (k, 3) unit, along_m (k,) distance from the tip. area_m2: of the piece, 0 where it was not measured."""
+    inward (k, 3) unit, along_m (k,) distance from the tip. area_m2: area of the piece, 0 where not measured."""
 
     places_m: np.ndarray
     inward: np.ndarray
@@ -76,10 +77,10 @@ class LimbPath:
 
 
 def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPath]:
-    """The axis of each large piece of seen skin that the body does not cover, the largest first.
+    """Return the axis of each large piece of seen skin that the body does not cover, the largest piece first.
 
-    The root of a piece is where it meets covered skin, or, of a piece that a bar cuts off, the node nearest to it; its
-    tip is the node farthest from there along the piece.
+    The root of a piece is where it meets covered skin or, if a bar cuts it off, the node nearest to covered skin; its
+    tip is the node farthest from the root along the piece.
     """
     surface, bare = evidence.surface, explanation.node
     if len(bare) < 2:
@@ -97,7 +98,7 @@ def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPa
 
 
 def _pieces(points_m: np.ndarray) -> tuple[csr_array, np.ndarray]:
-    """The graph of neighbouring nodes, metres, and the piece (u,) int that each node is connected to."""
+    """Return the graph of neighbouring nodes, metres, and the connected piece (u,) int of each node."""
     pairs = cKDTree(points_m).query_pairs(NEIGHBOUR_M, output_type="ndarray")
     length = np.linalg.norm(points_m[pairs[:, 0]] - points_m[pairs[:, 1]], axis=1)
     graph = csr_array((length, (pairs[:, 0], pairs[:, 1])), shape=(len(points_m), len(points_m)))
@@ -106,7 +107,7 @@ def _pieces(points_m: np.ndarray) -> tuple[csr_array, np.ndarray]:
 
 
 def _from_covered(points_m: np.ndarray, covered_m: np.ndarray) -> np.ndarray:
-    """(u,) metres from each node to the nearest covered one; 0 everywhere where none is covered."""
+    """Return (u,) metres from each node to the nearest covered one; 0 everywhere if none is covered."""
     if not len(covered_m):
         return np.zeros(len(points_m))
     distance, _ = cKDTree(covered_m).query(points_m)
@@ -116,7 +117,7 @@ def _from_covered(points_m: np.ndarray, covered_m: np.ndarray) -> np.ndarray:
 def _path(
     graph: csr_array, nodes: np.ndarray, points_m: np.ndarray, normals: np.ndarray, away_m: np.ndarray
 ) -> LimbPath:
-    """From the tip of one piece (nodes) to its root."""
+    """Return the path from the tip to the root of one piece of nodes."""
     roots = nodes[away_m[nodes] <= max(NEIGHBOUR_M, float(away_m[nodes].min()))]
     field, before, _ = dijkstra(graph, directed=False, indices=roots, min_only=True, return_predecessors=True)
     chain = [int(nodes[np.argmax(field[nodes])])]
@@ -127,10 +128,10 @@ def _path(
 
 
 def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] = CHAINS) -> Iterator[Pose]:
-    """The pose with one limb laid along a path, for each of some limbs that can reach its tip.
+    """Yield the pose with one limb laid along a path, for each of the chains that can reach its tip.
 
-    The joints that the path is long enough for lie on it. Those beyond its end are left to the ranges of the joints,
-    from a limb at rest, or stay where they are.
+    Joints within the path's length lie on it. Joints beyond its end follow the joint ranges, from a limb at rest, or
+    stay where they are.
     """
     joints = body.joints(pose)
     lengths = limb_lengths(body)
@@ -150,9 +151,9 @@ def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] =
 
 
 def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
-    """The pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
+    """Yield the pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
 
-    Limbs keep their places in the room and change their names: skin fits as well, joints and feet do not.
+    Limbs keep their places and exchange their names: the skin then fits as well, but joints and feet do not.
     """
     joints = body.joints(pose)
     asset = body.points.asset
@@ -172,7 +173,7 @@ def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
 
 @cache
 def _mirrored() -> np.ndarray:
-    """(21,) the joint of the other side; of the trunk the joint itself."""
+    """Return (21,) the corresponding joint of the other side; a joint of the trunk is its own."""
     swap = {"Left": "Right", "Right": "Left"}
     other = np.arange(JOINT_COUNT)
     for name, index in JOINT_INDEX.items():
@@ -183,7 +184,9 @@ def _mirrored() -> np.ndarray:
 
 
 def limb_lengths(body: Body) -> list[tuple[np.ndarray, float]]:
-    """For each of ``CHAINS``: metres from the tip to each of its joints, and from the tip to the limb's root."""
+    """Return, for each of ``CHAINS``, metres from the tip to each of its joints, and from the tip to the limb's
+    root.
+    """
     asset, rest = body.points.asset, body.mesh.rest_joints()
     found = []
     for chain in CHAINS:
@@ -198,12 +201,12 @@ def limb_lengths(body: Body) -> list[tuple[np.ndarray, float]]:
 
 @cache
 def end_points(points: SkinPoints, chain: Chain) -> np.ndarray:
-    """Indices of the skin points beyond the limb's elbow or knee."""
+    """Return the indices of the skin points beyond the limb's elbow or knee."""
     return np.flatnonzero(np.isin(points.part, _bones_from(points.asset, chain.bones[1])))
 
 
 def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
-    """The bone and all bones below it."""
+    """Return the bone and all bones below it."""
     first = asset.bone(name)
     below = {first}
     for bone, parent in enumerate(asset.bone_parents):
@@ -213,21 +216,25 @@ def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
 
 
 def _held_but(joints: np.ndarray, limbs: Sequence[Chain]) -> np.ndarray:
-    """(21, 3) wanted joints: where they are, NaN for those of some limbs, which the caller places."""
+    """Return wanted joints (21, 3): the present places, but NaN for the joints of some limbs, which the caller
+    places.
+    """
     wanted = joints.copy()
     wanted[[JOINT_INDEX[name] for chain in limbs for name in chain.joints]] = np.nan
     return wanted
 
 
 def _place(path: LimbPath, at_m: float, depth_m: float) -> np.ndarray:
-    """(3,) a point inside the limb at a distance from the tip."""
+    """Return a point (3,) inside the limb at a distance from the tip."""
     skin = np.array([np.interp(at_m, path.along_m, path.places_m[:, axis]) for axis in range(3)])
     inward = np.array([np.interp(at_m, path.along_m, path.inward[:, axis]) for axis in range(3)])
     return np.asarray(skin + depth_m * inward / max(float(np.linalg.norm(inward)), 1e-9))
 
 
 def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
-    """The pose with joints where they are wanted, as far as a body can; from far off, so in several turns."""
+    """Return the pose with joints as near to the wanted places as possible, solved in several turns since it starts far
+    off.
+    """
     found, joints = start, body.joints(start)
     for _ in range(TURNS):
         found = pose_from_joints(body, found, wanted)
@@ -237,15 +244,16 @@ def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
     return found
 
 
-CONTRADICTED_M: Final = 0.15  # from an anchor to the tip of its limb: worth a proposal once limbs are looked for
-INSIDE_TIP_M: Final = 0.03  # by which an anchor lies nearer to the centre than its limb's tip: half of a cap's depth
+CONTRADICTED_M: Final = 0.15  # m from an anchor to the tip of its limb that makes a proposal worth trying
+INSIDE_TIP_M: Final = 0.03  # m by which an anchor lies nearer to the centre than its limb's tip: half of a cap's depth
 
 
 def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[LimbPath, tuple[Chain, ...]]]:
-    """The paths of the hands and feet that the pose contradicts, and of free ends; with the limbs that each may be.
+    """Yield the paths of hands and feet that contradict the pose, and of free ends, each with the limbs it may belong
+    to.
 
-    A hand may be the end of either arm, a foot that of either leg: sides are exchanged where the body was thought to
-    face the other way. A free end may be that of any limb.
+    A hand may belong to either arm and a foot to either leg, since sides are exchanged if the body's facing was wrong.
+    A free end may belong to any limb.
     """
     anchors, elsewhere = seen.anchors, contradicted_by(body, pose, seen.anchors, CONTRADICTED_M)
     ends = [
@@ -265,18 +273,18 @@ def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[Li
 
 
 def contradicted_by(body: Body, pose: Pose, anchors: Anchors, beyond_m: float) -> np.ndarray:
-    """(5,) bool: anchors that the picture shows farther than ``beyond_m`` from their tips; False for missed ones."""
+    """Return (5,) bool: anchors farther than ``beyond_m`` from their tips in the pose; False for missed anchors."""
     tips = pose_points(body, pose).points_m[anchor_points(body.points)]
-    away_m = np.linalg.norm(anchors.position_m - tips, axis=1)  # NaN for a missed one
+    away_m = np.linalg.norm(anchors.position_m - tips, axis=1)  # NaN for a missed anchor
     return np.asarray(away_m > beyond_m)
 
 
 def anchor_poses(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[Pose]:
-    """The pose with one limb laid along the path of an anchor."""
+    """Yield the pose with one limb laid along the path of an anchor."""
     for path, chains in anchor_paths(body, pose, seen):
         yield from limb_poses(body, pose, path, chains)
 
 
 def _ends_in(chain: Chain, anchor: str) -> bool:
-    """Whether a limb ends in an anchor of that name, of whatever side."""
+    """Return whether a limb ends in an anchor of this name, of either side."""
     return anchor.startswith(("Hand", "Foot")) and chain.joints[0][:4] == anchor[:4]

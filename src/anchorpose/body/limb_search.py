@@ -1,6 +1,6 @@
-"""Limbs found again: poses proposed from the picture, registered, and compared on equal evidence.
+"""Find limbs again: propose poses from the images, register them, and compare them on equal evidence.
 
-Called where a pose leaves seen skin of the patient uncovered, or where limbs may have been taken for each other.
+The search runs where a pose leaves seen skin uncovered, or where limbs may have been exchanged.
 """
 
 from __future__ import annotations
@@ -26,21 +26,22 @@ from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
 
-LOOK_AGAIN_M2: Final = 0.005  # of seen skin that nothing covers: half a hand; clothes and holds leave as much at most
-ROUNDS: Final = 4  # one for each limb
-TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # from a proposed limb to the seen one
-TRIAL_NODES: Final = 800  # a third of the nodes tell a good pose from a bad one
+# area of seen, uncovered skin that starts a search: half a hand; clothes and grips leave no more
+LOOK_AGAIN_M2: Final = 0.005
+ROUNDS: Final = 4  # rounds, one for each limb
+TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # m from a proposed limb to the seen one, in each step
+TRIAL_NODES: Final = 800  # a third of the nodes suffice to tell a good pose from a bad one
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
-SAME_M: Final = 0.04  # poses whose joints are nowhere farther apart lead to the same registration
-BEST: Final = 3  # of the proposals: the present pose drawn onto the surface once more, and two others
+SAME_M: Final = 0.04  # m; poses with all joints nearer than this lead to the same registration
+BEST: Final = 3  # poses kept: the present pose, registered again, and two others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
-    """What a search found.
+    """The result of a search.
 
-    registration: of the best pose; taken: whether it is another one than was given. rivals: poses that the frame does
-    not decide against.
+    registration: of the best pose; taken: whether it differs from the given pose. rivals: poses that the frame cannot
+    exclude.
     """
 
     registration: Registration
@@ -50,7 +51,9 @@ class Search:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tried:
-    """A pose; images: what they and the body say of it, moved: what it costs to be elsewhere than expected; nats."""
+    """A tried pose and its log probabilities, nats. images: by the images and the body; moved: the cost of being
+    elsewhere than expected.
+    """
 
     pose: Pose
     images: float
@@ -58,27 +61,27 @@ class Tried:
 
     @property
     def log(self) -> float:
-        """How probable it is, nats."""
+        """Return the log probability of the pose, nats."""
         return self.images - self.moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expected:
-    """Where the joints were expected: joints_m (21, 3), sigma_m (21,)."""
+    """The expected joints: joints_m (21, 3), sigma_m (21,)."""
 
     body: Body
     joints_m: np.ndarray
     sigma_m: np.ndarray
 
     def tried(self, pose: Pose, evidence: Evidence) -> Tried:
-        """How probable a pose is by the images, and by how far each limb, or the trunk, has left its expected place."""
+        """Evaluate a pose by the images, and by how far each limb, or the trunk, is from its expected place."""
         return Tried(pose, log_probability(self.body, pose, evidence), self.moved(self.body.joints(pose)))
 
     def moved(self, joints_m: np.ndarray) -> float:
-        """What it costs joints (21, 3) to be elsewhere than expected, nats.
+        """Return the cost of joints (21, 3) that are elsewhere than expected, nats.
 
-        Cauchy's tails: a limb that was lost may be anywhere, but one that was known does not turn round between two
-        frames, and a body that does has five limbs to explain.
+        It has Cauchy's tails: a lost limb may be anywhere, but a known one does not turn round between two frames, and
+        a body that turns round has to explain five limbs.
         """
         away = np.linalg.norm(joints_m - self.joints_m, axis=1) / self.sigma_m
         farthest = np.zeros(PARTS)
@@ -87,7 +90,7 @@ class Expected:
 
 
 def expected_joints(body: Body, belief: PoseBelief) -> Expected:
-    """Return where a belief has the joints, and how surely; poses nearer than ``SAME_M`` are the same."""
+    """Return where a belief expects the joints, and their sigma, at least ``SAME_M``."""
     transforms = body.transforms(belief.pose)
     joints = body.mesh.joints(transforms)
     jacobian = joint_jacobian(body, transforms, joint_bones(body.points.asset), joints)
@@ -96,7 +99,9 @@ def expected_joints(body: Body, belief: PoseBelief) -> Expected:
 
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
-    """Whether the picture shows that a limb is elsewhere; hidden: some limb covers nothing, so that less is enough."""
+    """Return whether the images show that a limb is elsewhere; ``hidden``: some limb covers nothing, so less area
+    suffices.
+    """
     return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
 
 
@@ -108,17 +113,17 @@ def search_limbs(
     config: RegistrationConfig,
     anchors: SeenAnchors | None = None,
 ) -> Search:
-    """The registration with limbs moved to where they are seen, as long as that explains the frame better.
+    """Move limbs to where they are seen, as long as that explains the frame better; return the best registration.
 
-    predicted: what was expected; a limb found elsewhere shows that it was wrong, so that it counts for as little as
-    after ``UNSEEN_S`` without sight. anchors: of the frame, None for a first pose.
+    predicted: the expected pose; a limb found elsewhere shows that it was wrong, so it gets as little weight as after
+    ``UNSEEN_S`` without sight. anchors: the frame's, None for a first pose.
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
     now, best = expected.tried(found.belief.pose, evidence), list[Tried]()
     pose = now.pose
     for number in range(ROUNDS):
-        # the descriptor's body has nothing to do with the pose in doubt: once is enough
+        # the descriptor's proposal does not depend on the pose in doubt: once is enough
         sources = [source for source in config.sources if number == 0 or source is not Source.DESCRIPTOR]
         proposed = proposals(Doubted(body, pose, evidence, anchors), sources)
         tried = _register_all(expected, _distinct(body, [pose, *proposed]), uncertain, evidence, trial)
@@ -141,7 +146,7 @@ def _decided(
     evidence: Evidence,
     config: RegistrationConfig,
 ) -> Search:
-    """What one frame decides between the pose that was found, ``now``, and others."""
+    """Decide, by one frame, between the pose that was found, ``now``, and others."""
     ways, places_m = list[tuple[Registration, Rival]](), list[np.ndarray]()
     for one, lag in sorted(_compared(body, now, others, evidence), key=lambda way: way[1] + way[0].moved):
         joints_m = body.joints(one.pose)
@@ -159,7 +164,7 @@ def _decided(
 
 
 def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
-    """The other poses, each with how much worse it explains the images, believed nats."""
+    """Yield the other poses, each with the believed nats by which it explains the images worse."""
     for one in others:
         if one.pose is not now.pose:
             parts = parts_apart(body.joints(one.pose), body.joints(now.pose))
@@ -168,7 +173,7 @@ def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidenc
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
-    """The poses without those that are the same as one before: registration would lead to the same place."""
+    """Return the poses without near-duplicates, which registration would bring to the same place."""
     kept, joints = list[Pose](), np.empty((len(poses), JOINT_COUNT, 3))
     for pose in poses:
         at = body.joints(pose)
@@ -181,9 +186,9 @@ def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
 def _register_all(
     expected: Expected, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """The first pose as it is, then all after a short registration, and how probable each is.
+    """Return the first pose unchanged and all poses after a short registration, with their probabilities.
 
-    The first one too: limbs that only lag behind must not make a body that is turned round the better one.
+    The first pose is registered too: limbs that only lag behind must not favour a body that is turned round.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
     return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])
@@ -196,7 +201,7 @@ def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, 
 def _best_few(
     expected: Expected, tried: Sequence[Tried], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """The first pose and the best of the others, drawn onto the surface as the first one is; the best of them first."""
+    """Register the first pose and the best of the others equally; return them, the best first."""
     body, refining = expected.body, replace(config, reaches_m=REFINED_REACHES_M)
     others = sorted(tried[1:], key=lambda one: -one.log)[:BEST]
     refined = each(lambda one: _settled(body, one.pose, uncertain, evidence, refining), others)

@@ -24,25 +24,26 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import described
 from anchorpose.isolation.view import View
 
-LEAST_MATCHES: Final = 30  # 60 cm2 at two metres: a hand
-MATCHES: Final = 800  # a person at two metres has 2,000; more only cost time
-LEAST_SIGMA_M: Final = 0.03  # of a match: skin points are as far apart, and clothes as thick
-MATCHES_PER_OBSERVATION: Final = 10.0  # the network is wrong about whole parts, not about pixels
+LEAST_MATCHES: Final = 30  # matches; 60 cm2 at two metres, a hand
+MATCHES: Final = 800  # matches used; a person at two metres has 2,000, but more only cost time
+LEAST_SIGMA_M: Final = 0.03  # m, smallest error of a match: skin points are as far apart, and clothes as thick
+MATCHES_PER_OBSERVATION: Final = 10.0  # the network is wrong about whole parts, not about single pixels
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
 """Distance at which a match counts a quarter, in each step: from a limb's length down to a limb's width."""
 
-MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20  # of a person of whom nothing is known, adults and children together
-STATURES_M: Final = (0.90, 2.15)  # one person in a thousand is shorter or taller, with the error of one frame
-_SCALINGS: Final = 3  # 4, 3 and 2 % off in the median
+MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20  # an unknown person's, adults and children together
+STATURES_M: Final = (0.90, 2.15)  # m; one person in a thousand is shorter or taller, including the error of one frame
+_SCALINGS: Final = 3  # scalings; the stature is then 4, 3 and 2 % off in the median
 _AGAIN: Final = 4  # steps from a pose that fits already
-_NO_KERNEL_M: Final = 1e3  # the weights of the rows are robust already
+_NO_KERNEL_M: Final = 1e3  # m, so large that no kernel acts: the rows' weights are robust already
 _ALIGNING: Final = 8  # steps of the reweighted alignment of the trunk
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """place (n, 3): on the standing mean adult of stature 1, X forward, Y up from the floor, Z right; target_m (n, 3):
-    in the world; error (n,): expected distance of place from the truth, in statures."""
+    """Matches between pixels and places on the body. place (n, 3): on the standing mean adult of stature 1, X forward,
+    Y up from the floor, Z right; target_m (n, 3): in the world; error (n,): expected error of place, in statures.
+    """
 
     place: np.ndarray
     target_m: np.ndarray
@@ -53,12 +54,12 @@ class Matches:
 
     @property
     def turned(self) -> Matches:
-        """With the places that the pixels show if the person faces the other way: what the network mistakes most."""
+        """Return the matches as if the person faces the other way, which is the network's most frequent mistake."""
         return replace(self, place=self.place * [-1.0, 1.0, -1.0])
 
 
 def matches_of(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Matches:
-    """Return the matches of all pixels of a label that the descriptor takes for a person."""
+    """Return the matches of all pixels with a label in which the descriptor sees a person."""
     found = [_matches_of(view, camera, label) for view, camera in zip(views, cameras, strict=True) if view is not None]
     if not found:
         return Matches(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
@@ -75,8 +76,9 @@ def _matches_of(view: View, camera: Camera, label: int) -> Matches:
 
 
 class MatchedPerson(NamedTuple):
-    """matches, and what they say together: stature_m, the standing height, within 3 % in half of all single frames, and
-    the pose of an ordinary adult of this height."""
+    """Matches and their results: stature_m, the standing height (within 3 % in half of all single frames), and the pose
+    of an ordinary adult of this height.
+    """
 
     matches: Matches
     stature_m: float
@@ -84,10 +86,10 @@ class MatchedPerson(NamedTuple):
 
 
 def match_person(matches: Matches) -> MatchedPerson:
-    """Fit an ordinary body to the matches and scale it so that they are as far apart as on it, in turn.
+    """Fit an ordinary body to the matches and scale it until distances on both agree, alternately.
 
-    What is known of people in general counts too: few and uncertain matches tell little of a stature. Raises ValueError
-    for fewer than ``LEAST_MATCHES``.
+    The distribution of statures is a prior, since few or uncertain matches determine a stature poorly. Raises
+    ValueError for fewer than ``LEAST_MATCHES``.
     """
     points, stature_m, pose = body_points(), MEAN_STATURE_M, None
     for _ in range(_SCALINGS):
@@ -98,13 +100,13 @@ def match_person(matches: Matches) -> MatchedPerson:
     return MatchedPerson(matches, stature_m, pose)
 
 
-@lru_cache(maxsize=24)  # everybody in every sampled frame is asked for a few statures
+@lru_cache(maxsize=24)  # all people in every sampled frame need bodies of a few statures
 def _adult(points: SkinPoints, stature_cm: int) -> Body:
     return build_body(points, shape_of_height(points.asset, stature_cm / 100.0))
 
 
 def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
-    """The most probable stature, by the matches on a body that is now so tall, and by that of people in general."""
+    """Return the most probable stature, by matches on a body of the present stature and by the prior."""
     point, target_m, sigma_m = _chosen(body, matches)
     own_m = pose_points(body, pose).points_m[point]
     weight = (sigma_m * (1.0 + (np.linalg.norm(own_m - target_m, axis=1) / SCALES_M[-1]) ** 2)) ** -2
@@ -117,9 +119,9 @@ def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
 
 
 def fit_matches(body: Body, matches: Matches, start: Pose | None = None) -> Pose:
-    """Return the pose that brings the skin closest to its matched places; gross errors lose their weight.
+    """Return the pose that brings the skin closest to its matched places; outliers lose their weight.
 
-    start: a pose that was fitted to the same matches on a body of another shape. Raises as ``match_person``.
+    start: a pose fitted to the same matches on a body of another shape. Raises like ``match_person``.
     """
     if len(matches) < LEAST_MATCHES:
         raise ValueError(f"a pose needs {LEAST_MATCHES} matches, these are {len(matches)}")
@@ -132,7 +134,9 @@ def fit_matches(body: Body, matches: Matches, start: Pose | None = None) -> Pose
 
 
 def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Skin point (n,), place in the world (n, 3) and standard deviation (n,) m of ``MATCHES`` matches."""
+    """Return skin point (n,), place in the world (n, 3) and standard deviation (n,) in metres of ``MATCHES``
+    matches.
+    """
     chosen = thin(len(matches), MATCHES)
     sigma_m = np.maximum(matches.error[chosen] * np.ptp(body.rest_m[:, 1]), LEAST_SIGMA_M)
     return _skin_at(body.points, matches.place[chosen]), matches.target_m[chosen], sigma_m
@@ -141,7 +145,7 @@ def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.nd
 def _rows(
     posed_m: np.ndarray, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray, scale_m: float
 ) -> Constraints:
-    """Three rows per match, with one robust weight (Geman and McClure) of the match's whole distance."""
+    """Return three rows per match, with one robust weight (Geman and McClure) for the match's whole distance."""
     away_m = np.linalg.norm(posed_m[point] - target_m, axis=1)
     spread_m = np.repeat(sigma_m * (1.0 + (away_m / scale_m) ** 2), 3)
     direction = np.tile(np.eye(3), (len(point), 1))
@@ -152,19 +156,21 @@ def _rows(
 
 @cache
 def _tree(points: SkinPoints) -> cKDTree:
-    """Of the skin points on the standing mean adult of stature 1."""
+    """Return a KD-tree of the skin points on the standing mean adult of stature 1."""
     skin = points.asset.vertices
     place = skin[points.vertex] - [0.0, skin[:, 1].min(), 0.0]
     return cKDTree(place / np.ptp(skin[:, 1]))
 
 
 def _skin_at(points: SkinPoints, place: np.ndarray) -> np.ndarray:
-    """(n,) the skin point nearest to each place (n, 3)."""
+    """Return the skin point (n,) nearest to each place (n, 3)."""
     return np.asarray(_tree(points).query(place)[1])
 
 
 def _aligned(body: Body, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray) -> Pose:
-    """The rest pose, turned and moved so that the trunk lies on its matches; all of the body where it has too few."""
+    """Return the rest pose, aligned so that the trunk lies on its matches; the whole body where the trunk has too
+    few.
+    """
     asset = body.points.asset
     rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
     trunk = np.isin(body.points.part[point], body.points.moving[LIMB_OF_BONES == TRUNK])

@@ -1,4 +1,4 @@
-"""Find the nearest skin point that faces the same way, in points sorted into voxels."""
+"""Find the nearest skin point that faces the same way, among points sorted into voxels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ MAX_VOXELS: Final = 1_000_000  # 8 MB of row starts; nodes spread wider than a r
 
 
 class Voxels(NamedTuple):
-    """order (n,) int32: nodes, voxel after voxel; start (x * y * z + 1,) int32: where each voxel begins in it.
+    """Nodes sorted into voxels. order (n,) int32: nodes, voxel by voxel; start (x * y * z + 1,) int32: where each voxel
+    begins in it. origin_m (3,) float64: lowest corner of the first voxel; side_m: length of a side; shape (3,) int64.
 
     origin_m (3,) float64: lowest corner of the first voxel; side_m: length of a side; shape (3,) int64.
     """
@@ -24,7 +25,7 @@ class Voxels(NamedTuple):
 
 
 def sort_into_voxels(points_m: np.ndarray, radius_m: float) -> Voxels:
-    """Voxels of half the search radius for points (n, 3), n > 0; an infinite radius gives one voxel."""
+    """Sort points (n, 3), n > 0, into voxels of half the search radius; an infinite radius gives one voxel."""
     origin = points_m.min(axis=0).astype(np.float64)
     extent = points_m.max(axis=0).astype(np.float64) - origin
     if not np.isfinite(extent).all():
@@ -40,7 +41,7 @@ def sort_into_voxels(points_m: np.ndarray, radius_m: float) -> Voxels:
 def sort_by_cell(
     points: np.ndarray, origin: np.ndarray, side: float, shape: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Order and start of ``Voxels`` for points (n, 3) float64; within a voxel the nodes keep their order."""
+    """Return order and start of ``Voxels`` for points (n, 3) float64; nodes keep their order within a voxel."""
     cell, start = np.empty(len(points), np.int64), np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int32)
     for node in range(len(points)):
         spot = 0
@@ -58,7 +59,7 @@ def sort_by_cell(
     return order, start
 
 
-CELL_M: Final = 0.08  # a few skin points per cell; with smaller ones, rows of empty cells cost more than the points
+CELL_M: Final = 0.08  # m; a few skin points per cell: smaller cells cost more by empty rows than by points
 
 
 class Oriented(NamedTuple):
@@ -69,9 +70,9 @@ class Oriented(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Points sorted by cell, those of a cell next to each other in memory.
+    """Points sorted by cell, contiguous in memory.
 
-    order (k,): their rows; skin (k, 6): place and normal; start: where each cell begins; origin (3,): the lowest
+    order (k,): the points' rows; skin (k, 6): place and normal; start: where each cell begins; origin (3,): the lowest
     corner; shape (3,): cells along each axis.
     """
 
@@ -86,11 +87,11 @@ class Grid(NamedTuple):
 def nearest_facing(
     skin: Oriented, nodes: Oriented, seen_from: np.ndarray, eyes: np.ndarray, reach: float, normal_weight: float
 ) -> np.ndarray:
-    """(n,) int64 skin point of each node, -1 where none is nearer than reach.
+    """Return the skin point (n,) int64 of each node, -1 where none is nearer than reach.
 
-    The distance is that of place and ``normal_weight`` times normal, six numbers. seen_from (n,): the camera that saw
-    each node; eyes (c, 3): where the cameras are. Exact: cells that are farther off than the best found so far are left
-    out, and the match of the node before is the first guess.
+    The distance is measured in six numbers: the place, and the normal times ``normal_weight``. seen_from (n,): the
+    camera that saw each node; eyes (c, 3): where the cameras are. Exact: cells that are farther off than the best found
+    so far are left out, and the match of the node before is the first guess.
     """
     nearest = np.full(len(nodes.places_m), -1, np.int64)
     for camera in range(len(eyes)):
@@ -121,9 +122,9 @@ def facing_rows(
     normal_weight: float,
     uncovered: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Skin point (m,), node (m,) and unit direction (m, 3) of every node that has a nearest point.
+    """Return skin point (m,), node (m,) and unit direction (m, 3) for every node that has a nearest point.
 
-    The direction is the mean of both normals, and straight to the node where it is farther off than ``uncovered``.
+    The direction is the mean of both normals, or straight to a node farther off than ``uncovered``.
     """
     nearest = nearest_facing(skin, nodes, seen_from, eyes, reach, normal_weight)
     point, found, count = np.empty(len(nearest), np.int64), np.empty(len(nearest), np.int64), 0
@@ -140,7 +141,7 @@ def facing_rows(
             squared += direction[count, i] ** 2
         straight = away > uncovered * uncovered
         length = max(np.sqrt(away if straight else squared), 1e-9)
-        for i in range(3):  # no slices, which take seconds to compile
+        for i in range(3):  # slices would take seconds to compile
             direction[count, i] = (offset[i] if straight else direction[count, i]) / length
         point[count], found[count] = p, node
         count += 1
@@ -149,7 +150,9 @@ def facing_rows(
 
 @njit(cache=True, nogil=True)
 def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.ndarray:
-    """(n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 where none is nearer than reach."""
+    """Return (n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 where none is nearer than
+    reach.
+    """
     nearest = np.full(len(nodes), -1, np.int64)
     grid, places = _grid(Oriented(points, points), np.arange(len(points))), Oriented(nodes, nodes)
     for node in range(len(nodes)):
@@ -160,7 +163,7 @@ def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.nda
 
 @njit(cache=True, nogil=True)
 def _facing(skin: Oriented, eye: np.ndarray) -> np.ndarray:
-    """Rows of the points whose outer side faces the eye."""
+    """Return the rows of the points whose outer side faces the camera at ``eye``."""
     facing, count = np.empty(len(skin.places_m), np.int64), 0
     for p in range(len(skin.places_m)):
         towards = 0.0
@@ -174,7 +177,7 @@ def _facing(skin: Oriented, eye: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _grid(surface: Oriented, chosen: np.ndarray) -> Grid:
-    """The chosen points by cell."""
+    """Return the chosen points by cell."""
     points = surface.places_m
     origin, top = points[chosen[0]].copy(), points[chosen[0]].copy()
     for p in chosen:
@@ -203,9 +206,9 @@ def _distance2(skin: np.ndarray, spot: int, nodes: Oriented, node: int, normal_w
 
 @njit(cache=True, nogil=True)
 def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: float) -> int:
-    """Row of ``grid.skin`` of the nearest that is nearer than the root of ``best``, -1 where there is none.
+    """Return the row of ``grid.skin`` nearest to a node, if nearer than the root of ``best``, else -1.
 
-    The node's own cell comes first: what is found there narrows the search around it.
+    The node's own cell comes first: a point found there narrows the search around it.
     """
     skin, start, shape, found = grid.skin, grid.start, grid.shape, -1
     origin = grid.origin
@@ -229,7 +232,7 @@ def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: 
             if first > last:
                 continue
             row = (i * shape[1] + j) * shape[2]
-            for spot in range(start[row + first], start[row + last + 1]):  # cells along z follow one another
+            for spot in range(start[row + first], start[row + last + 1]):  # cells along z are contiguous
                 distance = _distance2(skin, spot, nodes, node, normal_weight)
                 if distance < best:
                     best, found = distance, spot
@@ -238,12 +241,12 @@ def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: 
 
 @njit(cache=True, nogil=True)
 def _cells_within(place: float, radius: float, count: int) -> tuple[int, int]:
-    """First and last cell along one axis that are nearer than the radius."""
+    """Return the first and last cell along one axis that are nearer than the radius."""
     first, last = int(np.floor((place - radius) / CELL_M)), int(np.floor((place + radius) / CELL_M))
     return max(0, first), min(count - 1, last)
 
 
 @njit(cache=True, nogil=True)
 def _gap(place: float, cell: int) -> float:
-    """How far a place is from a cell along one axis, 0 within it."""
+    """Return the distance from a place to a cell along one axis, 0 within the cell."""
     return max(cell * CELL_M - place, place - (cell + 1) * CELL_M, 0.0)

@@ -1,4 +1,4 @@
-"""Represent a pose of the body: bone turns and root, and the pose's uncertainty over time."""
+"""Represent a pose of the body by bone turns and root, and changes of it."""
 
 from __future__ import annotations
 
@@ -44,34 +44,38 @@ DEGREE: Final = np.pi / 180.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """rotations (b, 3, 3): each bone relative to its parent, rest axes. root_m (3,): the root bone's head, world."""
+    """A pose. rotations (b, 3, 3): each bone relative to its parent, rest axes. root_m (3,): the root bone's head,
+    world.
+    """
 
     rotations: np.ndarray
     root_m: np.ndarray
 
     def moved(self, change: np.ndarray, moving: np.ndarray) -> Pose:
-        """The pose after a change (POSE_SIZE,): ``exp(change) @ rotation`` in the parent's frame, then translation."""
+        """Return the pose after a change (POSE_SIZE,): ``exp(change) @ rotation`` in the parent's frame, then
+        translation.
+        """
         rotations = self.rotations.copy()
         rotations[moving] = rotation_matrices(change[:-3].reshape(-1, 3)) @ rotations[moving]
         return Pose(rotations, self.root_m + change[-3:])
 
     def change_to(self, after: Pose, moving: np.ndarray) -> np.ndarray:
-        """(POSE_SIZE,) the change that leads to another pose: ``self.moved(change, moving)`` is ``after``."""
+        """Return the change (POSE_SIZE,) that leads to another pose: ``self.moved(change, moving)`` is ``after``."""
         turned = after.rotations[moving] @ self.rotations[moving].transpose(0, 2, 1)
         return np.append(rotation_vectors(turned).ravel(), after.root_m - self.root_m)
 
     def rotation_vectors(self, moving: np.ndarray) -> np.ndarray:
-        """(m, 3) rotation vectors of the moving bones, radians."""
+        """Return the rotation vectors (m, 3) of the moving bones, radians."""
         return rotation_vectors(self.rotations[moving])
 
 
 def moving_bones(asset: BodyAsset) -> np.ndarray:
-    """(m,) bone index of each of ``MOVING_BONES``."""
+    """Return the bone index (m,) of each of ``MOVING_BONES``."""
     return np.array([asset.bone(name) for name in MOVING_BONES])
 
 
 def descendants(asset: BodyAsset) -> np.ndarray:
-    """(m, b) float64: 1 where the bone is the moving bone or one of its descendants."""
+    """Return (m, b) float64: 1 where the bone is the moving bone or one of its descendants."""
     below = np.zeros((len(MOVING_BONES), len(asset.bone_names)))
     for row, bone in enumerate(moving_bones(asset)):
         for other in range(len(asset.bone_names)):
@@ -93,7 +97,7 @@ _LIMBS: Final = tuple(
 
 
 def _limb_of_bones() -> np.ndarray:
-    """(m,) the limb of each moving bone, counted from 1; 0 is the trunk with the head."""
+    """Return the limb (m,) of each moving bone, counted from 1; 0 is the trunk with the head."""
     limb_of = np.zeros(len(MOVING_BONES), dtype=np.int64)
     for number, (name, bones, _) in enumerate(_LIMBS, 1):
         side = "Left" if name.startswith("Left") else "Right"
@@ -112,11 +116,11 @@ LIMB_OF_BONES: Final = _limb_of_bones()
 LIMB_OF_JOINTS: Final = _limb_of_joints()
 _BEYOND: Final = ("ForeArm", "Hand", "tLeg", "Foot", "Spine", "Spine1", "Neck", "Neck1", "Head")
 SEGMENT_OF_BONES: Final = 2 * LIMB_OF_BONES + np.array([bone.endswith(_BEYOND) for bone in MOVING_BONES])
-"""(m,) twice the limb of each moving bone, one more beyond elbow or knee; of the trunk, chest and head are one more."""
+"""Segment (m,) of each moving bone: twice its limb, plus one beyond elbow or knee, and for chest, neck and head."""
 SEGMENT_OF_JOINTS: Final = 2 * LIMB_OF_JOINTS + np.array(
     [name.startswith(("Wrist", "Hand", "Ankle", "Foot", "SpineM", "SpineS", "Neck", "Head")) for name in JOINT_NAMES]
 )
-"""(21,) the same of each joint."""
+"""Segment (21,) of each joint, likewise."""
 PARTS: Final = len(_LIMBS) + 1
 
 TRUNK: Final = 0

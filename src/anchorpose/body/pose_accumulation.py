@@ -1,4 +1,4 @@
-"""Hessian and gradient of many rows with respect to the pose, without ever storing their Jacobian.
+"""Compute Hessian and gradient of many rows with respect to the pose, without storing their Jacobian.
 
 A row of a point x on a rigid bone moves with the bone's turn by ``(x - pivot) x direction``, which is linear in the six
 numbers ``(x x direction, direction)``. So rows are first summed by skin point (3 x 3), then by pairs of moving bones
@@ -20,7 +20,7 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints
 def accumulate_pose(
     body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, residual_m: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,); arguments as in ``pose_jacobian``."""
+    """Return ``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,); arguments as in ``pose_jacobian``."""
     points, parents = body.points, body.points.asset.bone_parents
     pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, parents, points.moving)
     spread, pull = _by_point(len(body.rest_m), index, direction, residual_m, weight)
@@ -34,11 +34,13 @@ def accumulate_pose(
 
 @cache
 def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """(b,) row of the moving bone that carries each bone, and (m,) of the one above each moving bone, -1 of the root.
+    """Return the row (b,) of the moving bone that carries each bone, and the row (m,) above each moving bone, -1 for
+    the root.
 
     Moving bones are numbered as in ``SkinPoints.moving``, parents before children.
     """
-    carrier = len(points.moving) - 1 - points.below[::-1].argmax(axis=0)  # the last that is above it or is it
+    # the last moving bone that is above the bone or is the bone
+    carrier = len(points.moving) - 1 - points.below[::-1].argmax(axis=0)
     parents = points.asset.bone_parents[points.moving]
     return carrier, np.where(parents >= 0, carrier[parents], -1)
 
@@ -47,7 +49,9 @@ def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 def _by_point(
     count: int, index: np.ndarray, direction: np.ndarray, residual: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sums over the rows of each skin point: weight x direction x direction^T (p, 3, 3), and x residual (p, 3)."""
+    """Return sums over the rows of each skin point: weight x direction x direction^T (p, 3, 3), and its product with
+    the residual (p, 3).
+    """
     spread, pull = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for r in range(len(index)):
         p = index[r]
@@ -70,9 +74,10 @@ def _by_bones(
     spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Moments (m, m, 6, 6) of each pair of carriers, and forces (m, 6) on each: torque about the origin, then force.
+    """Return the moments (m, m, 6, 6) of each pair of carriers, and forces (m, 6) on each: torque about the origin,
+    then force.
 
-    Of two that carry a point, one pair is enough: the other half of the moments is what ``_mirror`` adds.
+    Each pair of carriers is stored once: ``_mirror`` adds the other half of the moments.
     """
     pairs, forces = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
     most = bones.shape[1]
@@ -120,7 +125,7 @@ def _by_bones(
 
 @njit(cache=True, nogil=True)
 def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place: np.ndarray) -> None:
-    """Adds to place (3,) a bone's share of where it carries the point."""
+    """Add a bone's share of the carried point's place to place (3,)."""
     T, r = T_world_rest, rest_m
     for i in range(3):
         place[i] += share * (T[i, 3] + T[i, 0] * r[0] + T[i, 1] * r[1] + T[i, 2] * r[2])
@@ -128,7 +133,7 @@ def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place
 
 @njit(cache=True, nogil=True)
 def _mirror(pairs: np.ndarray) -> None:
-    """In place: adds the transpose, except to a carrier's moments with itself, which are complete."""
+    """Add the transpose in place, except to a carrier's moments with itself, which are complete."""
     for one in range(len(pairs)):
         for other in range(one):
             for i in range(6):
@@ -139,8 +144,8 @@ def _mirror(pairs: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarray) -> None:
-    """In place: adds to each bone what moves its descendants. Parents come before children."""
-    for bone in range(len(parents) - 1, 0, -1):  # no slices, which take seconds to compile
+    """Add to each bone, in place, the sums of its descendants. Parents come before children."""
+    for bone in range(len(parents) - 1, 0, -1):  # slices would take seconds to compile
         for i in range(6):
             forces[parents[bone], i] += forces[bone, i]
         for other in range(len(parents)):
@@ -158,7 +163,9 @@ def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarra
 def _by_parameter(
     pivot: np.ndarray, frame: np.ndarray, pairs: np.ndarray, forces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Moments about the origin to turns about the pivots in the parents' axes; the last three are the root's shift."""
+    """Convert moments about the origin to turns about the pivots in the parents' axes; the last three are the root's
+    shift.
+    """
     count = len(pivot)
     screws = _screws(pivot, frame)
     bone = np.arange(count + 1)
@@ -188,7 +195,7 @@ def _by_parameter(
 
 @njit(cache=True, nogil=True)
 def _screws(pivot: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """(m + 1, 3, 6) each parameter as turn and shift about the origin."""
+    """Return each parameter (m + 1, 3, 6) as turn and shift about the origin."""
     count = len(pivot)
     screws = np.zeros((count + 1, 3, 6))
     for m in range(count):

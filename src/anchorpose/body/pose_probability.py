@@ -1,8 +1,8 @@
-"""State how probable a pose is by all that a frame shows and all that is known of bodies, to decide between poses.
+"""Compute how probable a pose is by the frame and by prior knowledge of bodies, to decide between poses.
 
-Readings say how far skin is, the learnt descriptor says which skin it is: a body that is turned round, or two legs on
-the pixels of one, cover as much of the surface as the right pose. The descriptor is wrong about whole limbs at a time,
-so that it counts as one observation for a large patch. It is one term of the sum: readings can overrule it.
+Readings give the distance of skin, the learnt descriptor gives its place on the body: a body that is turned round, or
+two legs on the pixels of one, cover as much surface as the right pose. The descriptor is wrong about whole limbs at a
+time, so it counts as one observation per large patch. It is one term of the sum: readings can overrule it.
 """
 
 from __future__ import annotations
@@ -24,25 +24,26 @@ from anchorpose.camera import Camera
 from anchorpose.descriptor.learnt import described, nearest_rays
 from anchorpose.isolation.view import View
 
-SPACING_M: Final = 0.028  # of skin points
-NAMED_FOOTPRINT_M: Final = 0.04  # of a pixel whose place is compared: the descriptor's own grid at two to four metres
-NAMED_ALIKE_M: Final = 0.25  # side of the patch whose places are off by one error: the integral of their correlation
+SPACING_M: Final = 0.028  # spacing of skin points
+# width of a pixel whose place is compared: the descriptor's own grid at two to four metres
+NAMED_FOOTPRINT_M: Final = 0.04
+NAMED_ALIKE_M: Final = 0.25  # side of a patch whose places have a common error: the integral of their correlation
 WRONGLY_NAMED: Final = (
     0.03  # share of the places that are over three of their deviations off, simulated and real (UTD-MHAD)
 )
 FROM_BEFORE: Final = 20.0
 """Ratio: how much more often a single camera stands before the patient than behind.
 
-docs/guide/cameras.md asks for it, and the subjects of UTD-MHAD and MSR Action3D face theirs. Assumed, not measured: it
-tips only what the images leave open."""
+docs/guide/cameras.md asks for it, and the subjects of UTD-MHAD and MSR Action3D face their cameras. The value is
+assumed, not measured: it decides only where the images do not."""
 
-SKIN_AREA: Final = 0.6  # of an adult, in statures squared: 1.8 m2 at 1.7 m (Du Bois and Du Bois 1916)
+SKIN_AREA: Final = 0.6  # an adult's skin area, in statures squared: 1.8 m2 at 1.7 m (Du Bois and Du Bois 1916)
 
 
 def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
-    """Return the likelihood of readings and descriptor together with what is known of bodies, nats.
+    """Return the log probability of a pose by readings, descriptor and prior knowledge of bodies, nats.
 
-    Joints bend as in people, limbs are solid, of which patches of skin are independent, and feet stand.
+    The prior knowledge: joints bend as in people, limbs do not intersect (patches of skin are independent), feet stand.
     """
     posed = pose_points(body, pose)
     known = prior_equations(body.points, pose, None).cost
@@ -54,9 +55,10 @@ def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
 
 
 def facing_nats(body: Body, pose: Pose, cameras: Sequence[Camera]) -> float:
-    """Return how probable it is beforehand that the body faces a single camera as it does; 0 with several.
+    """Return the prior log probability of the body's facing relative to a single camera, nats; 0 with several
+    cameras.
 
-    Apart from ``log_probability``: no error of shape or clothes is in it.
+    It is separate from ``log_probability``, since errors of shape and clothes do not affect it.
     """
     if len(cameras) != 1:
         return 0.0
@@ -67,7 +69,7 @@ def facing_nats(body: Body, pose: Pose, cameras: Sequence[Camera]) -> float:
 
 
 def _cost(rows: Constraints, posed: PosedPoints) -> float:
-    """Sum of squared deviations, each with its robust kernel."""
+    """Return the sum of squared deviations under each row's robust kernel."""
     scaled = (rows.residuals(posed) / rows.scale_m) ** 2
     return float(((rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)).sum())
 
@@ -75,7 +77,7 @@ def _cost(rows: Constraints, posed: PosedPoints) -> float:
 def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
     """Return how much more probable the descriptor's places are with each limb where it is than with any other skin.
 
-    (PARTS, 2) nats, as in ``Likelihood``; of the readings of the evidence's person that the skin explains.
+    The result is (PARTS, 2) nats, as in ``Likelihood``, over the person's readings that the skin explains.
     """
     skin_m, nats = pose_points(body, pose).points_m, np.zeros(2 * PARTS)
     for view, camera in zip(evidence.views, evidence.cameras, strict=True):
@@ -85,7 +87,7 @@ def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
 
 
 def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
-    """(2 PARTS,) nats by one camera."""
+    """Return the nats (2 PARTS,) by one camera."""
     skin = render_skin(points, skin_m, camera, NAMED_FOOTPRINT_M)
     if skin is None:
         return np.zeros(2 * PARTS)
@@ -96,7 +98,8 @@ def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera
     said = described(view.depth_m, camera)
     place, error = said.place[row[shown], column[shown]], said.error[row[shown], column[shown]]
     named = np.isfinite(error)
-    point, variance = skin.point[shown][named], 2.0 / np.pi * error[named].astype(np.float64) ** 2  # along each axis
+    # variance along each axis
+    point, variance = skin.point[shown][named], 2.0 / np.pi * error[named].astype(np.float64) ** 2
     away2 = ((place[named] - places(points)[point]) ** 2).sum(axis=1)
     right = SKIN_AREA / (2.0 * np.pi * variance) * np.exp(-0.5 * away2 / variance)
     nats = np.log((1.0 - WRONGLY_NAMED) * right + WRONGLY_NAMED)
@@ -106,6 +109,6 @@ def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera
 
 @cache
 def places(points: SkinPoints) -> np.ndarray:
-    """(p, 3) where each skin point is on the standing mean adult of stature 1, as in ``Described``."""
+    """Return the place (p, 3) of each skin point on the standing mean adult of stature 1, as in ``Described``."""
     skin = points.asset.vertices
     return np.asarray((skin[points.vertex] - [0.0, skin[:, 1].min(), 0.0]) / np.ptp(skin[:, 1]))

@@ -1,6 +1,6 @@
-"""Propose poses from the picture, each source by itself; none depends on where the pose was predicted.
+"""Propose poses from the images, each source independently, without using the predicted pose.
 
-A prediction has a part in it only through the trunk that limbs hang on, and that is proposed too.
+A prediction enters only through the trunk, for which there are proposals too.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.isolation.view import PixelLabel
 
-MOST_UNUSUAL: Final = 10.0  # squared deviations of all joint ranges by which a pose may be rarer than before
+# squared deviations of all joint ranges by which a proposal may be rarer than the pose in doubt
+MOST_UNUSUAL: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Doubted:
-    """A pose in doubt and what the frame shows.
+    """A pose in doubt and the frame's evidence.
 
-    anchors: None where the pose is a first one, which comes from the descriptor, and nobody has looked for anchors yet.
+    anchors: None for a first pose, which comes from the descriptor before anchors are searched for.
     """
 
     body: Body
@@ -38,9 +39,9 @@ class Doubted:
 
 
 def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
-    """Yield the poses that some sources propose, but for limbs that are bent much more than those in doubt.
+    """Yield the poses that the sources propose, except those with limbs bent much more than in the doubted pose.
 
-    Else a leg that nobody sees could be laid along an arm. Which side a limb is decide the images alone.
+    Otherwise a hidden leg could be laid along an arm. The images alone decide a limb's side.
     """
     most = rarity(doubted.body, doubted.pose) + MOST_UNUSUAL
     for source in sources:
@@ -50,12 +51,12 @@ def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
 
 
 def rarity(body: Body, pose: Pose) -> float:
-    """How far the joints are bent: the sum of squared deviations from their usual range."""
+    """Return how unusually the joints are bent: the sum of squared deviations from their usual range."""
     return prior_equations(body.points, pose, None).cost
 
 
 def _along_surface(doubted: Doubted) -> Iterator[Pose]:
-    """A limb along skin that nothing covers."""
+    """Yield the pose with a limb along uncovered skin."""
     body, pose, evidence = doubted.body, doubted.pose, doubted.evidence
     explanation = explain(body.points, pose_points(body, pose), evidence)
     for path in uncovered_paths(evidence, explanation):
@@ -63,13 +64,13 @@ def _along_surface(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
-    """A limb along the geodesic path of an anchor, or of an end without a name (paper, Definition 2)."""
+    """Yield the pose with a limb along the geodesic path of an anchor, or of an unnamed end (paper, Definition 2)."""
     if doubted.anchors is not None:
         yield from anchor_poses(doubted.body, doubted.pose, doubted.anchors)
 
 
 def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
-    """The whole body by the learnt descriptor, and the same with front and back exchanged, which it mistakes most."""
+    """Yield the whole body by the learnt descriptor, also with front and back exchanged, its most frequent mistake."""
     if doubted.anchors is None:
         return
     matches = matches_of(doubted.evidence.views, doubted.evidence.cameras, PixelLabel.PATIENT)
@@ -79,7 +80,7 @@ def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _exchanged(doubted: Doubted) -> Iterator[Pose]:
-    """Arms, legs or all sides exchanged: limbs stay where they are and change their names."""
+    """Yield the pose with arms, legs or all sides exchanged: limbs stay in place and exchange their names."""
     yield from exchanged(doubted.body, doubted.pose)
 
 

@@ -1,4 +1,6 @@
-"""One frame's pose: articulated registration from the predicted pose and the tree's pairs (paper, Section IV)."""
+"""Find one frame's pose by articulated registration from the predicted pose and the tree's pairs (paper, Section
+IV).
+"""
 
 from __future__ import annotations
 
@@ -17,14 +19,16 @@ from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
 
-LEAST_EXPLAINED: Final = 0.3  # share of nodes near the body below which it is not this body that is seen
+LEAST_EXPLAINED: Final = 0.3  # share of nodes near the body; below it the surface is not this body's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """belief in the pose; explained: share of the surface's nodes that the body accounts for, 0 where nothing was seen.
+    """The registered pose: the belief in it, and explained, the share of the surface's nodes near the body, 0 where
+    nothing was seen.
 
-    found is False where too little was seen or it is not this body: the belief is then the prediction, unchanged.
+    found is False where too little was seen or the surface is not this body's: the belief is then the unchanged
+    prediction.
     """
 
     belief: PoseBelief
@@ -34,7 +38,7 @@ class Registration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Held:
-    """Rows besides what is seen; first: of the first steps; always: of all steps."""
+    """Constraint rows besides the evidence; first: used in the first steps; always: used in all steps."""
 
     first: Constraints
     always: Constraints
@@ -48,10 +52,11 @@ def register(
     config: RegistrationConfig,
     fixed: Constraints | None = None,
 ) -> Registration:
-    """tau-hat = ICP(tau, phi), for all parts at once: they stay joined, and bones keep their length.
+    """Register all parts of the body at once: they stay joined, and bones keep their length. tau-hat = ICP(tau,
+    phi).
 
-    held: rows of the tree and the anchors; they start the registration, the surface itself ends it. fixed: rows of
-    every step, which make no pose more certain: they were not seen.
+    held: rows of the tree and the anchors, used in the first steps only. fixed: rows of every step that do not reduce
+    the uncertainty, since they are not observations.
     """
     if len(evidence.surface) < config.least_nodes:
         return Registration(predicted, 0.0, False)
@@ -63,15 +68,16 @@ def register(
 def posterior(
     body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> Registration:
-    """The belief in a pose that was found, given the evidence, and whether it is this body that is seen.
+    """Return the belief in a pose given the evidence, and whether the surface is this body's.
 
-    Only skin that is seen makes a pose more certain. That a limb is not where the room is seen is one-sided, so it is
-    left out of the covariance.
+    Only seen skin makes a pose more certain. The constraint that a limb is not in front of visible room is one-sided,
+    so it is left out of the covariance.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
     share = len(rows) / max(1, min(len(evidence.surface), config.node_count))
-    if share < LEAST_EXPLAINED or likelihood(body, pose, evidence).total < 0.0:  # likelier without this body
+    # the readings are likelier without this body
+    if share < LEAST_EXPLAINED or likelihood(body, pose, evidence).total < 0.0:
         return Registration(predicted, share, False)
     expected = (predicted.pose, predicted.information)
     hidden = hidden_bones(body.points, rows, config.rows_per_observation)
@@ -82,7 +88,9 @@ def posterior(
 
 
 def node_parts(body: Body, pose: Pose, nodes_m: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest skin point of each node (n,), -1 beyond reach, and the bone (n,) that moves it, -1 likewise."""
+    """Return the nearest skin point (n,) of each node, -1 beyond reach, and the bone (n,) that moves it, also -1
+    there.
+    """
     point = nearest_point(pose_points(body, pose).points_m, nodes_m, reach_m)
     return point, np.where(point >= 0, body.points.part[point], -1)
 
@@ -95,7 +103,7 @@ def descend(
     config: RegistrationConfig,
     held: Held | None = None,
 ) -> Pose:
-    """Gauss-Newton from one pose, with less and less reach (``config.reaches_m``)."""
+    """Run Gauss-Newton from one pose, with decreasing reach (``config.reaches_m``)."""
     expected = (predicted.pose, predicted.information)
     for number, reach_m in enumerate(config.reaches_m):
         rows = [evidence_rows(body, pose, evidence, reach_m, config)]

@@ -1,7 +1,8 @@
-"""Poses that explain the images almost as well as the best one, followed until the images decide (paper, Section IV-D).
+"""Follow poses that explain the images almost as well as the best one, until the images decide (paper, Section
+IV-D).
 
-The best pose of a frame and its rivals are registered to every frame side by side. Whichever explains the last frames
-clearly better is reported; until then each rival is part of sigma.
+The best pose and its rivals are registered to every frame side by side. A rival that explains the last frames clearly
+better replaces the best pose; until then each rival widens sigma.
 """
 
 from __future__ import annotations
@@ -23,26 +24,26 @@ from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
-APART_M: Final = 0.08  # poses whose joints are nowhere farther apart are one: as much as clothes and holds move
+APART_M: Final = 0.08  # m; poses with all joints nearer than this count as one: clothes and grips move as much
 LIMB_ERROR: Final = 4.0
-"""Nats by which errors of shape and clothes change a comparison of poses, for each limb, or the trunk, that differs.
+"""Nats by which errors of shape and clothes change a comparison of poses, per limb, or trunk, that differs.
 
-Followed side by side where a body is hidden but for head and arms, the right body and the same turned round differed by
-3 and 5 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
+Where only head and arms of a body were visible, the right body and the same body turned round differed by 3 and 5 nats
+in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
 
-MEMORY_S: Final = 0.3  # after which what frames said counts by a third: limbs were elsewhere then
-LEAST_GAIN: Final = 3.0  # nats: another pose must be twenty times as likely
-DECIDED: Final = 6.0  # nats: a pose that is e^6 times less likely than the best goes, one so much likelier takes over
-MOST: Final = 3  # rivals: each costs as much as the registration
+MEMORY_S: Final = 0.3  # s after which a frame counts by a third: limbs were elsewhere then
+LEAST_GAIN: Final = 3.0  # nats: a new pose must be twenty times as likely
+DECIDED: Final = 6.0  # nats: a pose e^6 times less likely than the best is dropped, one e^6 times likelier takes over
+MOST: Final = 3  # rivals; each costs as much as the registration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rival:
     """A pose besides the best.
 
-    lag: by how much it explains the last frames worse, believed nats, a mean of them; moved: what is left of the nats
-    that it costs to be elsewhere than expected. body: its own, None where it has that of the best. One with a body of
-    its own never becomes the best, for bones keep their length: it is part of sigma.
+    lag: by how much it explains the last frames worse, a mean in believed nats; moved: the rest of the cost of being
+    elsewhere than expected, nats. body: the rival's own, None if the same as the best pose's. A rival with its own body
+    never becomes the best, since bones keep their length: it only widens sigma.
     """
 
     belief: PoseBelief
@@ -52,22 +53,22 @@ class Rival:
 
     @property
     def behind(self) -> float:
-        """How much less likely it is than the best pose, nats."""
+        """Return how much less likely the rival is than the best pose, nats."""
         return self.lag + self.moved
 
     def joints_m(self, body: Body) -> np.ndarray:
-        """Return its joints (21, 3), metres, world; body: that of the best pose."""
+        """Return the rival's joints (21, 3), metres, world; body: that of the best pose."""
         return (self.body or body).joints(self.belief.pose)
 
     def beside(self, best: Rival) -> Rival:
-        """Return the same rival with its lag against another one, which becomes the best pose."""
+        """Return the same rival with its lag behind another pose, which becomes the best."""
         return replace(self, lag=self.lag - best.lag, moved=self.moved - best.moved)
 
 
 def believed(lead: float, parts: int) -> float:
-    """How far a lead in nats is to be believed, nats: the logarithm of how much likelier it is right than wrong.
+    """Convert a lead in nats to believed nats: the logarithm of how much likelier it is right than wrong.
 
-    parts: how many limbs, or the trunk, have other places; errors of shape and clothes are alike in all of them.
+    parts: the number of limbs (or trunk) with other places; each adds errors of shape and clothes.
     """
     deviations = abs(lead) / (LIMB_ERROR * max(parts, 1))
     odds = float(log_ndtr(deviations) - log_ndtr(-deviations))
@@ -75,7 +76,7 @@ def believed(lead: float, parts: int) -> float:
 
 
 def parts_apart(one_m: np.ndarray, other_m: np.ndarray) -> int:
-    """How many limbs, or the trunk, are not in one place by two poses' joints (21, 3)."""
+    """Count the limbs, or trunk, whose places differ between two poses' joints (21, 3)."""
     away_m = np.linalg.norm(one_m - other_m, axis=1)
     return len(np.unique(LIMB_OF_JOINTS[away_m > APART_M]))
 
@@ -88,7 +89,9 @@ def follow_rivals(
     elapsed_s: float,
     config: RegistrationConfig,
 ) -> tuple[Registration, tuple[Rival, ...]]:
-    """The best registration of a frame and what is left of its rivals: one that is clearly likelier takes its place."""
+    """Return a frame's best registration and its remaining rivals; a clearly likelier rival takes the best pose's
+    place.
+    """
     if not rivals:
         return best, ()
     most, followed = log_probability(body, best.belief.pose, evidence), list[tuple[Registration, Rival]]()
@@ -115,9 +118,10 @@ def follow_rivals(
 
 
 def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Rival, ...]:
-    """The few of others that matter most and are neither the best pose nor each other, and not decided against.
+    """Return the few other poses that matter most, are distinct from the best and from each other, and not excluded.
 
-    What matters is their part of sigma: a body that is turned round counts for more than a likelier place of a hand.
+    They are ranked by their effect on sigma: a body that is turned round counts for more than a likelier place of a
+    hand.
     """
     kept, places_m = list[Rival](), [body.joints(best.pose)]
     for rival in sorted(others, key=lambda one: one.behind):
@@ -131,7 +135,7 @@ def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Ri
 
 
 def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: Sequence[Rival]) -> np.ndarray:
-    """(21,) sigma of the joints (21, 3) of the best pose, of the mixture with its rivals, per axis.
+    """Return sigma (21,) of the mixture of the best pose's joints (21, 3) with its rivals, per axis.
 
     A rival's weight is its likelihood. Its own spread is taken to be that of the best pose.
     """

@@ -1,7 +1,8 @@
-"""Shape directions of a person's own: length and girth of each limb segment, left and right apart, and of the trunk.
+"""Define shape directions of single people: length and girth of each limb segment, left and right apart, and of the
+trunk.
 
-The statistical components of the asset move all segments together, left equal to right. Each direction here changes
-one segment of the mean adult: a length stretches the segment along its axis and carries what hangs on its end; a girth
+The statistical components of the asset move all segments together, left equal to right. Each direction here changes one
+segment of the mean adult: a length stretches the segment along its axis and shifts everything beyond its end; a girth
 moves the skin away from the axis. One unit is one standard deviation among people of the same height (``shape_prior``).
 """
 
@@ -18,16 +19,19 @@ from anchorpose.body.asset import BodyAsset, stored_asset
 
 SIDES: Final = ("left", "right")
 LENGTH_SIGMA: Final = {"upper_arm": 0.032, "forearm": 0.042, "thigh": 0.050, "shank": 0.037}
-"""Of the logarithm of each segment's length among people of one height and sex: 6,068 adults of ANSUR II (Gordon et al.
-2014, NATICK/TR-15/007, public data), regressed on the logarithm of stature: acromion-radiale, radiale-stylion,
-trochanterion to lateral femoral epicondyle, epicondyle to lateral malleolus."""
+"""Standard deviation of the logarithm of each segment's length among people of one height and sex: 6,068 adults of
+ANSUR II (Gordon et al. 2014, NATICK/TR-15/007, public data), regressed on the logarithm of stature:
+acromion-radiale, radiale-stylion, trochanterion to lateral femoral epicondyle, epicondyle to lateral malleolus."""
 
 END_SIGMA: Final = {"hand": 0.039, "foot": 0.034, "head": 0.035}
-"""The same of hand, foot and head; these grow as a whole about the wrist, the ankle and the joint of the head."""
+"""Standard deviation of the logarithm of hand, foot and head size; these grow as a whole about wrist, ankle and head
+joint.
+"""
 
 GIRTH_SIGMA: Final = {"upper_arm": 0.06, "forearm": 0.06, "thigh": 0.09, "shank": 0.09}
-"""Of each segment's girth. ANSUR II has 0.035 to 0.050 at one height and weight; paralysed legs lose a third to a half
-of their muscle (Giangregorio and McCartney 2006, doi:10.1080/10790268.2006.11753898), which no healthy sample has."""
+"""Standard deviation of the logarithm of each segment's girth. ANSUR II has 0.035 to 0.050 at one height and weight;
+paralysed legs lose a third to a half of their muscle (Giangregorio and McCartney 2006,
+doi:10.1080/10790268.2006.11753898), which no healthy sample has."""
 
 _BONES: Final = {
     "upper_arm": ("Arm", "ForeArm"),
@@ -46,11 +50,13 @@ _TRUNK_LENGTHS: Final = {
     "shoulder_breadth": ((("LeftShoulder", "LeftArm"), ("RightShoulder", "RightArm")), 0.040),
     "hip_breadth": ((("LHipJoint", "LeftUpLeg"), ("RHipJoint", "RightUpLeg")), 0.062),
 }
-"""The spans that grow together, and by which share: sitting height, biacromial and bicristal breadth of ANSUR II."""
+"""Spans that grow together, and their standard deviation: sitting height, biacromial and bicristal breadth of ANSUR
+II.
+"""
 
 
 class _Bulge(NamedTuple):
-    """Skin of the trunk that moves along an axis (0 forward, 2 sideways); towards 0: both ways, apart."""
+    """A region of trunk skin that moves along an axis (0 forward, 2 sideways); towards 0: both ways, apart."""
 
     axis: int
     towards: int
@@ -68,13 +74,15 @@ _BULGES: Final = {
     "seat_depth": _Bulge(0, -1, 0.88, 0.08, 0.005),
     "seat_breadth": _Bulge(2, 0, 0.88, 0.07, 0.003),
 }
-"""Heights on the mean adult. Less than the 5 to 7 % by which depths and breadths differ in ANSUR II at one height and
-weight: the statistical components differ by most of it, and the heavy tails of the prior leave a belly free."""
+"""Bulges of the trunk, by heights on the mean adult. Deviations are less than the 5 to 7 % by which depths and breadths
+differ in ANSUR II at one height and weight: the statistical components contain most of it, and the heavy tails of the
+prior allow a large belly.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Direction:
-    """One direction of shape: its name, and what a unit adds to skin (v, 3), bone heads and tails (b, 3), metres."""
+    """A direction of shape: its name, and what one unit adds to skin (v, 3), bone heads and tails (b, 3), metres."""
 
     name: str
     vertices: np.ndarray
@@ -84,12 +92,12 @@ class Direction:
 
 @cache
 def load_body_asset() -> BodyAsset:
-    """The body that is fitted to patients: the asset that ships with the package, and each segment's own directions."""
+    """Return the asset that is fitted to patients: the shipped one with the directions of single segments."""
     return with_own_segments(stored_asset())
 
 
 def with_own_segments(asset: BodyAsset) -> BodyAsset:
-    """The asset with the directions of this module behind its own components."""
+    """Add the directions of this module after the asset's own components."""
     found = tuple(_directions(asset))
     return replace(
         asset,
@@ -121,13 +129,15 @@ def _bones_of(segment: str, side: str) -> tuple[str, str]:
 
 
 def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], sigma: float) -> Direction:
-    """Each span, from the head of one bone to that of another, longer by a share ``sigma``; both sides in one."""
+    """Return the direction that lengthens spans, each from one bone's head to another's, by a share ``sigma``, on both
+    sides together.
+    """
     total = [np.zeros_like(asset.vertices), np.zeros_like(asset.bone_heads), np.zeros_like(asset.bone_tails)]
     for start, end in spans:
         first, last = asset.bone(start), asset.bone(end)
         step = asset.bone_heads[last] - asset.bone_heads[first]
         along = _shares_along(asset, first, last)
-        of_vertex = asset.vertices @ along[:, :3].T + along[:, 3]  # (v, b): as part of each bone
+        of_vertex = asset.vertices @ along[:, :3].T + along[:, 3]  # (v, b): the vertex as part of each bone
         share = (asset.skin_weights * np.take_along_axis(of_vertex, asset.skin_bones, axis=1)).sum(axis=1)
         total[0] += share[:, None] * step
         for kept, points in ((total[1], asset.bone_heads), (total[2], asset.bone_tails)):
@@ -137,9 +147,9 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """(b, 4) by bone: share of the span's growth by which a point of it moves, affine in its place at rest.
+    """Return (b, 4) per bone: the share of the span's growth by which a point moves, affine in its place at rest.
 
-    Points of the span itself move by as much as lies before them; what hangs on the span moves as a whole.
+    Points of the span move in proportion to their place along it; everything beyond the span moves as a whole.
     """
     heads, parents = asset.bone_heads, asset.bone_parents.tolist()
     step = heads[last] - heads[first]
@@ -160,7 +170,9 @@ def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
 
 
 def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) -> Direction:
-    """The skin of a segment farther from its axis by a share ``sigma`` of its distance; bones stay."""
+    """Return the direction that moves a segment's skin away from its axis by a share ``sigma`` of its distance; bones
+    stay.
+    """
     first, last = asset.bone(start), asset.bone(end)
     axis = asset.bone_heads[last] - asset.bone_heads[first]
     away = asset.vertices - asset.bone_heads[first]
@@ -169,13 +181,15 @@ def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) ->
 
 
 def share_of_bones(asset: BodyAsset, names: Sequence[str]) -> np.ndarray:
-    """(v,) 0 to 1: the share of each vertex's skinning weights that the named bones have."""
+    """Return (v,) the share, 0 to 1, of each vertex's skinning weights that the named bones have."""
     chosen = np.isin(asset.bone_names, names).astype(np.float64)
     return np.asarray((asset.skin_weights * chosen[asset.skin_bones]).sum(axis=1))
 
 
 def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
-    """Skin of the trunk moved out along one axis around a height, less the less it faces that way."""
+    """Return the direction that moves trunk skin outward along one axis around a height, less the less it faces that
+    way.
+    """
     share = share_of_bones(asset, TRUNK)
     facing = asset.vertices[:, bulge.axis] - np.median(asset.bone_heads[[asset.bone(b) for b in TRUNK]][:, bulge.axis])
     facing /= np.abs(facing[share > 0.5]).max()
@@ -187,7 +201,7 @@ def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
 
 
 def _larger(asset: BodyAsset, name: str, end: str, sigma: float) -> Direction:
-    """A bone and all that hangs on it larger about its head by a share ``sigma``."""
+    """Return the direction that enlarges a bone and everything beyond it about its head by a share ``sigma``."""
     bone, below = asset.bone(end), np.zeros(len(asset.bone_names))
     below[bone] = 1.0
     for other, parent in enumerate(asset.bone_parents.tolist()):  # parents stand before children

@@ -1,4 +1,4 @@
-"""What is known of a person's shape before anything is seen."""
+"""Describe what is known of a person's shape before any observation."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from anchorpose.body.shape_rows import FreeShape
 from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, even_clothes, skin_points
 from anchorpose.body.standing_off import patches_of
 
-CLOTHING_MEAN_M: Final = 0.006  # clothes are some millimetres thick
+CLOTHING_MEAN_M: Final = 0.006  # mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003
-PATCH_SIGMA_M: Final = 0.0035  # muscles, fat and folds that no direction of shape has
-THICKEST_M: Final = 0.03  # clothes
-TAILS: Final = 4.0  # degrees of freedom of Student's t: one segment in twenty beyond 2.8 deviations
-COVERED: Final = 4.0  # times the ordinary deviation of a segment's thickness under an orthosis or a helmet
-_HEIGHT_STEPS: Final = 3  # the highest and the lowest vertex may change with the shape
+PATCH_SIGMA_M: Final = 0.0035  # muscles, fat and folds that no shape direction has
+THICKEST_M: Final = 0.03  # largest thickness of clothes
+TAILS: Final = 4.0  # degrees of freedom of Student's t: one segment in twenty lies beyond 2.8 deviations
+COVERED: Final = 4.0  # factor on a segment's thickness deviation under an orthosis or a helmet
+_HEIGHT_STEPS: Final = 3  # steps; the highest and the lowest vertex may change with the shape
 
 _ALIKE_LENGTHS: Final = np.array(
     [[1.00, 0.34, 0.18, 0.35], [0.34, 1.00, 0.25, 0.43], [0.18, 0.25, 1.00, 0.04], [0.35, 0.43, 0.04, 1.00]]
@@ -31,21 +31,22 @@ _ALIKE_LENGTHS: Final = np.array(
 _ALIKE_GIRTHS: Final = np.array(
     [[1.0, 0.6, 0.0, 0.0], [0.6, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.6], [0.0, 0.0, 0.6, 1.0]]
 )
-"""Of ``GIRTH_SIGMA``: upper arm and forearm as in ANSUR II; paralysis wastes thigh and shank together."""
+"""Correlations of ``GIRTH_SIGMA``: upper arm and forearm as in ANSUR II; paralysis wastes thigh and shank together."""
 
 _ALIKE_SIDES: Final = {"length": 0.90, "girth": 0.80, "size": 0.95}
-"""Left and right. Lengths then differ by 2 % in the median person who is as asymmetric as one in twenty (Knutson 2005,
-doi:10.1186/1746-1340-13-11: legs differ by 5 mm on the average, 20 mm in one of a thousand, more with contractures)."""
+"""Correlations of left and right. Of the most asymmetric twentieth of people, the median person's lengths then differ
+by 2 % (Knutson 2005, doi:10.1186/1746-1340-13-11: legs differ by 5 mm on the average, 20 mm in one of a thousand,
+more with contractures)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeBelief:
-    """The most likely shape, and what it rests on: a prior, and what was seen.
+    """The most likely shape, and its grounds: a prior and the observations.
 
-    mean, prior (s,), (s, s): of the prior's parameters, the shape's first coefficients and then its first offsets, as
-    many as are ``free``, and its information (inverse covariance); the others are not in question. soft (s,) bool:
-    parameters whose prior has the tails of Student's t: a segment that is unlike those of others costs little more the
-    more it is. seen (s, s): information of what was seen; pull (s,): the same times the shape that would fit it best.
+    mean (s,), prior (s, s): the prior's mean and information (inverse covariance) of the ``free`` first coefficients,
+    then the first offsets of the shape; other parameters are fixed. soft (s,) bool: parameters whose prior has the
+    tails of Student's t, so that a very unusual segment costs little more than an unusual one. seen (s, s): information
+    of the observations; pull (s,): this information times the shape that fits them best.
     """
 
     shape: FittedShape
@@ -58,26 +59,28 @@ class ShapeBelief:
 
     @property
     def information(self) -> np.ndarray:
-        """(s, s) inverse covariance of the parameters, at the most likely shape."""
+        """Return the inverse covariance (s, s) of the parameters, at the most likely shape."""
         return self._prior_at(self.shape) + self.seen
 
     def equations(self, shape: FittedShape) -> tuple[np.ndarray, np.ndarray]:
-        """Hessian (s, s) and gradient (s,) at a shape of half its squared deviations from all that is known."""
+        """Return hessian (s, s) and gradient (s,), at a shape, of half its squared deviations from prior and
+        observations.
+        """
         prior, at = self._prior_at(shape), self.vector(shape)
         return prior + self.seen, prior @ (at - self.mean) + self.seen @ at - self.pull
 
     def _prior_at(self, shape: FittedShape) -> np.ndarray:
-        """(s, s) the prior's information, weighted for its tails (Lange et al. 1989, doi:10.2307/2290063)."""
+        """Return the prior's information (s, s), weighted for its tails (Lange et al. 1989, doi:10.2307/2290063)."""
         away2 = (self.vector(shape) - self.mean) ** 2 / np.diag(np.linalg.inv(self.prior))
         weight = np.where(self.soft, np.sqrt((TAILS + 1.0) / (TAILS + away2)), 1.0)
         return self.prior * np.outer(weight, weight)
 
     def vector(self, shape: FittedShape) -> np.ndarray:
-        """(s,) the coefficients in question, then the offsets."""
+        """Return the free parameters (s,) of a shape: coefficients, then offsets."""
         return np.append(shape.coefficients[: self.free.coefficients], shape.offset_m[: self.free.offsets])
 
     def moved(self, shape: FittedShape, change: np.ndarray) -> FittedShape:
-        """A shape after a change (s,); clothes stay between nothing and ``THICKEST_M``."""
+        """Return a shape after a change (s,); clothes stay between zero and ``THICKEST_M``."""
         coefficients, offset_m = shape.coefficients.copy(), shape.offset_m.copy()
         coefficients[: self.free.coefficients] += change[: self.free.coefficients]
         offset_m[: self.free.offsets] += change[self.free.coefficients :]
@@ -85,30 +88,32 @@ class ShapeBelief:
         return replace(shape, coefficients=coefficients, offset_m=offset_m)
 
     def having_seen(self, shape: FittedShape, information: np.ndarray, pull: np.ndarray) -> ShapeBelief:
-        """The belief in a shape after more was seen: information (s, s), and that times where it is met best."""
+        """Return the belief after more observations: information (s, s), and its product with the best-fitting
+        shape.
+        """
         return replace(self, shape=shape, seen=self.seen + information, pull=self.pull + pull)
 
     def cost(self, shape: FittedShape) -> float:
-        """How unlikely a shape is by the prior, in units of one observation."""
+        """Return the prior's cost of a shape, in units of one observation."""
         away = self.vector(shape) - self.mean
         return float(away @ self._prior_at(shape) @ away)
 
     def deviations(self, shape: FittedShape) -> np.ndarray:
-        """(s,) how many standard deviations of the prior each parameter of a shape is from its mean."""
+        """Return by how many of the prior's standard deviations (s,) each parameter is from its mean."""
         return np.abs(self.vector(shape) - self.mean) / np.sqrt(np.diag(np.linalg.inv(self.prior)))
 
     def variance(self, rows: np.ndarray) -> np.ndarray:
-        """(m,) variances of quantities that change with the coefficients by rows (m, n), all of which are free."""
+        """Return the variances (m,) of quantities that change with the free coefficients by rows (m, n)."""
         count = self.free.coefficients
         covariance = np.linalg.inv(self.information)[:count, :count]
         return np.asarray(((rows @ covariance) * rows).sum(axis=1))
 
     def lacking(self, parts: tuple[str, ...]) -> ShapeBelief:
-        """The same of a body that lacks some parts."""
+        """Return the belief in a body that lacks some parts."""
         return replace(self, shape=replace(self.shape, missing=parts))
 
     def covering(self, asset: BodyAsset, parts: Sequence[str]) -> ShapeBelief:
-        """The same where orthoses or other equipment of unknown thickness cover some segments."""
+        """Return the belief where orthoses or other equipment of unknown thickness cover some segments."""
         wider = np.ones(len(self.mean))
         for part in parts:
             wider[[asset.own_row(name) for name in _directions_of(part)]] = COVERED
@@ -118,14 +123,14 @@ class ShapeBelief:
         return replace(self, prior=self.prior / np.outer(wider, wider))
 
     def common(self, asset: BodyAsset) -> ShapeBelief:
-        """The belief in the asset's statistical components and the clothes alone, as a prior."""
+        """Return the prior of the asset's statistical components and the clothes alone."""
         free = FreeShape(asset.common_count, len(CLOTHES))
         kept = np.r_[: free.coefficients, self.free.coefficients : self.free.coefficients + free.offsets]
         information = np.linalg.inv(np.linalg.inv(self.information)[np.ix_(kept, kept)])
         return _only_prior(self.shape, free, self.vector(self.shape)[kept], information)
 
     def standing(self, asset: BodyAsset, height_m: float, sigma_m: float) -> ShapeBelief:
-        """The belief after the patient's standing height was measured, linearised at the shape that has it."""
+        """Return the belief after the standing height was measured, linearised at the shape with that height."""
         belief = self
         for _ in range(_HEIGHT_STEPS):
             shape = belief.shape
@@ -139,7 +144,7 @@ class ShapeBelief:
 
 
 def _directions_of(part: str) -> tuple[str, ...]:
-    """The coefficients that make a covered segment thicker."""
+    """Return the coefficients that make a covered segment thicker."""
     if part == "head":
         return ("head_size",)
     if part == "trunk":
@@ -154,17 +159,19 @@ def _only_prior(shape: FittedShape, free: FreeShape, mean: np.ndarray, informati
 
 
 def adult_belief(asset: BodyAsset) -> ShapeBelief:
-    """What is known of an adult before anything is seen."""
+    """Return the prior belief in an adult's shape."""
     return _belief(asset, np.zeros(asset.common_count), np.diag(asset.adult_sigma**2))
 
 
 def child_belief(asset: BodyAsset) -> ShapeBelief:
-    """What is known of a child of 0.95 to 1.60 m before anything is seen."""
+    """Return the prior belief in the shape of a child of 0.95 to 1.60 m."""
     return _belief(asset, asset.child_mean, asset.child_covariance)
 
 
 def _belief(asset: BodyAsset, common: np.ndarray, covariance: np.ndarray) -> ShapeBelief:
-    """Statistical coefficients (c,), (c, c) of a group of people; what is a person's own has a deviation of one."""
+    """Return the prior of a group with statistical coefficients (c,), (c, c); personal coefficients have a deviation of
+    one.
+    """
     coefficients = np.append(common, np.zeros(len(asset.own_names)))
     mean = FittedShape(coefficients, even_clothes(CLOTHING_MEAN_M))
     free = FreeShape(asset.shape_count, OFFSETS)
@@ -177,7 +184,7 @@ def _belief(asset: BodyAsset, common: np.ndarray, covariance: np.ndarray) -> Sha
 
 
 def _correlations(asset: BodyAsset) -> np.ndarray:
-    """(k, k) of the person's own coefficients."""
+    """Return the correlations (k, k) of the personal coefficients."""
     found = np.eye(len(asset.own_names))
     sizes = tuple(name for name in END_SIGMA if name != "head")
     for kind, segments, alike in (
@@ -193,17 +200,18 @@ def _correlations(asset: BodyAsset) -> np.ndarray:
 
 
 def standing_height(asset: BodyAsset, shape: FittedShape) -> tuple[float, np.ndarray]:
-    """Height in metres of the body at rest, without clothes, and its derivative (k,) by the coefficients."""
+    """Return the height in metres of the body at rest, without clothes, and its derivative (k,) by the coefficients."""
     vertices = shape.mesh(asset).vertices
     up, left = vertices[:, 1], vertices[:, 2] < 0.0
     top, count = up.argmax(), len(shape.coefficients)
-    soles = [int(np.where(side, up, np.inf).argmin()) for side in (left, ~left)]  # a measured person stands on both
+    # a person is measured standing on both feet
+    soles = [int(np.where(side, up, np.inf).argmin()) for side in (left, ~left)]
     row = asset.vertex_basis[:count, top, 1] - asset.vertex_basis[:count, soles, 1].mean(axis=1)
     return float(up[top] - up[soles].mean()), row
 
 
 def shape_of_height(asset: BodyAsset, height_m: float) -> FittedShape:
-    """The most likely adult of a height: along the coefficient that changes it, clothes of ordinary thickness."""
+    """Return the most likely adult of a height, along the coefficient that changes it, in ordinary clothes."""
     coefficients = np.zeros(asset.shape_count)
     per_unit = np.ptp(asset.vertices[:, 1] + asset.vertex_basis[0, :, 1]) - np.ptp(asset.vertices[:, 1])
     coefficients[0] = np.clip((height_m - np.ptp(asset.vertices[:, 1])) / per_unit, -2.5, 2.5)

@@ -1,4 +1,5 @@
-"""Rows with respect to pose, shape and clothes together, compiled: learning needs them for every node of many frames.
+"""Compute rows with respect to pose, shape and clothes together, compiled: learning needs them for every node of many
+frames.
 
 ``skin_points.pose_jacobian`` and ``skin_points.shape_jacobian`` are the reference implementation.
 """
@@ -19,7 +20,7 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, shape_off
 
 
 class FreeShape(NamedTuple):
-    """How many of the shape's first coefficients and first offsets are free."""
+    """The numbers of the shape's first coefficients and first offsets that are free."""
 
     coefficients: int
     offsets: int
@@ -28,9 +29,9 @@ class FreeShape(NamedTuple):
 def accumulate_shape(
     body: Body, posed: PosedPoints, rows: Constraints, residual_m: np.ndarray, weight: np.ndarray, free: FreeShape
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``J^T W J`` (s, s) and ``J^T W r`` (s,) of the pose's parameters, then those of the free shape.
+    """Return ``J^T W J`` (s, s) and ``J^T W r`` (s,) of the pose's parameters, then the free shape's.
 
-    residual_m, weight (n,): of each row.
+    residual_m, weight (n,): one per row.
     """
     jacobian = full_jacobian(body, posed, rows.point, rows.direction, free)
     lower = dsyrk(1.0, (jacobian * np.sqrt(weight)[:, None]).T)
@@ -40,13 +41,13 @@ def accumulate_shape(
 def full_jacobian(
     body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, free: FreeShape
 ) -> np.ndarray:
-    """(n, s) how far each point moves along its direction with each parameter of the pose and the free shape."""
+    """Return (n, s) how far each point moves along its direction with each parameter of pose and free shape."""
     points = body.points
     pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, points.asset.bone_parents, points.moving)
     bones = _Bones(
         posed.transforms, pivot, frame, _chains(points), shape_offsets(points.asset, posed, free.coefficients)
     )
-    covered = np.ascontiguousarray(points.covered[:, : free.offsets])  # the kernel is compiled for one layout
+    covered = np.ascontiguousarray(points.covered[:, : free.offsets])  # the kernel is compiled for one memory layout
     skin = _Skin(points.bones, points.influence, body.rest_m, _point_basis(points), covered)
     jacobian = np.zeros((len(index), POSE_SIZE + sum(free)))
     _fill(skin, bones, index, direction, posed.normals, jacobian)
@@ -54,7 +55,9 @@ def full_jacobian(
 
 
 class _Skin(NamedTuple):
-    """Of every point: bones, influence (p, w), heaviest first; rest_m (p, 3); basis (p, k, 3); covered (p, c)."""
+    """Arrays per skin point: bones, influence (p, w), heaviest first; rest_m (p, 3); basis (p, k, 3); covered (p,
+    c).
+    """
 
     bones: np.ndarray
     influence: np.ndarray
@@ -64,8 +67,9 @@ class _Skin(NamedTuple):
 
 
 class _Bones(NamedTuple):
-    """transforms (b, 4, 4); pivot (m, 3), frame (m, 3, 3) of moving bones; chain (b, d): the moving bones that
-    carry each bone, -1 where there are no more; offset (b, count, 3): how far a coefficient moves a bone."""
+    """Arrays per bone: transforms (b, 4, 4); pivot (m, 3), frame (m, 3, 3) of moving bones; chain (b, d), the moving
+    bones that carry each bone, padded with -1; offset (b, count, 3), how far a coefficient moves a bone.
+    """
 
     transforms: np.ndarray
     pivot: np.ndarray
@@ -81,7 +85,7 @@ def _point_basis(points: SkinPoints) -> np.ndarray:
 
 @cache
 def _chains(points: SkinPoints) -> np.ndarray:
-    """(b, d) rows of ``MOVING_BONES`` above and at each bone, padded with -1."""
+    """Return the rows (b, d) of ``MOVING_BONES`` above and at each bone, padded with -1."""
     carried = [np.flatnonzero(column) for column in points.below.T]
     chains = np.full((len(carried), max(map(len, carried))), -1)
     for bone, rows in enumerate(carried):
@@ -131,7 +135,7 @@ def _fill(
 
 @njit(cache=True)
 def _turns(bones: _Bones, carried: np.ndarray, share: np.ndarray, d: np.ndarray, out: np.ndarray) -> None:
-    """Fills the columns of the pose: each moving bone's turn in the parent's frame, then the root."""
+    """Fill the pose's columns: each moving bone's turn in the parent's frame, then the root."""
     for m in range(len(share)):
         if share[m] == 0.0:
             continue

@@ -1,4 +1,4 @@
-"""Map the body's own skin: how far its points are from landmarks and from each other, along the skin."""
+"""Map the body's skin: distances of its points from landmarks and from each other, along the skin."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from scipy.sparse.csgraph import dijkstra
 from anchorpose.body.skin_points import Body, SkinPoints
 from anchorpose.surface.surface import BodyMap
 
-LEAST_EDGE_M: Final = 1e-6  # of a missing limb; a graph has no edge of length 0
-LANDMARKS: Final = 24  # one every 30 cm: enough to resolve the distances of an adult's skin points
+LEAST_EDGE_M: Final = 1e-6  # length of a missing limb's edges; a graph has no edge of length 0
+LANDMARKS: Final = 24  # one landmark every 30 cm: enough to resolve the distances of an adult's skin points
 
 
 def map_body(body: Body) -> BodyMap:
-    """The map of the body's sampled skin at rest.
+    """Return the map of the body's sampled skin at rest.
 
-    Landmarks are spread over the skin, each as far as possible from those before; distances to them run along the edges
-    of the mesh and are some 5 % too long.
+    Landmarks are spread over the skin, each as far as possible from the earlier ones; distances to them run along the
+    edges of the mesh and are about 5 % too long.
     """
     points, vertices = body.points, body.mesh.vertices
     mesh, (pairs, via) = _edge_lengths(vertices, _edges(points)), _pairs(points)
@@ -38,7 +38,7 @@ def map_body(body: Body) -> BodyMap:
 
 @cache
 def _edges(points: SkinPoints) -> np.ndarray:
-    """(e, 2) vertices of each edge of the mesh."""
+    """Return the vertices (e, 2) of each edge of the mesh."""
     faces = points.asset.faces
     return np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
 
@@ -50,14 +50,14 @@ def _edge_lengths(vertices: np.ndarray, edges: np.ndarray) -> csr_array:
 
 @cache
 def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs and the point each passes, on the mean body: who is whose neighbour hardly depends on the shape."""
+    """Return neighbour pairs and the point each passes, on the mean body: neighbours hardly depend on the shape."""
     vertices, edges = points.asset.vertices, _edges(points)
     direct = _neighbours(_edge_lengths(vertices, edges), edges, points.vertex)
     return _second_neighbours(direct, vertices[points.vertex])
 
 
 def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.ndarray:
-    """(p, l) float32 metres."""
+    """Return the distances (p, l) float32 from points to landmarks, metres."""
     fields = np.empty((LANDMARKS, len(vertex)), np.float32)
     nearest, source = np.full(len(vertex), np.inf, np.float32), first
     for row in range(LANDMARKS):
@@ -68,20 +68,20 @@ def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.n
 
 
 def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.ndarray:
-    """(e, 2): sampled points whose cells, the vertices nearer to them than to any other, touch on the mesh."""
+    """Return pairs (e, 2) of sampled points whose cells touch; a cell is the vertices nearest to a point."""
     _, _, nearest = dijkstra(mesh, directed=False, indices=vertex, min_only=True, return_predecessors=True)
     place = np.full(mesh.shape[0] + 1, -1)
     place[vertex] = np.arange(len(vertex))
-    cell = place[np.maximum(nearest, -1)]  # vertices of no cell, eyes and teeth, have a negative source
+    cell = place[np.maximum(nearest, -1)]  # eyes and teeth belong to no cell: their source is negative
     cell[vertex] = np.arange(len(vertex))
     touching = np.sort(cell[edges], axis=1)
     return np.unique(touching[(touching[:, 0] >= 0) & (touching[:, 0] != touching[:, 1])], axis=0)
 
 
 def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (e, 2) of direct neighbours and of neighbours' neighbours, and the point (e,) that each pair passes.
+    """Return pairs (e, 2) of neighbours and second neighbours, and the point (e,) that each pair passes.
 
-    Of several paths the shortest; direct neighbours pass the first of the two.
+    It takes the shortest of several paths; direct neighbours pass the first point of the pair.
     """
     both = np.concatenate([direct, direct[:, ::-1]])
     both = both[np.argsort(both[:, 0], kind="stable")]
@@ -94,7 +94,7 @@ def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray
     found = np.concatenate(steps)
     path_m = np.linalg.norm(skin[found[:, 0]] - skin[found[:, 2]], axis=1)
     path_m += np.linalg.norm(skin[found[:, 2]] - skin[found[:, 1]], axis=1)
-    path_m[: len(direct)] = 0.0  # direct neighbours go before all others
+    path_m[: len(direct)] = 0.0  # direct neighbours come first
     order = np.lexsort((path_m, found[:, 1], found[:, 0]))
     found = found[order]
     first = np.ones(len(found), bool)

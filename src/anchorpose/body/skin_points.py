@@ -1,4 +1,4 @@
-"""A body of one shape as registration sees it: a sparse, even sample of the skin, its positions and derivatives."""
+"""Represent a body of one shape for registration: a sparse, even sample of the skin, its positions and derivatives."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ CLOTHES: Final = {
 }
 """Pieces of clothing, each of its own thickness, and the bones whose skin they cover."""
 
-PATCHES: Final = 96  # of skin, some 14 cm apart: a muscle, a fold or the rim of a brace is as large
-PATCH_M: Final = 0.07  # standard deviation of a patch's bell
+PATCHES: Final = 96  # patches of skin, about 14 cm apart: a muscle, a fold or the rim of a brace is as large
+PATCH_M: Final = 0.07  # standard deviation of a patch's bell-shaped profile
 OFFSETS: Final = len(CLOTHES) + PATCHES
-"""Directions in which what is seen stands off the skin of the body: pieces of clothing, then patches."""
+"""Number of directions in which the seen surface differs from the body's skin: pieces of clothing, then patches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinPoints:
-    """The skin points of an asset, whatever the shape.
+    """The skin points of an asset, independent of shape.
 
-    vertex (p,): index into the asset's skin. weights (p, b): dense skinning weights; bones, influence (p, w): the same,
-    heaviest first, 0 where there are no more. part (p,): bone that moves the point most. covered (p, c): 0 to 1, how
-    far each of ``OFFSETS`` moves a point. below (m, b): see ``descendants``. moving (m,): bones. faces_of (p, f): faces
-    around each point, padded by repeating the first.
+    vertex (p,): index into the asset's skin. weights (p, b): dense skinning weights; bones, influence (p, w): the same
+    in sparse form, heaviest first, padded with 0. part (p,): bone that moves the point most. covered (p, c): 0 to 1,
+    how far each of ``OFFSETS`` moves a point. below (m, b): see ``descendants``. moving (m,): bones. faces_of (p, f):
+    faces around each point, padded by repeating the first.
     """
 
     asset: BodyAsset
@@ -60,7 +60,7 @@ class SkinPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedShape:
-    """The patient's shape: coefficients (k,) of the asset; offset_m (c,): how far clothes and patches stand off it.
+    """The patient's shape: coefficients (k,) of the asset; offset_m (c,): thickness of clothes and patches.
 
     missing: parts that the body lacks (``missing``).
     """
@@ -70,19 +70,19 @@ class FittedShape:
     missing: tuple[str, ...] = ()
 
     def mesh(self, asset: BodyAsset) -> BodyMesh:
-        """Skin and skeleton without clothes."""
+        """Return the skin and skeleton without clothes."""
         whole = shape_body(asset, self.coefficients)
         return without_parts(whole, self.missing) if self.missing else whole
 
 
 def even_clothes(thickness_m: float) -> np.ndarray:
-    """(c,) offsets of clothes of one thickness everywhere."""
+    """Return the offsets (c,) of clothes with one thickness everywhere."""
     return np.where(np.arange(OFFSETS) < len(CLOTHES), thickness_m, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A person's body in one shape: its sampled skin at rest, and the whole mesh with its skeleton.
+    """The body of one person: its sampled skin at rest, and the whole mesh with its skeleton.
 
     rest_m (p, 3): the skin points with clothes, metres; rest_normals (p, 3): outward unit normals.
     """
@@ -94,17 +94,19 @@ class Body:
     rest_normals: np.ndarray
 
     def transforms(self, pose: Pose) -> np.ndarray:
-        """T_world_rest (b, 4, 4) of the bones in a pose."""
+        """Return T_world_rest (b, 4, 4) of the bones in a pose."""
         return self.mesh.bone_transforms(pose.rotations, pose.root_m)
 
     def joints(self, pose: Pose) -> np.ndarray:
-        """(21, 3) joints in a pose, order of ``JOINT_NAMES``, metres in the world."""
+        """Return the joints (21, 3) in a pose, in the order of ``JOINT_NAMES``, metres, world."""
         return self.mesh.joints(self.transforms(pose))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedPoints:
-    """points_m, normals (p, 3) in the world; transforms (b, 4, 4) T_world_rest of the bones."""
+    """The skin points in a pose: points_m, normals (p, 3) in the world; transforms (b, 4, 4) T_world_rest of the
+    bones.
+    """
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -113,7 +115,7 @@ class PosedPoints:
 
 @cache
 def skin_points(asset: BodyAsset) -> SkinPoints:
-    """Farthest-point sample of the outer skin."""
+    """Sample the outer skin by farthest points."""
     vertex = _spread_out(asset, POINT_COUNT)
     weights = np.zeros((len(vertex), len(asset.bone_names)))
     rows = np.arange(len(vertex))[:, None]
@@ -137,12 +139,12 @@ def skin_points(asset: BodyAsset) -> SkinPoints:
 
 
 def body_points() -> SkinPoints:
-    """The skin points of the shipped body."""
+    """Return the skin points of the shipped body."""
     return skin_points(load_body_asset())
 
 
 def _outer_vertices(asset: BodyAsset) -> np.ndarray:
-    """Vertices of the mesh's largest connected component: the skin without eyes, teeth and tongue."""
+    """Return the vertices of the mesh's largest connected component: the skin without eyes, teeth and tongue."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -166,7 +168,9 @@ def _spread_out(asset: BodyAsset, count: int) -> np.ndarray:
 
 
 def _patches(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
-    """(p, PATCHES) how far each patch moves each point: a bell around its middle, on skin that faces the same way."""
+    """Return how far each patch moves each point (p, PATCHES): a bell around its middle, on skin that faces the same
+    way.
+    """
     place = asset.vertices[vertex]
     normals = _normals(asset.vertices, asset.faces[_faces_around(asset, vertex)])
     middles = np.zeros(PATCHES, dtype=np.int64)
@@ -191,11 +195,9 @@ def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
 
 
 def build_body(points: SkinPoints, shape: FittedShape) -> Body:
-    """The body of a shape, with its skin points and their normals in the rest pose."""
+    """Return the body of a shape, with its skin points and their normals in the rest pose."""
     mesh = shape.mesh(points.asset)
-    whole = (
-        shape_body(points.asset, shape.coefficients) if shape.missing else mesh
-    )  # a part in one place has no normals
+    whole = shape_body(points.asset, shape.coefficients) if shape.missing else mesh  # a collapsed part has no normals
     normals = _normals(whole.vertices, points.asset.faces[points.faces_of])
     offset_m = points.covered @ shape.offset_m
     if shape.missing:
@@ -205,22 +207,22 @@ def build_body(points: SkinPoints, shape: FittedShape) -> Body:
 
 
 def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(p, 3) outward unit normals from the faces (p, f, 3) around each point."""
+    """Return (p, 3) outward unit normals from the faces (p, f, 3) around each point."""
     corners = vertices[faces]  # (p, f, 3, 3)
     normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]).sum(axis=1)
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-@lru_cache(maxsize=8)  # several stages of a frame ask for the same one
+@lru_cache(maxsize=8)  # several stages of a frame need the same pose
 def pose_points(body: Body, pose: Pose) -> PosedPoints:
-    """Linear blend skinning of the sampled points; nobody writes into what is returned."""
+    """Pose the sampled points by linear blend skinning; the result is shared and must not be changed."""
     transforms = body.transforms(pose)
     posed, normals = skin(body.points.bones, body.points.influence, transforms, body.rest_m, body.rest_normals)
     return PosedPoints(posed, normals, transforms)
 
 
 def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """How far each chosen point moves along its direction with each pose parameter.
+    """Return how far each chosen point moves along its direction with each pose parameter.
 
     index (n,) points, direction (n, 3) unit vectors. Returns (n, POSE_SIZE): rotations in the parent's frame, then the
     root.
@@ -229,7 +231,7 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
     used, back = np.unique(index, return_inverse=True)
     weights = body.points.weights[used]
     placed = np.einsum("bij,nj->nbi", transforms[:, :3, :3], body.rest_m[used]) + transforms[:, :3, 3]
-    carried = body.points.below @ (weights[..., None] * placed)  # (n, m, 3): sum over the bones below of weight x place
+    carried = body.points.below @ (weights[..., None] * placed)  # (n, m, 3): sum of weight x place over the bones below
     share = weights @ body.points.below.T
     pivot, frame = joint_frames(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
     lever = carried - share[..., None] * pivot
@@ -241,7 +243,7 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
 
 
 def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int) -> np.ndarray:
-    """How far each point moves along its direction with each coefficient, then each offset: (n, count + c)."""
+    """Return how far each point moves along its direction with each coefficient, then each offset: (n, count + c)."""
     asset, transforms = body.points.asset, posed.transforms
     offset = shape_offsets(asset, posed, count)
     weights = body.points.weights[index]
@@ -256,9 +258,9 @@ def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction:
 
 
 def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarray:
-    """(b, count, 3) how far each coefficient moves what is fixed to a bone, beside its move in the rest pose."""
+    """Return how far each coefficient moves each bone's points (b, count, 3), beside their move in the rest pose."""
     transforms, head_basis = posed.transforms, asset.bone_head_basis[:count]
-    shift = np.zeros((len(transforms), count, 3))  # of each bone's head in the world
+    shift = np.zeros((len(transforms), count, 3))  # shift of each bone's head in the world
     for bone, parent in enumerate(asset.bone_parents):
         if parent >= 0:
             step = head_basis[:, bone] - head_basis[:, parent]
@@ -267,11 +269,13 @@ def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarra
 
 
 def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints_m: np.ndarray) -> np.ndarray:
-    """Derivative (n, 3, POSE_SIZE) by the pose of points joints_m (n, 3) in the world, each fixed to a bone (n,)."""
+    """Return the derivative (n, 3, POSE_SIZE) by the pose of points joints_m (n, 3) in the world, each fixed to a bone
+    (n,).
+    """
     pivot, frame = joint_frames(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
     return joint_derivative(pivot, frame, body.points.below, bones, joints_m)
 
 
 def place_variance(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(n,) mean variance of the three axes, square metres, of places by their derivative (n, 3, POSE_SIZE)."""
+    """Return the variance (n,), mean of the three axes, m2, of places with derivative (n, 3, POSE_SIZE)."""
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)

@@ -1,6 +1,6 @@
-"""Segments that are not as human segments are: what is seen stands off the learnt body, or the limb is too thick.
+"""Find segments that are unlike human ones: the seen surface stands off the learnt body, or the limb is too thick.
 
-An orthosis, a cast, a bandage, a skirt: there the body model does not fit, however well it was learnt, and bones and
+Under an orthosis, a cast, a bandage or a skirt the body model does not fit, however well it was learnt, and bones and
 joints of such a segment are less certain.
 """
 
@@ -17,11 +17,12 @@ from anchorpose.body.skin_points import CLOTHES, FittedShape, SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
-LEAST_M: Final = 0.015  # at 95 of 100 skin points: 0.010 at most on ten people without braces, 0.021 to 0.040 with one
-TOO_THICK: Final = 2.0  # deviations of girth above the other side: 0.9 at most without braces, 2.9 to 6.7 with
-ORDINARY: Final = 0.5  # deviations up to which the other side is a measure of how thick this one should be
-JOINT_SHARE: Final = 0.5  # of how far a segment's skin stands off: error of its joints along an axis
-BONE_SHARE: Final = 0.5  # of how far a segment's skin stands off: error of the length between its joints
+# m at 95 of 100 skin points: at most 0.010 on ten people without braces, 0.021 to 0.040 with one
+LEAST_M: Final = 0.015
+TOO_THICK: Final = 2.0  # deviations of girth above the other side: at most 0.9 without braces, 2.9 to 6.7 with one
+ORDINARY: Final = 0.5  # deviations up to which the other side shows how thick this one should be
+JOINT_SHARE: Final = 0.5  # error of a segment's joints along an axis, as a share of how far its skin stands off
+BONE_SHARE: Final = 0.5  # error of the length between its joints, as a share of how far its skin stands off
 
 _LIMBS: Final = {
     "upper_arm": ("Arm", ("Shoulder", "Elbow")),
@@ -29,14 +30,14 @@ _LIMBS: Final = {
     "thigh": ("UpLeg", ("Hip", "Knee")),
     "shank": ("Leg", ("Knee", "Ankle", "Foot")),
 }
-"""The bone of each segment, and the joints that it carries: those at its ends, and of what hangs on it alone."""
+"""The bone of each segment, and the joints it carries: those at its ends, and those that only it carries."""
 
 
 def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, float]:
-    """Segments, named as in ``subject.covered``, and how far what is seen stands off a human one there, metres."""
+    """Return the segments that stand off, named as in ``subject.covered``, and by how many metres."""
     found = dict[CoveredPart, float]()
     for name, mine in points_of_segments(points).items():
-        own = len(CLOTHES) + patches_of(points, name)  # those of the next segment would spill over the joint
+        own = len(CLOTHES) + patches_of(points, name)  # the next segment's patches would spill over the joint
         off_m = np.abs(points.covered[np.ix_(mine, own)] @ shape.offset_m[own])
         away_m, thicker = float(np.percentile(off_m, 95)), _thicker(points.asset, shape, name)
         if thicker > TOO_THICK:
@@ -47,7 +48,7 @@ def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, fl
 
 
 def _thicker(asset: BodyAsset, shape: FittedShape, name: CoveredPart) -> float:
-    """By how many deviations a limb is thicker than the other side's, or than limbs of people are."""
+    """Return by how many deviations a limb is thicker than on the other side, or than people's limbs are."""
     if name == "trunk":
         return 0.0
     segment, side = name.rsplit("_", 1)
@@ -58,15 +59,15 @@ def _thicker(asset: BodyAsset, shape: FittedShape, name: CoveredPart) -> float:
 
 @cache
 def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
-    """How far one deviation of a limb's girth moves its skin."""
+    """Return how far one deviation of a limb's girth moves its skin, metres."""
     segment, side = name.rsplit("_", 1)
     moved = points.asset.vertex_basis[points.asset.own_row(f"{segment}_girth_{side}"), points.vertex]
     return float(np.linalg.norm(moved[points_of_segments(points)[name]], axis=1).mean())
 
 
-@lru_cache(maxsize=4)  # each frame asks again, of the same shape
+@lru_cache(maxsize=4)  # each frame needs it for the same shape
 def standing_off_sigma_m(points: SkinPoints, shape: FittedShape) -> np.ndarray:
-    """(21,) by how much a joint may be off along an axis, 0 where clothes are all that the person wears."""
+    """Return (21,) by how much a joint may be off along an axis, 0 where only clothes are worn."""
     sigma = np.zeros(len(JOINT_INDEX))
     for name, away_m in standing_off(points, shape).items():
         for joint in _joints_of(name):
@@ -83,7 +84,7 @@ def _joints_of(name: CoveredPart) -> tuple[int, ...]:
 
 @cache
 def points_of_segments(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
-    """(p,) bool by segment: the skin points that move with it."""
+    """Return, by segment, (p,) bool: the skin points that move with it."""
     bones: dict[CoveredPart, tuple[str, ...]] = {"trunk": TRUNK}
     for segment, (bone, _) in _LIMBS.items():
         bones |= {f"{segment}_{side}": (f"{side.capitalize()}{bone}",) for side in SIDES}  # type: ignore[misc]
@@ -92,7 +93,7 @@ def points_of_segments(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
 
 @cache
 def patches_of(points: SkinPoints, part: str) -> np.ndarray:
-    """(k,) the patches that lie more on a segment than off it; none of hands, feet and head."""
+    """Return the patches (k,) that lie mostly on a segment; none for hands, feet and head."""
     mine = points_of_segments(points).get(part)  # type: ignore[call-overload]
     patches = points.covered[:, len(CLOTHES) :]
     if mine is None:

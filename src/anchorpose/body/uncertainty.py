@@ -1,4 +1,4 @@
-"""Compute the joints' sigma from the pose's covariance, the cameras' noise and what the images leave open."""
+"""Compute the joints' sigma from the pose's covariance, the cameras' noise and the ambiguity of the images."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
-NODES: Final = 1200  # each stands for two of the fit: sigma is the same to a tenth, in half of the time
+NODES: Final = 1200  # each stands for two of the fit's nodes: sigma changes by under a tenth, in half of the time
 
 
 def noise_covariance(
     body: Body, belief: PoseBelief, evidence: Evidence, noises: Sequence[DepthNoise | None], config: RegistrationConfig
 ) -> np.ndarray:
-    """(POSE_SIZE, POSE_SIZE) covariance of the pose by the noise of this frame's readings alone.
+    """Return the covariance (POSE_SIZE, POSE_SIZE) of the pose from the noise of this frame's readings alone.
 
-    noises: of each camera, None where it has no depth image. The fit weighs all rows alike; a change n of the readings
-    changes the pose by ``C J^T W n`` (C the belief's covariance), so that noise of covariance N gives
-    ``C J^T W N W J C``. In N, nodes of one patch of ``shared_px`` pixels have one error in common, others none.
+    noises: one per camera, None where it has no depth image. The fit weighs all rows alike; a change n of the readings
+    changes the pose by ``C J^T W n`` (C the belief's covariance), so that noise of covariance N gives ``C J^T W N W J
+    C``. In N, nodes of one patch of ``shared_px`` pixels share one error; nodes of different patches are independent.
     """
     posed = pose_points(body, belief.pose)
     few = replace(config, node_count=min(config.node_count, NODES))
@@ -63,7 +63,9 @@ def noise_covariance(
 def _felt(
     body: Body, posed: PosedPoints, point: np.ndarray, direction: np.ndarray, strength: np.ndarray, patch: np.ndarray
 ) -> np.ndarray:
-    """``J^T S N S J`` (POSE_SIZE, POSE_SIZE), S the strength of each row; rows of negative patches share no error."""
+    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE), S the strength of each row; rows of negative patches share no
+    error.
+    """
     alone, shared = patch < 0, patch >= 0
     none = np.zeros(int(alone.sum()))
     felt, _ = accumulate_pose(body, posed, point[alone], direction[alone], none, strength[alone] ** 2)
@@ -78,10 +80,10 @@ def _felt(
 def node_noise(
     evidence: Evidence, noises: Sequence[DepthNoise | None], thinned: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) one sigma of each node along its normal, metres, and (n,) the patch whose error it has in common.
+    """Return the sigma (n,) of each node along its normal, metres, and the patch (n,) whose error it shares.
 
-    thinned: share of the nodes that are used. Where a used node stands for more pixels than have an error in common,
-    denoising averages them: it is then a patch by itself, with less noise. 0 where the camera's noise is unknown.
+    thinned: share of the nodes that are used. Where a used node stands for more pixels than share an error, denoising
+    averages them: the node is then a patch by itself, with less noise. Sigma is 0 where the camera's noise is unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -103,9 +105,10 @@ def node_noise(
 
 
 def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> float:
-    """Side of the patch of pixels with one error in common at the patient, metres, in the camera where it is smallest.
+    """Return the side, metres at the patient, of the patch of pixels that share one error, in the camera where it is
+    smallest.
 
-    0 where no camera shows the patient. Matching windows and smoothing move the edges of a limb by a part of it.
+    It is 0 where no camera shows the patient. Matching windows and smoothing shift the edges of a limb by a part of it.
     """
     found = [
         np.sqrt(noise.shared_px) * distance_m / camera.intrinsics.fx
@@ -115,12 +118,13 @@ def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> f
     return float(min(found, default=0.0))
 
 
-WORTH_M2: Final = 0.004  # of uncovered skin: clothes and holds leave as much
-IN_REACH_M: Final = 0.45  # a shank or a forearm with its hand
-END_ON: Final = float(np.cos(np.radians(35.0)))  # a limb turned so far from the ray shows more than half of its length
-MORE_ALIKE: Final = 2.0  # times as many rows count as one: fingers bent otherwise move a whole hand; set on one reach
-HIDDEN: Final = 0.5  # of the skin: with more of it behind something, this frame tells nothing of the limb
-BROADER_M: Final = 0.13  # a chest is so much broader than deep: 0.35 m and 0.22 m
+WORTH_M2: Final = 0.004  # area of uncovered skin that is considered: clothes and grips leave as much uncovered
+IN_REACH_M: Final = 0.45  # m from the piece's tip: a shank, or a forearm with its hand
+END_ON: Final = float(np.cos(np.radians(35.0)))  # a limb turned farther from the ray shows more than half of its length
+# factor on the rows that count as one: differently bent fingers move a whole hand; set on one reach
+MORE_ALIKE: Final = 2.0
+HIDDEN: Final = 0.5  # share of a limb's skin; with more of it hidden the frame says nothing of the limb
+BROADER_M: Final = 0.13  # m by which a chest is broader than deep: 0.35 m and 0.22 m
 
 _HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
 
@@ -139,14 +143,15 @@ _SYSTEMATIC_MM: Final = {
     "Ankle": 3.8,
     "Foot": 8.0,
 }
-"""Of each joint, per axis: what a learnt body may be off by, the same in every frame. Set on the hard scenes for tuning
+"""Systematic error of each joint of a learnt body, per axis, the same in every frame. Set on the hard scenes for tuning
 (suite ``hard`` of ``benchmarks/run.py``), in which equipment hides parts of the trunk and people press on the clothes,
-and on ordinary recordings, so that both lie between 0.93 and 0.97."""
+and on ordinary recordings, so that coverage is between 0.93 and 0.97 on both.
+"""
 
 
 @cache
 def systematic_m() -> np.ndarray:
-    """(21,) ``_SYSTEMATIC_MM`` of each joint, metres."""
+    """Return ``_SYSTEMATIC_MM`` of each joint (21,), metres."""
     names = [name.removesuffix("Left").removesuffix("Right") for name in JOINT_NAMES]
     return np.array([_SYSTEMATIC_MM[name] for name in names]) / 1000.0
 
@@ -159,10 +164,10 @@ def joint_sigma(
     noise: np.ndarray | None = None,
     patch_m: float = 0.0,
 ) -> np.ndarray:
-    """(21,) one standard deviation of the position error per axis, metres.
+    """Return the standard deviation (21,) of the joints' position errors per axis, metres.
 
-    covariance (POSE_SIZE, POSE_SIZE): of the pose, inverse of the normal equations' hessian; noise, of the same shape:
-    ``noise_covariance``, None where the cameras' noise is unknown. patch_m: ``finest_patch_m``: a limb lies midway
+    covariance (POSE_SIZE, POSE_SIZE): the pose's, inverse of the normal equations' hessian; noise, of the same shape:
+    ``noise_covariance``, None where the cameras' noise is unknown. patch_m: ``finest_patch_m``; a limb lies midway
     between two edges, each equally likely anywhere within such a patch.
     """
     places = body.mesh.joints(posed.transforms)
@@ -173,7 +178,7 @@ def joint_sigma(
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
-    """(p,) the same of skin points: that of the middle of the part which each moves with."""
+    """Return the sigma (p,) of skin points: that of the middle of the part that moves each point."""
     count = np.bincount(body.points.part)
     parts = np.flatnonzero(count)
     middles = np.stack([np.bincount(body.points.part, posed.points_m[:, axis]) for axis in range(3)], axis=1)
@@ -185,7 +190,7 @@ def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: U
 def _variance(
     body: Body, posed: PosedPoints, covariance: np.ndarray, bones: np.ndarray, places_m: np.ndarray
 ) -> np.ndarray:
-    """(n,) mean variance of the three axes, square metres, of places_m (n, 3) that are fixed to bones (n,)."""
+    """Return the variance (n,), mean of the three axes, m2, of places_m (n, 3) that are fixed to bones (n,)."""
     jacobian = joint_jacobian(body, posed.transforms, bones, places_m)
     return place_variance(jacobian, covariance)
 
@@ -199,12 +204,12 @@ def smeared_sigma(
     registration: RegistrationConfig,
     config: UncertaintyConfig,
 ) -> np.ndarray:
-    """(21,) sigma_m, larger where filters have drawn depth edges out over edge_m at the patient.
+    """Return sigma_m (21,), larger where filters blur depth edges over edge_m at the patient.
 
-    A node then tells to the width of an edge where skin is, and nodes within that width tell it once. The filters
-    draw out the next frame in the same way, so frames before make nothing more certain: only this frame and the range
-    of the joints count. Breadth and depth of an outline that is uncertain by an edge tell which way the trunk faces
-    only as far as they differ, so joints away from its axis are uncertain by as much of their distance from it.
+    A node then determines the skin only to the width of an edge, and nodes within that width count as one. The filters
+    blur the next frame in the same way, so earlier frames add no certainty: only this frame and the joint ranges count.
+    The trunk's facing follows from the difference between its breadth and its depth, both uncertain by an edge; joints
+    off its axis are therefore uncertain in proportion to their distance from it.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
@@ -231,12 +236,12 @@ def frame_alone_sigma(
     floor_m: float,
     unseen_s: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(21,) sigma_m, larger for limbs of which earlier frames know no more than this one.
+    """Return sigma_m (21,), larger for limbs about which earlier frames know no more than this one.
 
-    Of a limb that points at every camera a hand's front is seen, and little tells where its elbow is. The frames before
-    are off by the same, and count as if each were off by itself. Of parts that are hidden (unseen_s as in
-    ``vague_belief``) they know less and less: that a foot stands, say, counts once and not in every frame. Such a limb
-    is as certain as this frame, the range of its joints and the time since it was seen make it.
+    If a limb points at every camera, only the front of its hand is seen, and its elbow is uncertain. Earlier frames
+    have the same error, but would count as independent. They know less and less of hidden parts (unseen_s as in
+    ``vague_belief``): that a foot stands, for example, must count once, not in every frame. So such a limb is as
+    certain as this frame, its joint ranges and the time since it was seen make it.
     """
     posed = pose_points(body, pose)
     joints = body.mesh.joints(posed.transforms)
@@ -247,22 +252,20 @@ def frame_alone_sigma(
     if not mine.any():
         return sigma_m
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
-    if hidden is not None:  # what readings do not show where the pose has it, nodes nearby do not show either
+    if hidden is not None:  # parts that the readings do not show have no nodes nearby either
         rows = rows.where(~hidden.ravel()[segment_of_points(body.points)[rows.point]])
     known = vague_belief(pose, unseen_s).information
     spread = _spread_by_frame(body, pose, rows, known, MORE_ALIKE * config.rows_per_observation)
-    variance = np.linalg.eigvalsh(spread)[
-        :, -1
-    ]  # along one axis: a hidden knee is off forward, a pointing arm in depth
+    variance = np.linalg.eigvalsh(spread)[:, -1]  # along one axis: a hidden knee errs forward, a pointing arm in depth
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
     sigma[mine] = np.maximum(sigma[mine], alone[mine])
     return sigma
 
 
 def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
-    """Whether the limb lies along a camera's rays and nothing hides it there, and no camera sees it from the side.
+    """Return whether the limb lies along the cameras' rays, unhidden, and no camera sees it from the side.
 
-    Judged beyond elbow or knee. The end may be off by more than what counts as seen: that is what is asked.
+    The part beyond elbow or knee is tested. Its end may be off by more than counts as seen, which is the question here.
     """
     root, far = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
     looking = [
@@ -285,10 +288,10 @@ def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain:
 def _spread_by_frame(
     body: Body, pose: Pose, rows: Constraints, known: np.ndarray, rows_per_observation: float
 ) -> np.ndarray:
-    """(21, 3, 3) mean squared error of the joints, by one frame's rows, the range of the joints and what is known.
+    """Return the mean squared error (21, 3, 3) of the joints, by one frame's rows, the joint ranges and what is known.
 
-    Those may have a joint elsewhere than the pose has it: that distance is part of the error. known (POSE_SIZE,
-    POSE_SIZE): information about the pose from before.
+    These may place a joint elsewhere than the pose does: the distance is part of the error. known (POSE_SIZE,
+    POSE_SIZE): information about the pose from earlier frames.
     """
     posed = pose_points(body, pose)
     prior = prior_equations(body.points, pose, (pose, known), hidden_bones(body.points, rows, rows_per_observation))
@@ -302,11 +305,11 @@ def _spread_by_frame(
 def unexplained_sigma(
     body: Body, pose: Pose, evidence: Evidence, explanation: Explanation, sigma_m: np.ndarray
 ) -> np.ndarray:
-    """(21,) sigma_m of the mixture with limbs that lie on seen skin which the body does not cover.
+    """Return sigma_m (21,) of the mixture with limbs that lie on seen skin which the body does not cover.
 
-    Each uncovered piece belongs to the limb whose skin is nearest to its root. Hand or foot, and what is between it and
-    elbow or knee, may be at the piece's tip: as likely as what the piece would add to the likelihood against what the
-    limb would lose where it is. So may elbow and knee, for what the whole limb would lose.
+    Each uncovered piece belongs to the limb whose skin is nearest to its root. Hand or foot, and the joints up to elbow
+    or knee, may be at the piece's tip, with the odds of the likelihood that the piece would add against what the limb
+    would lose at its place. The same holds for elbow and knee, with the loss of the whole limb.
     """
     posed = pose_points(body, pose)
     joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
@@ -325,7 +328,9 @@ def unexplained_sigma(
 
 
 def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()) -> frozenset[int]:
-    """Hands and feet (joints) past whose place cameras see, or saw in a frame before, and that were not seen since."""
+    """Return the hands and feet (joints) that cameras saw past, in this frame or before, and that were not seen
+    since.
+    """
     return frozenset(
         end
         for end in (JOINT_INDEX[chain.joints[0]] for chain in CHAINS)
@@ -336,10 +341,11 @@ def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()
 def before_lost_ends(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, lost: frozenset[int]
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
-    """States and sigma_m (21,) of joints_m (21, 3), of wrists and ankles by lost hands and feet (``lost_ends``), too.
+    """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for wrists and ankles before lost hands and feet
+    (``lost_ends``).
 
-    Where cameras see past the place of a hand, the forearm that puts it there may lie on another person's: its wrist is
-    not observed, and may be off by half of its distance from the elbow.
+    Where cameras see past the place of a hand, its forearm may have been fitted to another person's arm: the wrist then
+    is not observed, and may be off by half of its distance from the elbow.
     """
     told, sigma = list(states), sigma_m.copy()
     for chain in CHAINS:
@@ -352,7 +358,7 @@ def before_lost_ends(
 
 @cache
 def limb_ends() -> np.ndarray:
-    """(21,) the limb of each joint beyond shoulder and hip, ``TRUNK`` of the others."""
+    """Return the limb (21,) of each joint beyond shoulder and hip, ``TRUNK`` for the others."""
     limb = LIMB_OF_JOINTS.copy()
     limb[[JOINT_INDEX[f"Shoulder{side}"] for side in ("Left", "Right")]] = TRUNK
     return limb

@@ -21,11 +21,11 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.lens import lens_array, pixel_of_ray
 
-JOINT_RADIUS_M: Final = 0.13  # skin that moves with the joint: half a shank
-TRUNK_RADIUS_M: Final = 0.22  # the spine lies at the back: so far to the skin of the belly
-LEAST_SEEN: Final = 0.2  # share of the skin around a joint, facing one camera, that must cover what is seen there
-MOST_OUTSIDE: Final = 0.5  # of that skin: with more, the joint itself lies outside the image
-GRAZING: Final = 0.25  # cosine below which skin is edge-on and hardly returns depth
+JOINT_RADIUS_M: Final = 0.13  # radius of the skin that counts for a joint: half a shank
+TRUNK_RADIUS_M: Final = 0.22  # the same for the spine, which lies at the back: distance to the skin of the belly
+LEAST_SEEN: Final = 0.2  # share of the skin around a joint, facing one camera, that must cover seen nodes
+MOST_OUTSIDE: Final = 0.5  # share of that skin outside the image; with more the joint itself lies outside
+GRAZING: Final = 0.25  # cosine below which skin is edge-on and returns hardly any depth
 
 _TRUNK = ("Hips", "Spine")
 _REASONS = (
@@ -39,7 +39,7 @@ _REASONS = (
 
 
 class SkinReason(IntEnum):
-    """What the pixel of a skin point shows; all but the last are reasons in the order of ``_REASONS``."""
+    """The kind of reading at a skin point's pixel; all but the last are reasons in the order of ``_REASONS``."""
 
     SEEN = 0  # the patient, at the point's own depth
     SELF = 1  # the patient, in front of the point
@@ -47,11 +47,11 @@ class SkinReason(IntEnum):
     PERSON = 3
     HOLE = 4  # no reading, or clutter
     OUTSIDE = 5  # the point lies outside the image
-    PAST = 6  # the camera sees past the point: what it shows lies farther away
+    PAST = 6  # the camera sees past the point: the reading lies farther away
 
 
 class Projection(NamedTuple):
-    """A camera for kernels: both poses (4, 4), and the lens (``lens_array``)."""
+    """A camera as kernels need it: both poses (4, 4), and the lens (``lens_array``)."""
 
     T_world_camera: np.ndarray
     T_camera_world: np.ndarray
@@ -59,14 +59,14 @@ class Projection(NamedTuple):
 
 
 def projection_of(camera: Camera) -> Projection:
-    """Raises as ``Camera.require_pose``."""
+    """Make a camera's ``Projection``. Raises as ``Camera.require_pose``."""
     T_world_camera = np.array(camera.require_pose(), np.float64, order="C")
     return Projection(T_world_camera, np.array(invert_rigid(T_world_camera), order="C"), lens_array(camera.intrinsics))
 
 
 @cache
 def skin_around_joints(points: SkinPoints) -> tuple[np.ndarray, ...]:
-    """For each joint the skin points of its own and the adjacent part that lie within its radius at rest."""
+    """Return, for each joint, the skin points of its own and the adjacent part within its radius at rest."""
     asset: BodyAsset = points.asset
     body = shape_body(asset, np.zeros(1))
     place = body.vertices[points.vertex]
@@ -88,12 +88,12 @@ def joint_states(
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> tuple[JointState, ...]:
-    """The state of each of the 21 joints: the best that any camera offers, else what hides most of it.
+    """Return the state of each of the 21 joints: the best one of all cameras, else the reason that hides most of it.
 
-    covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin that lies
-    where the patient is seen but covers nothing, such as an arm within the trunk, is behind what is seen.
-    Lost where the cameras look past most of the skin around it, and the patient is not seen there: then the joint is
-    not where the pose puts it.
+    covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin at the
+    patient's pixels that covers no node, such as an arm within the trunk, is behind the seen surface. A joint is lost
+    where cameras see past most of the skin around it and the patient is not seen there: then it is not where the pose
+    puts it.
     """
     votes = np.zeros((JOINT_COUNT, SkinReason.PAST + 1))
     observed, possible = np.zeros(JOINT_COUNT, dtype=bool), np.zeros(JOINT_COUNT, dtype=bool)
@@ -115,7 +115,7 @@ def joint_states(
             possible[joint] |= counts[SkinReason.SEEN] + behind[towards].sum() >= LEAST_SEEN * len(towards)
             votes[joint] += counts / len(towards)
     votes[:, SkinReason.SEEN] = 0.0
-    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has a frame
+    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # if no camera has a frame
     misfit = ~possible & (votes[:, SkinReason.PAST] > votes[:, : SkinReason.PAST].sum(axis=1))
     reasons = [_REASONS[vote[: SkinReason.PAST].argmax()] for vote in votes]
     states = [JointState.OBSERVED if seen else why for seen, why in zip(observed, reasons, strict=True)]
@@ -125,7 +125,7 @@ def joint_states(
 def seen_skin(
     posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera], config: VisibilityConfig
 ) -> np.ndarray:
-    """(p,) bool: skin points that face some camera and are seen there as the patient's."""
+    """Return (p,) bool: skin points that face a camera and are seen there as the patient's."""
     seen = np.zeros(len(posed.points_m), dtype=bool)
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
@@ -135,7 +135,7 @@ def seen_skin(
 
 
 def facing_skin(posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
-    """(p,) bool: skin points that face some camera which has a depth image of the frame."""
+    """Return (p,) bool: skin points that face a camera which has a depth image of the frame."""
     facing = np.zeros(len(posed.points_m), dtype=bool)
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
@@ -144,9 +144,9 @@ def facing_skin(posed: PosedPoints, views: Sequence[View | None], cameras: Seque
 
 
 def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """``SkinReason`` of each skin point (p,), and which points face the camera (p,) bool.
+    """Return the ``SkinReason`` (p,) of each skin point, and which points face the camera (p,) bool.
 
-    reach_m: how far in depth the patient's pixel may be from the skin to be that skin.
+    reach_m: largest depth difference between skin and the patient's pixel that shows it.
     """
     column, row, far = pixels_of(posed.points_m, projection_of(camera), *view.labels.shape)
     reason = _read(column, row, far, view.labels, view.depth_m, reach_m)
@@ -157,7 +157,7 @@ def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float)
 def pixels_of(
     points: np.ndarray, projection: Projection, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Column and row (n,), -1 where a point falls outside the image, and its depth z (n,) metres.
+    """Return column and row (n,), -1 where a point falls outside the image, and depth z (n,) in metres.
 
     ``Camera.pixel_of`` is the reference.
     """
@@ -184,7 +184,7 @@ def pixels_of(
 def _read(
     column: np.ndarray, row: np.ndarray, far: np.ndarray, labels: np.ndarray, depth: np.ndarray, reach: float
 ) -> np.ndarray:
-    """(p,) int64: by label and depth of each point's pixel; column -1 where it has none."""
+    """Return the ``SkinReason`` (p,) int64 by label and depth of each point's pixel; column -1: outside."""
     reason = np.full(len(column), np.int64(SkinReason.PAST))
     for p in range(len(column)):
         if column[p] < 0:
@@ -205,7 +205,7 @@ def _read(
 
 @njit(cache=True, nogil=True)
 def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing: float) -> np.ndarray:
-    """(p,) bool: skin that the eye sees at a cosine above ``grazing``."""
+    """Return (p,) bool: skin that the camera at ``eye`` sees at a cosine above ``grazing``."""
     facing = np.empty(len(points), np.bool_)
     for p in range(len(points)):
         towards, squared = 0.0, 0.0
@@ -217,23 +217,23 @@ def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing
     return facing
 
 
-MOST_MISSING: Final = 0.5  # of the skin turned to a camera: more of it without a reading than with one
+MOST_MISSING: Final = 0.5  # share of the skin turned to a camera that may lack a reading
 
 
 class PoorKind(StrEnum):
-    """What makes the depth images of a camera poor."""
+    """The defect that makes a camera's depth images poor."""
 
-    EDGES = "edges"  # drawn out by filters, or by pixels that are as wide as a limb
-    STEPS = "steps"  # between neighbouring readings
+    EDGES = "edges"  # edges blurred by filters, or by pixels as wide as a limb
+    STEPS = "steps"  # steps between neighbouring readings
     HOLES = "holes"
 
 
 @dataclass(frozen=True, slots=True)
 class PoorDepth:
-    """Why one camera's depth image of a frame is too poor for joints.
+    """The reason why one camera's depth image of a frame is too poor for joints.
 
-    amount: how wide an edge or how high a step is at the patient, metres; the share of the patient's skin turned to the
-    camera without a usable reading.
+    amount: width of an edge or height of a step at the patient, metres; for holes, share of the patient's camera-facing
+    skin without a usable reading.
     """
 
     camera: str
@@ -242,12 +242,16 @@ class PoorDepth:
 
     @property
     def resolves_limbs(self) -> bool:
-        """Holes leave the limbs that are read as they are: their other joints are stated as hidden one by one."""
+        """Return whether the readings that exist still resolve limbs: with holes, only the other joints become
+        hidden.
+        """
         return self.kind is PoorKind.HOLES
 
 
 def too_coarse(camera: str, detail: DepthDetail, distance_m: float) -> PoorDepth | None:
-    """What makes depth too coarse for a limb so far away: edges or steps wider than it; None if neither is."""
+    """Return the defect that makes depth too coarse for a limb at this distance, edges or steps wider than it; None if
+    fine.
+    """
     edge_m, step_m = detail.edge_m(distance_m), detail.step_m(distance_m)
     if max(edge_m, step_m) <= LIMB_M:
         return None
@@ -262,9 +266,10 @@ def poor_depth(
     details: Sequence[DepthDetail | None],
     reach_m: float,
 ) -> tuple[PoorDepth | None, ...]:
-    """Of each camera, why its depth image of the patient is too poor for joints; None where it is not, or shows nobody.
+    """Return, per camera, why its depth image of the patient is too poor for joints; None where it is not, or shows
+    nobody.
 
-    posed: the body as it was found. details: of each camera, None where it has no depth image of the frame.
+    posed: the body as found. details: one per camera, None where it has no depth image of the frame.
     """
     return tuple(
         None if view is None or detail is None else _of_camera(posed, view, camera, detail, reach_m)
@@ -284,15 +289,15 @@ def _of_camera(posed: PosedPoints, view: View, camera: Camera, detail: DepthDeta
 
 
 def distance_of(view: View) -> float | None:
-    """Median depth of the patient in a view, metres; None where the patient is not in it."""
+    """Return the median depth of the patient in a view, metres; None where the patient is not in it."""
     depth = view.depth_m[view.patient]
     return float(np.median(depth)) if depth.size else None
 
 
 def missing_share(posed: PosedPoints, view: View, camera: Camera, reach_m: float) -> float:
-    """Share of the skin turned to a camera, within its image, that has no usable reading; 0 to 1.
+    """Return the share, 0 to 1, of the camera-facing skin within its image that has no usable reading.
 
-    What a person or equipment hides was read: it says why it is not the patient's.
+    Skin hidden by a person or equipment has a reading, so it does not count as missing.
     """
     reason, facing = skin_reasons(posed, view, camera, reach_m)
     inside = reason[facing & (reason != SkinReason.OUTSIDE)]

@@ -1,4 +1,4 @@
-"""The result of calibration: the pose of every camera, where it comes from and how accurate it is."""
+"""Hold the result of calibration: the pose of every camera, its source and its accuracy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from anchorpose.recording.recording_file import CALIBRATION_FILE, CALIBRATION_FO
 
 
 class PoseSource(StrEnum):
-    """Where a camera's pose comes from; users read it in run.json."""
+    """The source of a camera's pose; users read it in run.json."""
 
     GIVEN = "given"
     FILE = "given by a calibration file"
@@ -29,7 +29,7 @@ class PoseSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoseFigure:
-    """One number that says how well a pose fits."""
+    """A number that states how well a pose fits."""
 
     what: str
     value: float
@@ -38,7 +38,9 @@ class PoseFigure:
 
 @dataclass(frozen=True, slots=True)
 class PoseRecord:
-    """One camera: sigma_m of the position of the equipment in it and sigma_rad of the direction, None where unknown."""
+    """The record of a camera's pose: sigma_m of the equipment's position in it and sigma_rad of its direction, None
+    where unknown.
+    """
 
     camera: str
     source: PoseSource
@@ -49,7 +51,7 @@ class PoseRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorResidual:
-    """How well one camera sees the floor: its name, rms of the plane, share of readings on it, tilt against world Y."""
+    """How well a camera sees the floor: its name, rms of the plane, share of readings on it, tilt against world Y."""
 
     camera: str
     residual_m: float
@@ -58,18 +60,19 @@ class FloorResidual:
 
 
 class DoubtSource(StrEnum):
-    """What contradicts a pose."""
+    """The source of a doubt about a pose."""
 
     FLOOR = "floor"
     UPSIDE_DOWN = "people on a floor above the camera"
     EQUIPMENT = "equipment"
-    CAMERAS = "cameras"  # another camera, which sees the same surfaces
+    CAMERAS = "cameras"  # another camera that sees the same surfaces
 
 
 @dataclass(frozen=True, slots=True)
 class PoseDoubt:
-    """What contradicts the poses of cameras, as one sentence; off_m: how far they displace what is seen, NaN where
-    that is not known; refuted: by far more than noise and tapes explain, so that nothing may be tracked with them."""
+    """A doubt about camera poses, as one sentence; off_m: displacement of the seen surfaces, NaN where unknown;
+    refuted: beyond what noise and tape measures explain, so that tracking is refused.
+    """
 
     source: DoubtSource
     cameras: tuple[str, ...]
@@ -80,9 +83,11 @@ class PoseDoubt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """cameras: all with a pose; floor_height_m: Y of the floor in the world, None where no camera sees it; notes: what
-    was assumed, one sentence each, for the run's report; poses: one record per camera; doubts: what contradicts them;
-    displaced_m: how far cameras are known to displace the patient, a part of every joint's error."""
+    """The calibrated cameras. cameras: all with a pose; floor_height_m: Y of the floor in the world, None where no
+    camera sees it; notes: assumptions, one sentence each, for the run's report; poses: one record per camera; doubts:
+    contradictions of poses; displaced_m: known displacement of the patient by the cameras, a part of every joint's
+    error.
+    """
 
     cameras: tuple[Camera, ...]
     floor_height_m: float | None
@@ -94,7 +99,7 @@ class Calibration:
 
 
 def write_calibration(folder: Path, recording: str, calibration: Calibration) -> None:
-    """Write ``folder``/calibration.json; sigma is null where a pose was given or its accuracy is not known."""
+    """Write ``folder``/calibration.json; sigma is null where a pose was given or its accuracy is unknown."""
     document = {
         "format": CALIBRATION_FORMAT,
         "version": 1,
@@ -119,7 +124,9 @@ def write_calibration(folder: Path, recording: str, calibration: Calibration) ->
 
 
 def calibration_rows(calibration: Calibration) -> list[tuple[str, ...]]:
-    """Return a row of texts per camera: name, method, sigma in mm and degrees, rms of surface (mm) and outline (px)."""
+    """Return one row of texts per camera: name, method, sigma in mm and degrees, rms of surface (mm) and outline
+    (px).
+    """
     rows: list[tuple[str, ...]] = []
     for pose in calibration.poses:
         figures: dict[str, Any] = {figure.unit: figure.value for figure in reversed(pose.figures)}

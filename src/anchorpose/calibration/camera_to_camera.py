@@ -1,9 +1,9 @@
-"""The poses of cameras against each other where only people and the floor are known.
+"""Find the poses of cameras relative to each other where only people and the floor are known.
 
-Each camera's floor gives its tilt and height. The turn about the vertical and the shift over the floor come from
-people in common view: first their places over time (``search_ground``), then their surfaces at the same moments
-(``common_view``). Fitting walls and floor as well made it worse on simulated clinics (5 instead of 2 mm): the steady
-error of a time-of-flight camera bends large distant planes, and along a wall a shift changes nothing.
+Each camera's floor gives its tilt and height. The turn about the vertical and the shift over the floor come from people
+in common view: first their places over time (``search_ground``), then their surfaces at the same moments
+(``common_view``). Fitting walls and floor as well was worse on simulated clinics (5 instead of 2 mm): the systematic
+error of a time-of-flight camera bends large distant planes, and a shift along a wall has no effect.
 """
 
 from __future__ import annotations
@@ -47,14 +47,16 @@ APART_RAD, APART_M = 0.35, 0.4  # search results that are nearer than both are t
 
 @settings
 class PlacingConfig:
-    """How cameras without poses are placed against each other by the people they see."""
+    """Settings of how cameras without poses are placed relative to each other by the people they see."""
 
     moments: Count = 24  # moments compared, spread over the recording so that people walk about between them
     step_px: Count = 3  # pixels: every third pixel of every third row is compared
 
 
 class NoCameraToCamera(StrEnum):
-    """Why cameras could not be placed against each other: a result, because an empty room shows nothing in common."""
+    """The reason why cameras could not be placed relative to each other: a result, because an empty room shows nothing
+    in common.
+    """
 
     NO_FLOOR = "a camera sees no floor"
     FEW_MOMENTS = "the cameras have too few depth frames at the same moments"
@@ -67,7 +69,7 @@ class NoCameraToCamera(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraLink:
-    """How ``second`` was placed against ``first``, both positions in the list of cameras."""
+    """How camera ``second`` was placed relative to ``first``, both positions in the list of cameras."""
 
     first: int
     second: int
@@ -76,7 +78,9 @@ class CameraLink:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraToCamera:
-    """T_first_camera: one (4, 4) per camera, the first the identity; links: one for every camera but the first."""
+    """The cameras' poses T_first_camera, (4, 4) each, the first the identity; links: one for every camera but the
+    first.
+    """
 
     T_first_camera: tuple[np.ndarray, ...]
     links: tuple[CameraLink, ...]
@@ -85,7 +89,8 @@ class CameraToCamera:
 def find_camera_to_camera(
     recording: Recording, floors: Sequence[FloorPlane | NoFloor], config: PlacingConfig, rough_clocks: bool = False
 ) -> CameraToCamera | NoCameraToCamera:
-    """Every camera's pose against the first camera's, from frames of ``recording``, whose clocks are synchronised.
+    """Find every camera's pose relative to the first camera's, from frames of ``recording`` with synchronised
+    clocks.
 
     floors: one per camera. Cameras that share little with the first are placed through another one. rough_clocks: the
     clocks are known to 50 ms only; then worse fits are accepted, as poses to compare the clocks by.
@@ -107,7 +112,7 @@ def place_cameras(
     config: PlacingConfig,
     rough_clocks: bool = False,
 ) -> CameraToCamera | NoCameraToCamera:
-    """The same from frames in which every camera has a depth frame, in the order of time."""
+    """Place cameras from frames in which every camera has a depth frame, in the order of time."""
     if frames[-1].time_s - frames[0].time_s < LEAST_SPAN_S:
         return NoCameraToCamera.TOO_SHORT
     views = [
@@ -132,7 +137,7 @@ def place_cameras(
 
 
 def _common_frames(recording: Recording, moments: int) -> list[FrameSet]:
-    """Frames spread over the recording in which all cameras have a depth frame, nearest to each other in time."""
+    """Return frames, spread over the recording, in which all cameras have a depth frame, nearest in time."""
     pairs = pair_frames(recording)
     whole = np.flatnonzero((pairs >= 0).all(axis=1))
     if not len(whole):
@@ -145,7 +150,7 @@ def _common_frames(recording: Recording, moments: int) -> list[FrameSet]:
 
 
 def _place(first: LevelView, second: LevelView, rough_clocks: bool) -> SurfaceFit | NoCameraToCamera:
-    """The second camera against the first, or why not."""
+    """Place the second camera relative to the first, or return why not."""
     to_first = invert_rigid(first.T_level_camera)
     fits = [
         fit
@@ -178,14 +183,13 @@ def _is_accurate(fit: SurfaceFit, rough_clocks: bool) -> bool:
 def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
     """Return T_first_second (4, 4) between level frames of the best ``PLACES`` placements, best first, all distinct.
 
-    Two cameras that know the floor differ by a turn about the vertical and a shift over the floor. For every turn, the
-    shift at which people stand in the same places at the same times, and the room's walls and furniture too, is found
-    by correlating maps of the ground over all shifts at once.
+    Two cameras with a known floor differ by a turn about the vertical and a shift over the floor. For every turn, maps
+    of the ground (people at the same times, and the room's walls and furniture) are correlated over all shifts at once.
     """
     maps = _maps(first, 0.0)
     size = next_fast_len(2 * maps.shape[1])
     spectra = rfft2(maps, s=(size, size))
-    weight = np.array([1.0 / max(1, len(maps) - 1)] * (len(maps) - 1) + [0.5])  # the room, last, counts half
+    weight = np.array([1.0 / max(1, len(maps) - 1)] * (len(maps) - 1) + [0.5])  # the room, last, has half of the weight
     found: list[tuple[float, float, float, float]] = []
     for turn in np.arange(TURNS) * 2.0 * np.pi / TURNS:
         other = rfft2(_maps(second, float(turn)), s=(size, size))
@@ -199,7 +203,7 @@ def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
 
 
 def _maps(view: LevelView, turn: float) -> np.ndarray:
-    """(moments + 1, cells, cells) float32 of unit norm: where people are at each moment, and at the end the room."""
+    """Return maps (moments + 1, cells, cells) float32 of unit norm: people at each moment and, last, the room."""
     T, every = view.T_level_camera, -(-len(view.seen) // MAPPED_MOMENTS)
     moments = [_deeper(transform_points(T, seen.points_m[seen.person])) for seen in view.seen[::every]]
     still = np.concatenate([transform_points(T, seen.points_m[~seen.person]) for seen in view.seen[:1]])
@@ -207,7 +211,7 @@ def _maps(view: LevelView, turn: float) -> np.ndarray:
 
 
 def _deeper(points_level_m: np.ndarray) -> np.ndarray:
-    """Points of people's skin moved away from the camera, to about their axes."""
+    """Return the points of people's skin moved away from the camera, roughly to the bodies' axes."""
     ground = points_level_m * [1.0, 0.0, 1.0]
     away = ground / np.maximum(np.linalg.norm(ground, axis=1, keepdims=True), 1e-6)
     return np.asarray(points_level_m + BODY_M * away)
@@ -226,7 +230,7 @@ def _map(points_level_m: np.ndarray, turn: float) -> np.ndarray:
 
 
 def _turn(angle: float) -> np.ndarray:
-    """(2, 2) on (x, z) of a right-handed turn about Y."""
+    """Return the matrix (2, 2) on (x, z) of a right-handed turn about Y."""
     return np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
 
 
@@ -238,7 +242,7 @@ def _placement(turn: float, shift_x_m: float, shift_z_m: float) -> np.ndarray:
 
 
 def _erase(score: np.ndarray, row: int, column: int) -> None:
-    """Removes a peak, in place."""
+    """Erase a peak, in place."""
     reach = int(2 * APART_M / CELL_M)
     rows, columns = (np.arange(centre - reach, centre + reach + 1) % len(score) for centre in (row, column))
     score[np.ix_(rows, columns)] = -np.inf

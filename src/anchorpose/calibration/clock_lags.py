@@ -1,10 +1,9 @@
-"""Measure the lags between the cameras' clocks: roughly from signals of motion, then finely from shared surfaces.
+"""Measure the lags between the cameras' clocks: roughly from signals of motion, then precisely from shared surfaces.
 
-Each camera sees another side of a body, so a movement differs in size between cameras but not in time. The change of
-depth, summed in bands of height over the floor, needs no pose, no background and no detection of people.
-
-Surfaces alone would need every lag to be tried on full depth frames; signals alone are off by 10 to 60 ms, because
-cameras on different sides see different parts of a movement.
+Each camera sees another side of a body, so a movement differs in size between cameras but not in time. The signal of
+motion is the change of depth, summed in bands of height over the floor; it needs no pose, no background and no
+detection of people. With surfaces alone every lag would have to be tried on full depth frames; signals alone are off by
+10 to 60 ms, because cameras on different sides see different parts of a movement.
 """
 
 from __future__ import annotations
@@ -22,22 +21,24 @@ from anchorpose.calibration.first_frames import FloorPlane, noise_per_m
 from anchorpose.camera import Camera
 from anchorpose.recording.depth_image import RecordedFrames
 
-BANDS_M: Final = np.linspace(0.1, 2.0, 9)  # edges; below is the floor, above nobody
-FAR_JUMP_M: Final = 0.08  # within three frames: more is another surface that appears, however far behind it lies
-SIGNAL_STEP_PX: Final = 4  # every fourth pixel of every fourth row: a body still has 900
-NOISE_GATE: Final = 4.0  # sigmas of the difference of two readings
-SMOOTH_S: Final = 0.1  # two frames at 15 Hz; limbs start and stop in 0.2 s
-LEAST_OVERLAP_S: Final = 1.5  # one movement
-LEAST_OVERLAP: Final = 0.6  # of the shorter signal: over less, chance agrees as well as truth
+BANDS_M: Final = np.linspace(0.1, 2.0, 9)  # edges of the height bands; below them is the floor, above them nobody
+FAR_JUMP_M: Final = 0.08  # change within three frames; a larger one is another surface that appears, at any distance
+SIGNAL_STEP_PX: Final = 4  # every fourth pixel of every fourth row is used: a body still has 900
+NOISE_GATE: Final = 4.0  # sigmas of the difference of two readings; smaller changes are noise
+SMOOTH_S: Final = 0.1  # width of smoothing: two frames at 15 Hz; limbs start and stop in 0.2 s
+LEAST_OVERLAP_S: Final = 1.5  # duration of one movement
+LEAST_OVERLAP: Final = 0.6  # share of the shorter signal; with less overlap, chance agrees as well as truth
 PEAKS_APART_S: Final = 0.4  # a second peak nearer than this belongs to the first
-LEAST_PEAK: Final = 0.4  # correlation; on simulated clinics right lags had 0.41 to 0.84, wrong ones up to 0.42
-CERTAIN_LEAD: Final = 2.0  # times the second peak, to be accepted without a check by surfaces
-PEAKS: Final = 4  # checked by surfaces where none is certain
+LEAST_PEAK: Final = 0.4  # correlation; on simulated clinics right lags had 0.41 to 0.84, wrong lags up to 0.42
+CERTAIN_LEAD: Final = 2.0  # times the second peak, for a lag that is accepted without a check by surfaces
+PEAKS: Final = 4  # peaks that surfaces check where none is certain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionSignal:
-    """time_s (n,) of the camera's clock; speed (n, bands): root of the area times speed that changed in each band."""
+    """A camera's motion over time. time_s (n,): of its clock; speed (n, bands): square root of area times speed of the
+    change in each band.
+    """
 
     time_s: np.ndarray
     speed: np.ndarray
@@ -45,7 +46,9 @@ class MotionSignal:
 
 @dataclass(frozen=True, slots=True)
 class SignalLag:
-    """lag_s: the second clock less the first at one moment; peak: correlation there; second: the best elsewhere."""
+    """A lag by signals. lag_s: the second clock less the first at one moment; peak: correlation there; second: the best
+    elsewhere.
+    """
 
     lag_s: float
     peak: float
@@ -53,14 +56,14 @@ class SignalLag:
 
     @property
     def is_certain(self) -> bool:
-        """Whether the peak stands out far enough to be accepted by itself."""
+        """Return whether the peak stands out enough to be accepted alone."""
         return self.peak >= max(LEAST_PEAK, CERTAIN_LEAD * self.second)
 
 
 def motion_signal(
     frames: Iterable[tuple[float, np.ndarray]], camera: Camera, level: FloorPlane | None, noise: float
 ) -> MotionSignal:
-    """The signal of consecutive frames (time, depth (height, width) float32, 0 = no reading) of one camera.
+    """Compute the signal of consecutive frames (time, depth (height, width) float32, 0 = no reading) of one camera.
 
     level: None where no floor is known; then all heights are one band. noise: the factor of ``first_frames``.
     """
@@ -78,16 +81,16 @@ def motion_signal(
 
 
 def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reach_s: float) -> tuple[SignalLag, ...]:
-    """The lags within ``reach_s`` of ``around_s`` at which the changes of both signals agree best, the best first.
+    """Return the lags within ``reach_s`` of ``around_s`` at which both signals agree best, the best first.
 
-    The correlation is taken over all bands together, so that bands in which little moves count little. The peak is
-    placed between the steps of half a frame by the parabola through it and its neighbours.
+    The correlation is over all bands together, so that bands with little movement count little. The peak is
+    interpolated between steps of half a frame by the parabola through it and its neighbours.
     """
     if min(len(first.time_s), len(second.time_s)) < 3:
         return ()
     step_s = 0.5 * min(float(np.median(np.diff(signal.time_s))) for signal in (first, second))
     x, y = (_changes(signal, step_s) for signal in (first, second))
-    start_s = second.time_s[0] - first.time_s[0]  # the lag at which both begin together
+    start_s = second.time_s[0] - first.time_s[0]  # the lag at which both signals begin together
     shifts = np.arange(
         int(np.ceil((around_s - reach_s - start_s) / step_s)), int((around_s + reach_s - start_s) / step_s) + 1
     )
@@ -110,7 +113,7 @@ def _bands(rays: np.ndarray, depth_m: np.ndarray, level: FloorPlane | None) -> n
 
 
 def _changes(signal: MotionSignal, step_s: float) -> np.ndarray:
-    """(m, bands) smoothed rate of change on an even grid that starts with the signal."""
+    """Return the smoothed rate of change (m, bands) on an even grid that starts with the signal."""
     grid = np.arange(signal.time_s[0], signal.time_s[-1], step_s)
     even = np.stack([np.interp(grid, signal.time_s, band) for band in signal.speed.T], axis=1)
     rate: np.ndarray = gaussian_filter1d(even, SMOOTH_S / step_s, axis=0, order=1)
@@ -118,7 +121,7 @@ def _changes(signal: MotionSignal, step_s: float) -> np.ndarray:
 
 
 def _correlation(x: np.ndarray, y: np.ndarray, shift: int, least: int) -> float:
-    """Of x with y, ``shift`` steps later; NaN where they share fewer than ``least`` steps."""
+    """Correlate x with y, ``shift`` steps later; NaN where they share fewer than ``least`` steps."""
     begin, end = max(0, -shift), min(len(x), len(y) - shift)
     if end - begin < least:
         return float("nan")
@@ -128,34 +131,36 @@ def _correlation(x: np.ndarray, y: np.ndarray, shift: int, least: int) -> float:
 
 
 def _vertex(score: np.ndarray, best: int) -> float:
-    """Where the parabola through a score and its neighbours peaks, in steps from it."""
+    """Return the place of the peak of the parabola through a score and its neighbours, in steps from the score."""
     if not 0 < best < len(score) - 1 or not np.isfinite(score[best - 1 : best + 2]).all():
         return 0.0
     left, middle, right = score[best - 1 : best + 2]
     return float(0.5 * (left - right) / (left - 2.0 * middle + right))
 
 
-FRAMES_KEPT: Final = 300  # 260 MB of a Kinect v2's
-MOST_AHEAD_S: Final = 5.0  # how far clocks of one epoch may be apart
-MOST_LATE_S: Final = 15.0  # between the starts of two recorders whose clocks have nothing in common
-BLOCK_S: Final = 12.0  # of frames for the signals: several movements
-BLOCKS: Final = 3  # tried for the signals, the busiest first
-WINDOW_S: Final = 2.0  # of frames for the surfaces
-REACH_S: Final = 0.12  # twice the largest error that the signals ever had
-SYSTEMATIC_S: Final = 0.001  # error of a window whatever its residuals are: 1 mm of the sensor at 1 m/s
-LEAST_WINDOWS: Final = 2  # that must agree where the signals are not certain
-LEAST_FRAMES: Final = 8  # what a window needs at 4 Hz
+FRAMES_KEPT: Final = 300  # 260 MB of a Kinect v2's frames
+MOST_AHEAD_S: Final = 5.0  # largest difference of clocks with a common epoch
+MOST_LATE_S: Final = 15.0  # largest time between the starts of two recorders with unrelated clocks
+BLOCK_S: Final = 12.0  # duration of the frames for the signals: several movements
+BLOCKS: Final = 3  # blocks tried for the signals, the busiest first
+WINDOW_S: Final = 2.0  # duration of the frames for the surfaces
+REACH_S: Final = 0.12  # twice the largest error that signals ever had
+SYSTEMATIC_S: Final = 0.001  # error of a window beside its residuals: 1 mm of the sensor at 1 m/s
+LEAST_WINDOWS: Final = 2  # windows that must agree where the signals are not certain
+LEAST_FRAMES: Final = 8  # frames of a window at 4 Hz
 
-DRIFT_SIGMA: Final = 1e-4  # a quartz clock is accurate to 100 parts in a million
-PLACES: Final = 4  # sampled in each tenth of the recording, to find where much moves
-STEP_PX: Final = 8  # every eighth pixel of every eighth row shows how much moves
+DRIFT_SIGMA: Final = 1e-4  # s/s; a quartz clock is accurate to 100 parts in a million
+PLACES: Final = 4  # places sampled in each tenth of the recording, to find the largest movement
+STEP_PX: Final = 8  # every eighth pixel of every eighth row suffices to measure the amount of movement
 APART_S: Final = 0.2  # between the two frames that are compared
-LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15  # noise; and another surface that appears
+LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15  # below is noise, above another surface that appears
 
 
 @dataclass(slots=True, eq=False)
 class FrameCache:
-    """Depth frames on demand; counts what is read and keeps the latest: windows of a short recording overlap."""
+    """Depth frames on demand; it counts the frames read and keeps the latest, since windows of a short recording
+    overlap.
+    """
 
     source: RecordedFrames
     read_count: int = 0
@@ -170,7 +175,7 @@ class FrameCache:
         return self.source.times_s
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
-        """(height, width) float32 metres, or None."""
+        """Return a depth frame (height, width) float32 in metres, or None."""
         if (camera, position) not in self.kept:
             self.read_count += 1
             if len(self.kept) >= FRAMES_KEPT:
@@ -179,7 +184,7 @@ class FrameCache:
         return self.kept[camera, position]
 
     def between(self, camera: int, begin_s: float, end_s: float) -> list[tuple[float, np.ndarray]]:
-        """(time, depth) of the usable frames of a camera between two times of its clock."""
+        """Return (time, depth) of the usable frames of a camera between two times of its clock."""
         times_s = self.times_s[camera]
         first, last = np.searchsorted(times_s, [begin_s, end_s])
         found = ((float(times_s[k]), self.read(camera, k)) for k in range(first, last))
@@ -188,7 +193,7 @@ class FrameCache:
 
 @dataclass(frozen=True, slots=True)
 class PairLag:
-    """lag_s: what the clock of camera ``second`` shows less that of ``first``, at the reference time at_s."""
+    """The lag of a pair. lag_s: the clock of camera ``second`` less that of ``first``, at the reference time at_s."""
 
     first: int
     second: int
@@ -199,7 +204,9 @@ class PairLag:
 
 @dataclass(frozen=True, slots=True)
 class RoughLag:
-    """lag_s: the camera's clock less the reference's, at about at_s, within ``REACH_S``; certain: no check needed."""
+    """A rough lag. lag_s: the camera's clock less the reference's, at about at_s, within ``REACH_S``; certain: no check
+    needed.
+    """
 
     lag_s: float
     at_s: float
@@ -207,11 +214,11 @@ class RoughLag:
     certain: bool = False
 
 
-REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # of the first camera against itself
+REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the first camera relative to itself
 
 
 def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
-    """Return (time on the reference clock, how much moves there in m^3) of the busiest place of each part.
+    """Return (reference time, amount of movement in m^3) of the busiest place of each part of the recording.
 
     Each part of ``span_s`` is sampled at ``PLACES`` places, two frames each; a part without frames has no entry.
     """
@@ -226,7 +233,7 @@ def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int)
 
 
 def _motion(frames: FrameCache, time_s: float) -> float:
-    """Area times change between two frames of the reference camera; -1 where they are missing."""
+    """Return the area times the change between two frames of the reference camera; -1 where they are missing."""
     times_s = frames.times_s[0]
     first, last = np.clip(np.searchsorted(times_s, [time_s, time_s + APART_S]), 0, len(times_s) - 1)
     if first == last:
@@ -245,8 +252,9 @@ def _motion(frames: FrameCache, time_s: float) -> float:
 def rough_lags(
     frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
-    """The lag of each camera from signals; the surfaces choose between a certain one and the lag of the time stamps,
-    or, where none is certain, among the best of them all. None where neither gives one."""
+    """Return the lag of each camera from signals, None where there is none. Surfaces choose between a certain lag and
+    that of the time stamps or, where none is certain, among the best of all.
+    """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
     possible = [_from_stamps(frames, camera) for camera in range(len(levels))]
@@ -267,13 +275,13 @@ def rough_lags(
 
 
 def stamped_lags(frames: FrameCache) -> list[RoughLag | None]:
-    """No lag of each camera whose time stamps and the first camera's may be of one clock; None for others."""
+    """Return a lag of zero for cameras whose time stamps may be of the first camera's clock, None for others."""
     stamped = [_from_stamps(frames, camera) for camera in range(1, len(frames.cameras))]
     return [REFERENCE, *(found[0] if found else None for found in stamped)]
 
 
 def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
-    """Middles of the blocks for the signals: the busiest, none reaching beyond the recording, all different."""
+    """Return the middles of the blocks for the signals: distinct, the busiest, none beyond the recording's ends."""
     low, high = times_s[0] + BLOCK_S / 2, times_s[-1] - BLOCK_S / 2
     if low >= high:
         return [float(times_s[0] + times_s[-1]) / 2]
@@ -283,14 +291,14 @@ def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
 
 
 def _from_stamps(frames: FrameCache, camera: int) -> list[RoughLag]:
-    """Clocks that agree, where they are of one epoch."""
+    """Return the lag by the time stamps, if they share an epoch with the reference clock."""
     around_s, _ = _guesses(frames.times_s[0], frames.times_s[camera])[0]
     at_s = float(frames.times_s[0][len(frames.times_s[0]) // 2])
     return [RoughLag(0.0, at_s)] if around_s == 0.0 else []
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
-    """(lag, reach) to search about: clocks of one epoch, or recorders started together."""
+    """Return (lag, reach) to search around: for clocks with one epoch, or recorders started together."""
     common_s = min(reference_s[-1], other_s[-1]) - max(reference_s[0], other_s[0])
     together = (float(other_s[0] - reference_s[0]), MOST_LATE_S)
     half_s = 0.5 * min(np.ptp(reference_s), np.ptp(other_s))
@@ -300,7 +308,7 @@ def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, 
 def _best_lags(
     frames: FrameCache, camera: int, at_s: float, reference: MotionSignal, level: FloorPlane | None
 ) -> list[SignalLag]:
-    """The lags about each guess, the best first."""
+    """Return the best lags around each guess, the best first."""
     found: list[SignalLag] = []
     for around_s, reach_s in _guesses(frames.times_s[0], frames.times_s[camera]):
         signal = _block_signal(frames, camera, at_s + around_s, BLOCK_S / 2 + reach_s, level)
@@ -323,7 +331,7 @@ def _block_signal(
 def _best_by_surfaces(
     frames: FrameCache, camera: int, possible: Sequence[RoughLag], times_s: Sequence[float]
 ) -> RoughLag | None:
-    """The lag at which this camera's surfaces fit the reference camera's best; None where no lag can be tested."""
+    """Return the lag at which this camera's surfaces fit the reference camera's best; None where none can be tested."""
     best, least_m = None, np.inf
     reference = RoughLag(0.0, 0.0)
     clips = [_clip(frames, 0, at_s, reference) for at_s in times_s]
@@ -340,7 +348,9 @@ def _best_by_surfaces(
 
 
 def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
-    """The lags of all pairs of posed cameras in every window, less the rough ones: times may count from 1970."""
+    """Return the lags, less the rough ones, of all pairs of posed cameras in every window; times may count from
+    1970.
+    """
     lags = []
     for at_s in times_s:
         clips = [_clip(frames, camera, at_s, found) for camera, found in enumerate(rough)]
@@ -359,7 +369,7 @@ def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Seq
 
 
 def _clip(frames: FrameCache, camera: int, at_s: float, rough: RoughLag | None) -> Clip | None:
-    """The window's frames of a camera, extended by the error of its clock; None with too few frames or no pose."""
+    """Return a camera's frames of a window, extended by its clock's error; None with too few frames or no pose."""
     if rough is None or frames.cameras[camera].T_world_camera is None:
         return None
     half_s = WINDOW_S / 2 + rough.reach_s

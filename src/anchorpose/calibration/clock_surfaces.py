@@ -1,9 +1,9 @@
-"""The lag between two posed cameras from the surfaces both see.
+"""Measure the lag between two posed cameras from the surfaces that both see.
 
 A point that camera A saw at time t is looked up in B's frames at t + lag. B's depth at that pixel, interpolated in
-time, and the point's depth there differ by the lag's error times the rate at which the depth changes. Tens of
-thousands of such residuals give the lag by least squares to below a millisecond, and an error of the poses, of the
-sensors or of the clothes does not bias it, because the mean of each patch of the depth image is subtracted first.
+time, and the point's depth there differ by the lag's error times the rate at which the depth changes. Tens of thousands
+of such residuals give the lag by least squares to below a millisecond. Errors of poses, sensors or clothes do not bias
+it, because the mean of each patch of the depth image is subtracted first.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from anchorpose.calibration.common_view import NORMAL_PX, SurfaceGates, huber_we
 from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
-UNITS_PER_M: Final = 4000.0  # stacks hold quarters of a millimetre: 16 bits reach 16 m
-SMOOTH_PX: Final = 3  # a limb is ten pixels wide
-OPENED_PX: Final = 5  # single pixels that flicker are not a limb
-NOISE_FRAMES: Final = 16  # second differences for a median accurate to a quarter
-SPREAD_FRAMES: Final = 8  # of a window, in which to look for pixels that change
+UNITS_PER_M: Final = 4000.0  # units of the stacks, quarters of a millimetre: 16 bits reach 16 m
+SMOOTH_PX: Final = 3  # window of smoothing; a limb is ten pixels wide
+OPENED_PX: Final = 5  # window that removes single flickering pixels, which are no limb
+NOISE_FRAMES: Final = 16  # frames for second differences, whose median is then accurate to a quarter
+SPREAD_FRAMES: Final = 8  # frames of a window in which changing pixels are searched
 
-STEP_PX: Final = 3  # errors of neighbouring pixels are correlated; a body still has 1700 points
-MOVED_M: Final = 0.01  # within a clip; a smaller movement shows no time
-MOVED_GATE: Final = 6.0  # sigmas: twice what noise makes of eight frames
-SAME_SURFACE_M: Final = 0.05  # beyond this it is another surface: a hand in front of a trunk
-ONE_SURFACE_M: Final = 0.15  # within four frames; 1.1 m/s at 30 Hz. More is an edge that passes
-LEAST_FACING: Final = 0.3  # cosine between normal and ray in both cameras: flatter ones lose their place
-PATCH_PX: Final = 24  # of the depth image whose mean error is subtracted: 10 cm at 2 m
-CHUNK_S: Final = 0.25  # errors of residuals within such a time are correlated
-RATE_GATE: Final = 3.0  # sigmas of the rate's own noise: still surfaces add no evidence and slow the steps
-LEAST_POINTS: Final = 400  # fewer residuals are one hand
+STEP_PX: Final = 3  # grid of the points: errors of neighbouring pixels are correlated; a body still has 1700 points
+MOVED_M: Final = 0.01  # movement within a clip; a smaller one shows no time
+MOVED_GATE: Final = 6.0  # sigmas: twice what noise causes in eight frames
+SAME_SURFACE_M: Final = 0.05  # difference of depths; beyond it is another surface: a hand in front of a trunk
+ONE_SURFACE_M: Final = 0.15  # change within four frames, 1.1 m/s at 30 Hz; a larger one is a passing edge
+LEAST_FACING: Final = 0.3  # cosine between normal and ray in both cameras: flatter surfaces are imprecise
+PATCH_PX: Final = 24  # side of the patches whose mean error is subtracted: 10 cm at 2 m
+CHUNK_S: Final = 0.25  # errors of residuals within this time are correlated
+RATE_GATE: Final = 3.0  # sigmas of the rate's own noise: still surfaces add no evidence and cost time
+LEAST_POINTS: Final = 400  # residuals; fewer are one hand
 ROUNDS: Final = 12  # Newton steps; three or four are enough
 SETTLED_S: Final = 2e-5
 
@@ -44,8 +44,8 @@ class Clip:
     """Consecutive depth frames of one posed camera and the moving points in them.
 
     time_s (n,); stack (n, height * width) uint16 in ``UNITS_PER_M``, smoothed, 0 = no reading; noise_m (height *
-    width,): deviation of the stack's readings over time where nothing moves; points_world_m, normals_world (m, 3)
-    float64; frame (m,): the frame of each point.
+    width,): deviation of still readings over time; points_world_m, normals_world (m, 3) float64; frame (m,): the frame
+    of each point.
     """
 
     camera: Camera
@@ -59,8 +59,9 @@ class Clip:
 
 @dataclass(frozen=True, slots=True)
 class SurfaceLag:
-    """lag_s: the second clock less the first at one moment; sigma_s: its standard error; points: residuals used;
-    misfit_m: root mean square of all residuals there, none counted above that of another surface."""
+    """A lag by surfaces. lag_s: the second clock less the first at one moment; sigma_s: its standard error; points:
+    number of residuals; misfit_m: root mean square of all residuals there, each limited to that of another surface.
+    """
 
     lag_s: float
     sigma_s: float
@@ -69,7 +70,7 @@ class SurfaceLag:
 
 
 def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Clip:
-    """A clip of frames (time, depth (height, width) float32, 0 = no reading); the camera has a pose."""
+    """Make a clip from frames (time, depth (height, width) float32, 0 = no reading); the camera has a pose."""
     depths = np.stack([_smoothed(depth) for _, depth in frames])
     noise = _noise_over_time(depths)
     low, high = _range_over_time(depths)
@@ -83,10 +84,10 @@ def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Cli
 
 
 def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
-    """The lag within ``reach_s`` of ``around_s``; None where the cameras share too little that moves.
+    """Return the lag within ``reach_s`` of ``around_s``; None where the cameras share too little movement.
 
-    The best of evenly spaced lags, then Newton steps on the robust least squares of both directions together. The
-    standard error allows for correlated errors of residuals within ``CHUNK_S``.
+    It takes the best of evenly spaced lags, then Newton steps on the robust least squares of both directions together.
+    The standard error allows for correlated errors of residuals within ``CHUNK_S``.
     """
     there, back = _look_up(first, second), _look_up(second, first)
     step_s = 0.5 * there.period_s
@@ -111,8 +112,9 @@ def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LookUp:
-    """Points of the source clip in the target's frames: (n,) source frame, pixel (flat) and depth_m there; period_s:
-    between two frames of the target."""
+    """Points of the source clip looked up in the target's frames: (n,) source frame, pixel (flat) and depth_m there;
+    period_s: between two frames of the target.
+    """
 
     source: Clip
     target: Clip
@@ -123,7 +125,7 @@ class _LookUp:
 
 
 def _smoothed(depth_m: np.ndarray) -> np.ndarray:
-    """The mean of each pixel's neighbourhood where that is one surface, elsewhere the reading itself."""
+    """Return the mean of each pixel's neighbourhood if it is one surface, else the reading itself."""
     window = np.ones((SMOOTH_PX, SMOOTH_PX), np.uint8)
     nearest = cv2.erode(depth_m, window)
     one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < SAME_SURFACE_M)
@@ -131,15 +133,15 @@ def _smoothed(depth_m: np.ndarray) -> np.ndarray:
 
 
 def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
-    """(height, width) float32 deviation of each pixel's readings, from second differences over time.
+    """Return the deviation (height, width) float32 of each pixel's readings, from second differences over time.
 
-    A floor at a grazing angle and the edges of objects flicker many times more than a wall. Steady movement has no
-    second difference, and the median ignores the rest; where readings are missing the noise is that of the whole image.
+    A floor at a grazing angle and edges of objects flicker many times more than a wall. Steady movement has no second
+    difference, and the median ignores other movement; where readings are missing the noise is that of the whole image.
     """
     chosen = np.unique(np.linspace(1, len(depths_m) - 2, NOISE_FRAMES).astype(int))
     before, now, after = depths_m[chosen - 1], depths_m[chosen], depths_m[chosen + 1]
     second = np.where((before > 0) & (now > 0) & (after > 0), np.abs(before - 2.0 * now + after), np.inf)
-    ordered = np.sort(second.reshape(len(second), -1).T, axis=1)  # the median in a fifth of numpy's time
+    ordered = np.sort(second.reshape(len(second), -1).T, axis=1)  # the median, in a fifth of numpy's time
     middle = (ordered[:, (len(second) - 1) // 2] + ordered[:, len(second) // 2]).reshape(second.shape[1:]) / 2.0
     noise = middle / (MAD_OF_NORMAL * np.sqrt(6.0))
     known = np.isfinite(noise)
@@ -148,7 +150,9 @@ def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
 
 
 def _range_over_time(depths_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest and farthest smoothed depth of each pixel in the clip, (height, width); 0 where a reading is missing."""
+    """Return nearest and farthest smoothed depth (height, width) of each pixel in the clip; 0 where a reading is
+    missing.
+    """
     chosen = np.unique(np.linspace(0, len(depths_m) - 1, SPREAD_FRAMES).astype(int))
     seen = cv2.erode((depths_m[chosen] > 0).all(axis=0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     smooth = np.stack([cv2.blur(depth, (5, 5)) for depth in depths_m[chosen]])
@@ -156,7 +160,7 @@ def _range_over_time(depths_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _moving(depth_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray, noise_m: np.ndarray) -> np.ndarray:
-    """(height, width) bool: pixels on something that moves, without the room that it uncovers."""
+    """Return (height, width) bool: pixels on a moving object, without the room that it uncovers."""
     changed = (high_m - low_m > np.maximum(MOVED_M, MOVED_GATE * noise_m)).astype(np.uint8)
     changed = cv2.morphologyEx(changed, cv2.MORPH_OPEN, np.ones((OPENED_PX, OPENED_PX), np.uint8))
     ahead = (high_m - low_m < ONE_SURFACE_M) | (depth_m < high_m - ONE_SURFACE_M)
@@ -165,7 +169,7 @@ def _moving(depth_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray, noise_m:
 
 
 def _points(depth_m: np.ndarray, moving: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Points and unit normals (m, 3) in the camera frame of the moving pixels on a grid that lie on one surface."""
+    """Return points and unit normals (m, 3), camera frame, of moving pixels on a grid that lie on one surface."""
     inner = (slice(NORMAL_PX, size - NORMAL_PX, STEP_PX) for size in (camera.height, camera.width))
     rows, columns = (grid.ravel() for grid in np.mgrid[*inner])
     chosen = moving[rows, columns]
@@ -187,11 +191,12 @@ def _look_up(source: Clip, target: Clip) -> _LookUp:
 
 
 def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return, of each point that both cameras see at this lag: its index, the target's depth less its own (m), and the
-    rate and the slope of that depth (m/s), from the outer and the inner two of four frames: their noise is independent.
+    """Return, for each point that both cameras see at this lag: its index, the target's depth less its own (m), and the
+    rate and the slope of that depth (m/s), from the outer and the inner two of four frames, so that their noise is
+    independent.
 
-    The depth comes from the frames just before and after, its rate from the ones around those: noise that enters both
-    would pull the lag towards the middle between two frames.
+    The depth comes from the frames just before and after, its rate from the frames around these: common noise would
+    pull the lag towards the middle between two frames.
     """
     target_s, pixels = look.target.time_s, look.target.stack
     wanted_s = look.source.time_s + lag_s
@@ -199,7 +204,7 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
     within = (before >= 1) & (before < len(target_s) - 2)
     before = np.clip(before, 1, len(target_s) - 3)
     around_s = target_s[before + 2] - target_s[before - 1]
-    within &= around_s < 4.5 * look.period_s  # one dropped frame
+    within &= around_s < 4.5 * look.period_s  # allows one dropped frame
     share = (wanted_s - target_s[before]) / (target_s[before + 1] - target_s[before])
     index = np.flatnonzero(within[look.frame])[::every]
     frame = look.frame[index]
@@ -214,7 +219,9 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
 
 
 def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
-    """Mean squared residual of both directions, none above that of another surface; NaN where there are too few."""
+    """Return the mean squared residual of both directions, each limited to that of another surface; NaN with too
+    few.
+    """
     both = [_residuals(look, lag, every=4)[1] for look, lag in ((there, lag_s), (back, -lag_s))]
     residual = np.concatenate(both)
     if 4 * len(residual) < LEAST_POINTS:
@@ -223,8 +230,9 @@ def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
 
 
 def _normal_equation(look: _LookUp, lag_s: float) -> tuple[float, np.ndarray, int]:
-    """Return how fast the sum of rates times residuals changes with the lag, these sums by chunks of time, and how many
-    residuals there are; at the true lag the sums are uncorrelated."""
+    """Return the derivative by the lag of the sum of rates times residuals, these sums by chunks of time, and the
+    number of residuals; at the true lag the sums are uncorrelated.
+    """
     index, residual, rate, slope = _residuals(look, lag_s)
     same = np.abs(residual) < SAME_SURFACE_M
     index = index[same]

@@ -1,7 +1,7 @@
-"""Find the clocks of all cameras from what moves in front of them.
+"""Find the clocks of all cameras from the movement in front of them.
 
-Two steps. How much moves at each height (``clock_lags``) finds the lag, among several seconds, to about a twentieth
-of a second, with or without poses. Where the poses are known, the surfaces that two cameras share
+There are two steps. The amount of movement at each height (``clock_lags``) gives the lag, within several seconds, to
+about a twentieth of a second, with or without poses. Where the poses are known, the surfaces that two cameras share
 (``clock_surfaces``) then give it to a millisecond.
 """
 
@@ -34,14 +34,15 @@ from anchorpose.recording.depth_image import RecordedFrames
 from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.settings import settings
 
-ROUNDS: Final = 20  # lags removed one at a time; more are never wrong
-OUTLIER_GATE: Final = 5.0  # deviations
+ROUNDS: Final = 20  # rounds, each of which removes one lag; no recording had more wrong ones
+OUTLIER_GATE: Final = 5.0  # standard deviations beyond which a lag is removed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClockFit:
-    """ahead_s, drift (cameras,): of each clock against the first camera's, at at_s, NaN where no lag reaches it;
-    covariance (cameras, 2, 2) of both; used: the lags that were kept; residual_s: their root mean square."""
+    """The fitted clocks. ahead_s, drift (cameras,): of each clock relative to the first camera's, at at_s, NaN where no
+    lag reaches it; covariance (cameras, 2, 2) of both; used: the kept lags; residual_s: their root mean square.
+    """
 
     at_s: float
     ahead_s: np.ndarray
@@ -51,16 +52,16 @@ class ClockFit:
     residual_s: float
 
     def sigma_s(self, camera: int, time_s: float) -> float:
-        """Standard error of a camera's clock at a reference time."""
+        """Return the standard error of a camera's clock at a reference time."""
         row = np.array([1.0, time_s - self.at_s])
         return float(np.sqrt(row @ self.covariance[camera] @ row))
 
 
 def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
-    """Weighted least squares of all clocks at once, each drift with a prior of 0 ± ``DRIFT_SIGMA``.
+    """Fit all clocks at once by weighted least squares, each drift with a prior of 0 ± ``DRIFT_SIGMA``.
 
     The worst lag is removed while it is more than ``OUTLIER_GATE`` deviations off. The standard errors grow with the
-    scatter that is left. Raises ValueError without lags.
+    remaining scatter. Raises ValueError without lags.
     """
     if not lags:
         raise ValueError("clocks need at least one lag")
@@ -82,7 +83,7 @@ def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
 
 
 def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
-    """(2 * cameras,) how the lag depends on (ahead, drift) of each clock; the first camera's are 0."""
+    """Return (2 * cameras,) the derivative of the lag by (ahead, drift) of each clock; the first camera's are 0."""
     row = np.zeros(2 * cameras)
     row[2 * lag.second : 2 * lag.second + 2] = 1.0, lag.at_s - at_s
     row[2 * lag.first : 2 * lag.first + 2] = -1.0, at_s - lag.at_s
@@ -91,20 +92,20 @@ def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
 
 
 def _solve(lags: Sequence[PairLag], cameras: int, at_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Values (2 * cameras,) and their covariance."""
+    """Return the values (2 * cameras,) and their covariance."""
     rows = np.array([_row(lag, cameras, at_s) for lag in lags])
     weight = np.array([lag.sigma_s**-2 for lag in lags])
     information = (rows * weight[:, None]).T @ rows
     information[np.arange(1, 2 * cameras, 2), np.arange(1, 2 * cameras, 2)] += DRIFT_SIGMA**-2
     ahead = np.arange(0, 2 * cameras, 2)
-    information[ahead, ahead] += 1e-12 * (weight.max() + 1.0)  # cameras that no lag reaches
+    information[ahead, ahead] += 1e-12 * (weight.max() + 1.0)  # for cameras that no lag reaches
     covariance = np.linalg.inv(information)
     covariance[:2] = covariance[:, :2] = 0.0
     return covariance @ (rows.T @ (weight * [lag.lag_s for lag in lags])), covariance
 
 
 def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
-    """(cameras,) bool: linked to the first camera by lags, directly or through others."""
+    """Return (cameras,) bool: cameras linked to the first by lags, directly or through others."""
     reached = np.arange(cameras) == 0
     for _ in range(cameras):
         for lag in lags:
@@ -113,26 +114,26 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
     return reached
 
 
-WINDOWS: Final = 10  # over the whole recording: a drift shows between its ends, and some windows show little
-SPREAD: Final = 3  # every third window is compared first: they span the recording
+WINDOWS: Final = 10  # windows over the whole recording: a drift shows between its ends, and some windows show little
+SPREAD: Final = 3  # every third window is compared first: these span the recording
 CONFIRMING: Final = 4  # windows whose lags show whether the time stamps are right to a tenth of a second
-AGREEING: Final = 0.75  # of these windows, and of their lags, that have to agree
-APART_S: Final = 0.01  # their scatter: a sixth of the time between frames at 15 per second
-ENOUGH_S: Final = 0.002  # at either end of the recording: 1 mm of a limb that moves by half a metre a second
-SIGNAL_SIGMA_S: Final = 0.03  # of the lags from signals, on simulated clinics
-WORST_SIGMA_S: Final = 0.008  # at either end of the recording: half of the usual time between paired frames
-FLOOR_FRAMES: Final = 9  # of a camera without a background: their median has few people in it
+AGREEING: Final = 0.75  # share of these windows, and of their lags, that have to agree
+APART_S: Final = 0.01  # scatter of their lags: a sixth of the time between frames at 15 per second
+ENOUGH_S: Final = 0.002  # accuracy at either end of the recording: 1 mm of a limb that moves at half a metre a second
+SIGNAL_SIGMA_S: Final = 0.03  # standard deviation of the lags from signals, on simulated clinics
+WORST_SIGMA_S: Final = 0.008  # accuracy at either end of the recording: half of the usual time between paired frames
+FLOOR_FRAMES: Final = 9  # frames of a camera without a background: their median contains few people
 
 
 @settings
 class ClockConfig:
-    """How the clocks of several cameras are compared."""
+    """Settings of how the clocks of several cameras are compared."""
 
     estimate: bool = True  # False: the time stamps are used as they are
 
 
 class ClockSource(StrEnum):
-    """How a camera's clock is known; people read it in the run's notes."""
+    """How a camera's clock was found; people read it in the run's notes."""
 
     REFERENCE = "the reference"
     RESULTS = "that of the corrected results"
@@ -142,7 +143,7 @@ class ClockSource(StrEnum):
 
 
 class NoClock(StrEnum):
-    """Why a clock was not corrected: a result, because nothing moves in an empty room."""
+    """The reason why a clock was not corrected: a result, because nothing moves in an empty room."""
 
     SWITCHED_OFF = "clocks are not to be estimated"
     FEW_FRAMES = "too few depth frames"
@@ -152,8 +153,9 @@ class NoClock(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CameraClock:
-    """clock: as used; sigma_s, drift_sigma: standard errors, None where it was kept; lags: measured with this camera;
-    doubt: why it was kept, None where it was not."""
+    """A camera's clock. clock: as used; sigma_s, drift_sigma: standard errors, None where the clock was kept; lags:
+    measured with this camera; doubt: why the clock was kept, None where it was not.
+    """
 
     camera: str
     clock: Clock
@@ -166,8 +168,9 @@ class CameraClock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clocks:
-    """One per camera, the reference first; residual_s: root mean square of the lags about the clocks, None without
-    lags; frames_read: what the estimate cost."""
+    """All cameras' clocks, the reference first; residual_s: root mean square of the lags from the clocks, None without
+    lags; frames_read: cost of the estimate.
+    """
 
     cameras: tuple[CameraClock, ...]
     residual_s: float | None
@@ -175,15 +178,15 @@ class Clocks:
 
     @property
     def clocks(self) -> tuple[Clock, ...]:
-        """The clocks to use."""
+        """Return the clocks to use."""
         return tuple(camera.clock for camera in self.cameras)
 
 
 def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: ClockConfig) -> tuple[Recording, Clocks]:
-    """``recording``, whose time stamps are untouched so far, with all times on the first camera's clock.
+    """Return ``recording`` with all times on the first camera's clock; its time stamps must be untouched.
 
-    cameras: as in the recording, with the poses that are known by now: with poses the clocks are more accurate, so
-    where poses are found this is called before and after. A clock that cannot be estimated stays as it is.
+    cameras: as in the recording, with the poses known so far. With poses the clocks are more accurate, so this is
+    called before and after poses are found. A clock that cannot be estimated stays unchanged.
     """
     frames = RecordedFrames(recording, tuple(cameras))
     wanted = config.estimate and len(cameras) > 1
@@ -193,13 +196,13 @@ def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: Clock
 
 
 def clocks_of_results(cameras: Sequence[Camera], known: Mapping[str, Clock]) -> Clocks:
-    """The clocks of an earlier run of the same recording, by the camera's name, instead of the estimate."""
+    """Take the clocks of an earlier run of the same recording, by camera name, instead of estimating them."""
     others = (CameraClock(camera.name, known[camera.name], ClockSource.RESULTS) for camera in cameras[1:])
     return Clocks((_reference(cameras), *others), None, 0)
 
 
 def _level(frames: RecordedFrames, index: int) -> FloorPlane | None:
-    """Return the world's Y = 0 where the camera has a pose, else the floor it sees; None without either."""
+    """Return the world's Y = 0 if the camera has a pose, else the floor it sees; None without either."""
     camera, recording = frames.cameras[index], frames.recording
     if camera.T_world_camera is not None:
         return level_of_pose(camera.T_world_camera)
@@ -217,8 +220,8 @@ def _level(frames: RecordedFrames, index: int) -> FloorPlane | None:
 def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None], config: ClockConfig) -> Clocks:
     """Estimate the offset and drift of every camera's clock against the first camera's clock.
 
-    levels: one per camera, see ``motion_signal``; cameras with a pose may give it by the world's Y, others by the
-    floor. If the motion is too little evidence for a clock, the clock is kept as it is, and ``doubt`` states why.
+    levels: one per camera, see ``motion_signal``: from the world's Y for cameras with a pose, from the floor for
+    others. If there is too little motion to estimate a clock, it is kept, and ``doubt`` states why.
     """
     count = len(source.cameras)
     if count == 1 or not config.estimate:
@@ -236,7 +239,7 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
         lags = fine_lags(frames, rough, first_s)
     if not _is_confirmed(
         lags, count, len(first_s)
-    ):  # the time stamps are not those of one clock, or too little moves in common view
+    ):  # the time stamps are of different clocks, or too little moves in common view
         rough = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
         lags = fine_lags(frames, rough, first_s)
     fit = _fit(frames, rough, lags, times_s[CONFIRMING:], span_s)
@@ -245,9 +248,9 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
 
 
 def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
-    """Whether the lags of the first windows show that rough lags are right; about wrong ones they are anywhere.
+    """Return whether the lags of the first windows confirm the rough lags; around wrong rough lags they scatter.
 
-    tried: windows that the lags were looked for in; a short recording has two.
+    tried: number of windows in which lags were searched; a short recording has two.
     """
     fit = fit_clocks(lags, count) if lags else None
     if fit is None or not _agree(fit, lags):
@@ -257,7 +260,7 @@ def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
 
 
 def _agree(fit: ClockFit, lags: Sequence[PairLag]) -> bool:
-    """Whether nearly all lags are those of one set of clocks, which are all known."""
+    """Return whether nearly all lags agree with one set of clocks, all of which are known."""
     known = bool(np.isfinite(fit.ahead_s).all())
     return known and len(fit.used) >= AGREEING * len(lags) and fit.residual_s <= APART_S
 
@@ -269,7 +272,9 @@ def _fit(
     left_s: Sequence[float],
     span_s: tuple[float, float],
 ) -> ClockFit | None:
-    """The clocks by the lags of the first windows, and of as many of those left as they need; None without lags."""
+    """Fit the clocks to the lags of the first windows, and of as many remaining ones as they need; None without
+    lags.
+    """
     fit = fit_clocks(lags, len(rough)) if lags else None
     for at_s in left_s:
         if fit is not None and _agree(fit, lags):
@@ -293,7 +298,7 @@ def _reference(cameras: Sequence[Camera]) -> CameraClock:
 def _camera_clock(
     index: int, name: str, rough: RoughLag | None, fit: ClockFit | None, span_s: tuple[float, float]
 ) -> CameraClock:
-    """The clock of the fit where it is accurate, else of the signals where they are certain, else as it stands."""
+    """Return the fitted clock if accurate, else the signals' clock if certain, else the unchanged clock."""
     lags = sum(index in (lag.first, lag.second) for lag in fit.used) if fit is not None else 0
     if fit is not None and rough is not None and np.isfinite(fit.ahead_s[index]):
         sigma_s = max(fit.sigma_s(index, time_s) for time_s in span_s)
@@ -312,7 +317,7 @@ def _camera_clock(
 
 
 def clock_notes(clocks: Clocks) -> tuple[str, ...]:
-    """One sentence per camera but the first; none where the clocks were not to be estimated."""
+    """Return one sentence per camera except the first; none where clocks were not to be estimated."""
     first = clocks.cameras[0].camera
     return tuple(_sentence(found, first) for found in clocks.cameras[1:] if found.doubt is not NoClock.SWITCHED_OFF)
 

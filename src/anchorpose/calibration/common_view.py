@@ -1,10 +1,11 @@
-"""Compare what two cameras see of people at the same moments: the pose between them, and how far surfaces disagree.
+"""Compare the people that two cameras see at the same moments: the pose between them, and how far surfaces disagree.
 
-The pose is refined by point-to-plane least squares with projective association, both ways (Chen and Medioni 1992,
-doi:10.1016/0262-8856(92)90066-C).
+The pose is refined by point-to-plane least squares with projective association in both directions (Chen and Medioni
+1992, doi:10.1016/0262-8856(92)90066-C).
 
-Room and people together: floor and walls give tilt and height, people what slides along them. Each has half of the
-weight, so that a wide room does not decide alone; a wrong focal length moves its far ends, and not the people.
+Room and people are used together: floor and walls give tilt and height, people give the shift along them. Each has half
+of the weight, so that a wide room does not decide alone; a wrong focal length displaces its far ends, but not the
+people.
 """
 
 from __future__ import annotations
@@ -20,18 +21,19 @@ from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane, level
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
 NEARER_M: Final = 0.12  # people stand off the room by more than this
-SURFACE_STEP_M: Final = 0.07  # neighbours farther apart in depth are not on one surface
+SURFACE_STEP_M: Final = 0.07  # depth difference up to which neighbours are on one surface
 NORMAL_PX: Final = 2  # a normal is computed from neighbours this many pixels away
-RIM_PX: Final = 7  # 2 cm at 2 m to either side: what a limb moves in the 30 ms between two frames
-GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)  # start: within 0.3
-WORST_CONDITION: Final = 1e9  # beyond, the data do not determine a turn or a shift
+RIM_PX: Final = 7  # 2 cm at 2 m to either side: movement of a limb in the 30 ms between two frames
+# distance of pairs in each step; the start is within 0.3
+GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
+WORST_CONDITION: Final = 1e9  # condition number beyond which the data do not determine a turn or a shift
 SAME_WAY: Final = 0.8  # cosine between the normals of one surface in two cameras
 HUBER: Final = 1.5  # robust deviations beyond which a residual loses weight
-LEAST_PAIRS: Final = 200  # of points: fewer are one hand
+LEAST_PAIRS: Final = 200  # pairs of points: fewer are one hand
 
 
 class SurfaceGates(NamedTuple):
-    """Which pixels give a normal: most step in depth across it, least cosine between normal and ray."""
+    """Limits for pixels with a normal: largest depth step across it, least cosine between normal and ray."""
 
     step_m: float
     least_facing: float
@@ -42,8 +44,9 @@ GATES: Final = SurfaceGates(2.0 * SURFACE_STEP_M, 0.25)  # flatter surfaces are 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """Surface points of one depth frame: points, normals (n, 3) float64 camera frame; person (n,) bool: not the
-    room's."""
+    """Surface points of one depth frame: points, normals (n, 3) float64, camera frame; person (n,) bool: points not on
+    the room.
+    """
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -52,11 +55,11 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelView:
-    """What one camera sees, in a frame that stands on the floor.
+    """One camera's view in a frame that stands on the floor.
 
     T_level_camera (4, 4): Y up, origin on the floor below the camera, X level along its optical axis; depths_m: its
-    frames (height, width), at the moments that all cameras share; smooth_m: ``_smoothed``; people (height, width)
-    bool: where people are, with a rim; seen: one per frame.
+    frames (height, width), at the moments that all cameras share; smooth_m: from ``_smoothed``; people (height, width)
+    bool: pixels of people, with a rim; seen: one per frame.
     """
 
     camera: Camera
@@ -69,10 +72,11 @@ class LevelView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceFit:
-    """T_first_second (4, 4) between camera frames. residual_m: robust deviation of point to plane;
-    impossible: share of one camera's people that fall beside the people the other sees, the worse of both ways;
-    common: share that falls into its depth image, likewise; sigma_m, sigma_rad: standard errors of the position and
-    the turn, moments assumed independent."""
+    """The fitted pose T_first_second (4, 4) between camera frames. residual_m: robust deviation of point to plane;
+    impossible: share of one camera's people that fall beside the people the other sees, the worse direction; common:
+    share that falls into the other's depth image, likewise; sigma_m, sigma_rad: standard errors of position and turn,
+    for independent moments.
+    """
 
     T_first_second: np.ndarray
     residual_m: float
@@ -83,7 +87,7 @@ class SurfaceFit:
 
     @property
     def sentence(self) -> str:
-        """The residuals for people."""
+        """Return the residuals as a sentence for users."""
         return (
             f"surfaces agree to {1000.0 * self.residual_m:.1f} mm, {100.0 * self.impossible:.0f} % of the people one "
             f"sees fall beside those of the other, ± {1000.0 * self.sigma_m:.1f} mm, "
@@ -94,7 +98,7 @@ class SurfaceFit:
 def level_view(
     camera: Camera, floor: FloorPlane, background_m: np.ndarray | None, depths_m: Sequence[np.ndarray], step_px: int
 ) -> LevelView:
-    """The view of one camera; depths_m (height, width) float32, 0 = no reading, at least one."""
+    """Prepare the view of one camera; depths_m (height, width) float32, 0 = no reading, at least one."""
     stack = np.stack(depths_m)
     room = background_m if background_m is not None else np.quantile(stack, 0.9, axis=0).astype(np.float32)
     smooth = tuple(_smoothed(depth) for depth in depths_m)
@@ -104,7 +108,9 @@ def level_view(
 
 
 def level_frame(floor: FloorPlane) -> np.ndarray:
-    """T_level_camera (4, 4): Y along the floor's normal, origin below the camera, X level along the optical axis."""
+    """Return T_level_camera (4, 4): Y along the floor's normal, origin below the camera, X level along the optical
+    axis.
+    """
     ahead = np.array([0.0, 0.0, 1.0])
     forward = ahead - (floor.up @ ahead) * floor.up
     forward /= np.linalg.norm(forward)
@@ -115,7 +121,7 @@ def level_frame(floor: FloorPlane) -> np.ndarray:
 
 
 def _smoothed(depth_m: np.ndarray) -> np.ndarray:
-    """(height, width) the mean of each 3x3 neighbourhood where it is one surface, elsewhere 0."""
+    """Return the mean (height, width) of each 3x3 neighbourhood if it is one surface, else 0."""
     window = np.ones((3, 3), np.uint8)
     nearest = cv2.erode(depth_m, window)
     one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < SURFACE_STEP_M)
@@ -123,13 +129,15 @@ def _smoothed(depth_m: np.ndarray) -> np.ndarray:
 
 
 def _people(depth_m: np.ndarray, room_m: np.ndarray) -> np.ndarray:
-    """(height, width) bool: nearer than the room, and what is next to it."""
+    """Return (height, width) bool: pixels nearer than the room, and their neighbours."""
     nearer = (depth_m > 0) & ((room_m <= 0) | (depth_m < room_m - NEARER_M))
     return np.asarray(cv2.dilate(nearer.astype(np.uint8), np.ones((RIM_PX, RIM_PX), np.uint8)) > 0)
 
 
 def _surface_points(camera: Camera, smooth_m: np.ndarray, room_m: np.ndarray, step_px: int) -> Seen:
-    """Points with normals on a grid of every ``step_px``-th pixel, where the surface is smooth and faces the camera."""
+    """Return the points with normals on a grid of every ``step_px``-th pixel, where the surface is smooth and faces the
+    camera.
+    """
     height, width = (
         slice(NORMAL_PX, camera.height - NORMAL_PX, step_px),
         slice(NORMAL_PX, camera.width - NORMAL_PX, step_px),
@@ -137,14 +145,15 @@ def _surface_points(camera: Camera, smooth_m: np.ndarray, room_m: np.ndarray, st
     rows, columns = (grid.ravel() for grid in np.mgrid[height, width])
     points, normals, good = points_with_normals(camera, smooth_m, rows, columns, GATES)
     room = room_m[rows, columns]
-    person = (room <= 0) | (smooth_m[rows, columns] < room - NEARER_M)  # where the room is out of reach, people are not
+    person = (room <= 0) | (smooth_m[rows, columns] < room - NEARER_M)  # where the room is out of range, people are not
     return Seen(points[good], normals[good], person[good])
 
 
 def points_with_normals(
     camera: Camera, smooth_m: np.ndarray, rows: np.ndarray, columns: np.ndarray, gates: SurfaceGates
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points and unit normals (n, 3) at pixels at least ``NORMAL_PX`` from the border; whether both can be used.
+    """Return points and unit normals (n, 3) at pixels at least ``NORMAL_PX`` from the border, and whether both are
+    usable.
 
     Usable points lie, with their four neighbours, on one surface that faces the camera.
     """
@@ -166,16 +175,16 @@ def points_with_normals(
 
 
 def huber_weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return Huber's weights (n,) of residuals, and the robust deviation that they are measured by."""
+    """Return Huber's weights (n,) of residuals, and the robust deviation that scales them."""
     spread = float(np.median(np.abs(residual))) / MAD_OF_NORMAL + 1e-6
     return 1.0 / np.maximum(1.0, np.abs(residual) / (HUBER * spread)), spread
 
 
 def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> SurfaceFit | None:
-    """The turn about the vertical and the shift over the floor, from a first guess that is right in all else.
+    """Fit the turn about the vertical and the shift over the floor, from a first guess that is right otherwise.
 
-    Moments are frames at the same position in both views. None where both see too little in common. Walls are left
-    out: along a wall a shift changes nothing, and they would hold the cameras back.
+    Moments are frames at the same position in both views. The result is None where both see too little in common. Walls
+    are left out: a shift along a wall has no effect, and walls would hold the cameras back.
     """
     up, ahead, aside = first.T_level_camera[[1, 0, 2], :3]
     zero = np.zeros(3)
@@ -201,8 +210,9 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
 
 
 def outside_silhouette(target: LevelView, source: LevelView, T_target_source: np.ndarray) -> tuple[float, float]:
-    """Of the source's people: the share that falls where the target has a reading and sees no people, and the share
-    that falls into the target's depth image at all."""
+    """Return two shares of the source's people: the share at pixels where the target has a reading and no people, and
+    the share inside the target's depth image.
+    """
     outside = readings = inside = total = 0
     for depth, people, seen in zip(target.depths_m, target.people, source.seen, strict=True):
         column, row, within = target.camera.pixel_of(transform_points(T_target_source, seen.points_m[seen.person]))
@@ -218,8 +228,9 @@ def outside_silhouette(target: LevelView, source: LevelView, T_target_source: np
 def _pairs(
     target: LevelView, source: LevelView, T_target_source: np.ndarray, gate_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the source's points, the target's points and normals there, (n, 3) in the target's frame, and the moment
-    of each (n,)."""
+    """Return the source's points, the target's points and normals there, (n, 3), target frame, and the moment (n,) of
+    each.
+    """
     found = []
     for moment, seen in enumerate(source.seen):
         points = transform_points(T_target_source, seen.points_m[seen.person])
@@ -239,13 +250,14 @@ def _pairs(
 def paired_rows(
     first: LevelView, second: LevelView, T_first_second: np.ndarray, gate_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rows of the least squares from the pairs within ``gate_m``, both ways.
+    """Return the least-squares rows of the pairs within ``gate_m``, in both directions.
 
     jacobian (n, 6) for a small turn and shift in the first frame, residual (n,) metres, moment (n,).
     """
     points, there, normal, moment = _pairs(first, second, T_first_second, gate_m)
     back, seen, back_normal, back_moment = _pairs(second, first, invert_rigid(T_first_second), gate_m)
-    # residuals in the second frame, turned into the first; the motion is that of these points: the sign is reversed
+    # residuals in the second frame are turned into the first; they are of the other camera's points, so the sign is
+    # reversed
     here, seen = transform_points(T_first_second, back), transform_points(T_first_second, seen)
     turned = back_normal @ T_first_second[:3, :3].T
     rows = np.hstack([np.cross(points, normal), normal]), -np.hstack([np.cross(seen, turned), turned])
@@ -254,7 +266,7 @@ def paired_rows(
 
 
 def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """T after the turn step[:3] about the origin and the shift step[3:]."""
+    """Return T after the turn step[:3] about the origin and the shift step[3:]."""
     motion = np.eye(4)
     motion[:3, :3], _ = cv2.Rodrigues(step[:3])
     motion[:3, 3] = step[3:]
@@ -262,21 +274,26 @@ def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)  # a wrong lens leaves 5 cm
-ROOM_PX, PEOPLE_PX = 6, 3  # every sixth and every third pixel of every such row
+ROOM_PX, PEOPLE_PX = 6, 3  # grid of pixels: every sixth and every third of every such row
 LEAST_SURFACE_PAIRS: Final = 500
-LEAST_SUPPORT: Final = 0.02  # right poses: with less up to 32 mm and 26 mm, else up to 9; without people often 0.001
-STEP_M, STEP_RAD = 0.1, 0.2  # standard deviations that damp each step where nothing determines it
-COMPARED_M: Final = 0.15  # between surfaces, for a motion and the given pose alike: beyond, they are other surfaces
+# with less, right poses had up to 32 mm and 26 mm, otherwise up to 9; without people it is often 0.001
+LEAST_SUPPORT: Final = 0.02
+STEP_M, STEP_RAD = 0.1, 0.2  # standard deviations that damp each step in undetermined directions
+# distance of compared surfaces, for a motion and the given pose alike; beyond are other surfaces
+COMPARED_M: Final = 0.15
 BETTER: Final = (
     0.8  # of the given pose's misfit: a motion along which surfaces slide fits no better, however far it goes
 )
-TIGHT_M: Final = 0.010  # right poses leave up to 6 mm; a lens 2 % wrong 15 to 25, and the turn then means nothing
+# right poses leave up to 6 mm; a lens 2 % wrong leaves 15 to 25, and the turn is then meaningless
+TIGHT_M: Final = 0.010
 
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
-    """off_m: of the people, or of the room without them; where no motion fits better than the given poses, the median
-    distance of the surfaces by these. turn_rad: None where the surfaces do not fit closely enough to tell."""
+    """The displacement between two cameras. off_m: of the people, or of the room without people; if no motion fits
+    better than the given poses, the median distance of the surfaces. turn_rad: None where the surfaces do not fit
+    closely enough.
+    """
 
     off_m: float
     turn_rad: float | None
@@ -285,7 +302,7 @@ class Displacement:
 def common_surfaces(
     camera: Camera, room_m: np.ndarray, background_m: np.ndarray | None, depths_m: Sequence[np.ndarray]
 ) -> LevelView:
-    """Return what one camera with a pose sees: the room as the first moment, then the people of each frame.
+    """Prepare the view of a camera with a pose: the room as the first moment, then the people of each frame.
 
     room_m, depths_m: (height, width) float32, 0 = no reading; background_m: of the empty room, None without.
     """
@@ -302,10 +319,10 @@ def common_surfaces(
 
 
 def find_displacement(first: LevelView, second: LevelView) -> Displacement | None:
-    """Return how far two cameras' poses have common surfaces apart; None where these do not determine it.
+    """Find how far two cameras' poses displace common surfaces; None where the surfaces do not determine it.
 
-    first, second: ``common_surfaces`` of the same moments. Point-to-plane least squares (``common_view``), all six
-    degrees of freedom, weights of Huber.
+    first, second: ``common_surfaces`` of the same moments. The method is point-to-plane least squares in all six
+    degrees of freedom, with Huber's weights.
     """
     given = T = invert_rigid(first.camera.require_pose()) @ second.camera.require_pose()
     for gate in DISPLACEMENT_GATES_M:
@@ -338,7 +355,7 @@ def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -
 
 
 def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
-    """Weights (n,) with the same sum for the room and for the people, where both have some."""
+    """Scale the weights (n,) to the same sum for room and people, if both have some."""
     shares = [weight[which].sum() for which in (of_people, ~of_people)]
     if min(shares) <= 0.0:
         return weight
@@ -346,7 +363,7 @@ def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
 
 
 def _support(jacobian: np.ndarray, weight: np.ndarray, place_m: np.ndarray) -> float:
-    """Share of the weight that determines a shift in the direction that is determined least, whatever the turn."""
+    """Return the share of the weight that determines a shift in the least determined direction, whatever the turn."""
     about_place = jacobian.copy()
     about_place[:, :3] -= np.cross(place_m, jacobian[:, 3:])
     mean = (about_place * weight[:, None]).T @ about_place / weight.sum()

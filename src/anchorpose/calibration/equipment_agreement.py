@@ -1,6 +1,7 @@
-"""How the cameras that saw the equipment fit together: one floor, no camera sees through what another sees.
+"""Check that cameras which saw the equipment fit together: one floor, and no camera sees through another's surfaces.
 
-Equipment that looks the same from several sides: which of its turns each camera saw, and which way X points.
+For equipment that looks the same from several sides, it also finds which of its turns each camera saw, and which way X
+points.
 """
 
 from __future__ import annotations
@@ -21,27 +22,31 @@ from anchorpose.recording.recording import FrameSet, Recording
 
 APART_M: Final = 0.20  # people move between two cameras' frames, surfaces are rough
 NOISE_GATE: Final = 4.0
-POINTS: Final = 3000  # of each depth frame
-FRAMES: Final = 6  # compared at most
-ABOVE_FLOOR_M: Final = 0.15  # the floor agrees whichever way a camera looks
-FLOOR_SIGMA_M: Final = 0.002  # of the floor all cameras see together
+POINTS: Final = 3000  # points of each depth frame
+FRAMES: Final = 6  # frames that are compared at most
+ABOVE_FLOOR_M: Final = 0.15  # points below are left out: the floor agrees whichever way a camera looks
+FLOOR_SIGMA_M: Final = 0.002  # of the floor that all cameras see together
 FLOOR_SIGMA_RAD: Final = 0.0009  # 0.05 degrees
-MOST_DISAGREEMENT: Final = 0.25  # of one camera's points, seen through by another
-LEAST_LEAD: Final = 0.15  # of disagreement, between the best of symmetric choices and the next
-LEAST_COMPARED: Final = 300  # points
+MOST_DISAGREEMENT: Final = 0.25  # largest share of one camera's points that another sees through
+LEAST_LEAD: Final = 0.15  # lead in disagreement of the best of symmetric choices over the next
+LEAST_COMPARED: Final = 300  # points that must be compared
 
 REMEDY: Final = (
     "compare equipment.json with the room, add a background.png of the empty room, or give camera_to_world yourself"
 )
 
 ChooseHeading = Callable[[tuple[Camera, ...], float, Sequence[np.ndarray]], int | None]
-"""Which of several level unit vectors the patient faces, None where unsure; from all cameras with their poses in
-Gamma_0 and the floor's Y. It needs a body model, which calibration does not know, so the caller passes it in."""
+"""Function that returns which of several level unit vectors the patient faces, None where unsure, from all cameras with
+their poses in Gamma_0 and the floor's Y. It needs a body model, which calibration does not have, so the caller passes
+it in.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentInputs:
-    """Everything the cameras are found from: sample_frames spread over the recording, and its prepared equipment."""
+    """The inputs from which the cameras are found: sample_frames spread over the recording, and its prepared
+    equipment.
+    """
 
     recording: Recording
     sample_frames: Sequence[FrameSet]
@@ -49,14 +54,14 @@ class EquipmentInputs:
     config: EquipmentPoseConfig
 
     def frames_of(self, index: int) -> tuple[tuple[np.ndarray, ...], tuple[float, ...]]:
-        """Depth frames of one camera, and their times."""
+        """Return the depth frames of one camera, and their times."""
         pairs = [(depth, frame.time_s) for frame in self.sample_frames if (depth := frame.depths_m[index]) is not None]
         return tuple(depth for depth, _ in pairs), tuple(time for _, time in pairs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenEquipment:
-    """One camera without a pose: what it saw over time, and the equipment in it."""
+    """A camera without a pose: its frames over time, and the equipment in it."""
 
     index: int
     view: StillView
@@ -96,8 +101,9 @@ def share_seen_through(
 def _disagreement(
     inputs: EquipmentInputs, cameras: tuple[Camera, Camera], first: int, one: SeenEquipment
 ) -> float | None:
-    """Share of points that one of two cameras (``first`` and ``one``) sees and the other sees through; None where too
-    few can be compared."""
+    """Return the share of points of one of two cameras (``first`` and ``one``) that the other sees through; None where
+    too few can be compared.
+    """
     frames = inputs.sample_frames[:: max(1, len(inputs.sample_frames) // FRAMES)]
     pairs = [
         (here, there)
@@ -111,7 +117,7 @@ def _disagreement(
 
 
 def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> FloorPrior:
-    """The floor of Gamma_0 that the cameras see, each at the equipment: up and height are their means."""
+    """Return the floor of Gamma_0 by all cameras, each at the equipment: up and height are their means."""
     ups, heights = [], []
     for one in seen:
         T = cameras[one.index].require_pose()
@@ -122,7 +128,7 @@ def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> Fl
 
 
 def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], seen: Sequence[SeenEquipment]) -> None:
-    """Raises InputError where one of two cameras, at least one newly found, sees through what the other sees."""
+    """Raise InputError where one of two cameras, at least one newly found, sees through surfaces of the other."""
     of_index = {one.index: one for one in seen}
     for a, b in product(range(len(cameras)), range(len(cameras))):
         if a == b or b not in of_index or (a in of_index and a > b):
@@ -140,7 +146,7 @@ def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], see
 def resolve_symmetry(
     inputs: EquipmentInputs, seen: Sequence[SeenEquipment], choose_heading: ChooseHeading | None
 ) -> tuple[list[Camera], list[str]]:
-    """The cameras with poses that belong to one world, X the way the patient faces, and notes on how it was chosen."""
+    """Return the cameras with poses in one world, with X the way the patient faces, and notes on how it was chosen."""
     given = [camera.T_world_camera is not None for camera in inputs.recording.cameras]
     cameras = list(inputs.recording.cameras)
     for one in seen:
@@ -173,7 +179,7 @@ def resolve_symmetry(
 def _agreeing_turns(
     inputs: EquipmentInputs, cameras: Sequence[Camera], free: Sequence[SeenEquipment], choices: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """For each free camera the turn with which it agrees best with the first camera that is not free."""
+    """Return, for each free camera, the turn with which it agrees best with the first camera that is not free."""
     anchor = next(index for index in range(len(cameras)) if index not in {one.index for one in free})
     best = []
     for one in free:

@@ -11,9 +11,9 @@ import numpy as np
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel, Mesh
 
-MARGIN_PX: Final = 6  # around the equipment: the profiles across the outline reach this far
-SUBPIXEL: Final = 8  # rays between two pixels: the outline is known to a sixteenth of a pixel
-JUMP_M: Final = 0.08  # between neighbouring pixels of the equipment: one part ends before another
+MARGIN_PX: Final = 6  # around the equipment: the profiles across the outline have this length
+SUBPIXEL: Final = 8  # rays between two pixels: the outline is precise to a sixteenth of a pixel
+JUMP_M: Final = 0.08  # between neighbouring pixels of the equipment: one part ends in front of another
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class Rendering:
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """Where it lies in the whole image."""
+        """Return the window's slices in the whole image."""
         height, width = self.depth_m.shape
         return slice(self.top, self.top + height), slice(self.left, self.left + width)
 
@@ -41,8 +41,8 @@ class Outline:
     """Points of the equipment's silhouette, one per row of the arrays, found along rows or columns of the window.
 
     row, column (n,) int: the last pixel on the equipment, in the whole image; step (n, 2) int: the direction outward
-    (rows, columns); beyond_px (n,) float: how far beyond that pixel's centre the outline is; across (n, 2): unit normal
-    of the outline in the image (rows, columns), outward; part (n,).
+    (rows, columns); beyond_px (n,) float: distance of the outline beyond that pixel's centre; across (n, 2): unit
+    normal of the outline in the image (rows, columns), outward; part (n,).
     """
 
     row: np.ndarray
@@ -55,7 +55,7 @@ class Outline:
 
 
 class EquipmentCaster:
-    """Casts rays at chi_0; the tree over its triangles is built once."""
+    """Caster of rays at chi_0; the tree over its triangles is built once."""
 
     def __init__(self, model: EquipmentModel) -> None:
         from embreex.mesh_construction import TriangleMesh
@@ -72,7 +72,7 @@ class EquipmentCaster:
         self.part_count = len(corners)
 
     def render(self, camera: Camera, T_camera_model: np.ndarray) -> Rendering | None:
-        """What the camera would see; None where no corner of the equipment falls into the image."""
+        """Render the equipment as the camera would see it; None where no corner of it falls into the image."""
         points = transform_points(T_camera_model, self.vertices_m)
         window = _window(camera, points)
         if window is None:
@@ -89,7 +89,9 @@ class EquipmentCaster:
         return Rendering(top, left, depth.reshape(shape), normal.reshape(*shape, 3), part)
 
     def outline(self, camera: Camera, T_camera_model: np.ndarray, rendering: Rendering) -> Outline:
-        """The silhouette, subpixel: rays between each pixel on the equipment and its neighbour that is not."""
+        """Find the silhouette with subpixel accuracy, by rays between each pixel on the equipment and its neighbours
+        off it.
+        """
         depth = rendering.depth_m
         smooth = cv2.GaussianBlur(np.isfinite(depth).astype(np.float32), (0, 0), 1.5)
         slope = np.stack([cv2.Sobel(smooth, cv2.CV_32F, 0, 1), cv2.Sobel(smooth, cv2.CV_32F, 1, 0)], axis=-1)
@@ -116,7 +118,9 @@ class EquipmentCaster:
     def _share_on_equipment(
         self, here: np.ndarray, there: np.ndarray, depth_m: np.ndarray, T_camera_model: np.ndarray
     ) -> np.ndarray:
-        """(n,) share of the way between two rays (n, 2) that meets the equipment at about the depth of the first."""
+        """Return the share (n,) of the way between two rays (n, 2) that meets the equipment at about the depth of the
+        first.
+        """
         share = (np.arange(SUBPIXEL) + 0.5) / SUBPIXEL
         between = here[:, None] + (there - here)[:, None] * share[:, None]
         hit, distance = self._cast(between.reshape(-1, 2).astype(np.float32), T_camera_model)
@@ -124,7 +128,7 @@ class EquipmentCaster:
         return np.asarray(on.mean(axis=1))
 
     def _cast(self, rays: np.ndarray, T_camera_model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Triangle hit by each ray (n, 2), -1 none, and its depth, inf where none."""
+        """Return the triangle hit by each ray (n, 2), -1 for none, and its depth, inf for none."""
         T_model_camera = invert_rigid(T_camera_model)
         ahead = np.concatenate([rays, np.ones((len(rays), 1), rays.dtype)], axis=1)
         directions = (ahead @ T_model_camera[:3, :3].T).astype(np.float32)
@@ -135,7 +139,7 @@ class EquipmentCaster:
 
 
 def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] | None:
-    """Rows and columns that hold the equipment, with a margin; all where some is behind the lens."""
+    """Return the rows and columns that contain the equipment, with a margin; all if some of it is behind the lens."""
     if points_m[:, 2].max() < 0.1:
         return None
     if points_m[:, 2].min() < 0.1:
@@ -148,16 +152,16 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
     return (top, bottom, left, right) if bottom - top > 8 and right - left > 8 else None
 
 
-SURFACE_POINTS: Final = 2000  # one per 10 cm^2 of a standing frame's 2 m^2
-LEAST_PER_PART: Final = 24  # a small part may be what distinguishes front from back
+SURFACE_POINTS: Final = 2000  # points; one per 10 cm^2 of a standing frame's 2 m^2
+LEAST_PER_PART: Final = 24  # points; a small part may be what distinguishes front from back
 OUTSIDE_POINTS: Final = 1000
 OUTSIDE_M: Final = (0.05, 0.09)  # beyond flying pixels, near enough that a wall behind would fill it
 
 STEP_DEG: Final = 5
-SAME_M: Final = 0.012  # of a part from where equipment.json has it, by tape measure; two clinics' frames differ by more
-ALIKE_M: Final = 0.10  # near enough to be mistaken in a search
+SAME_M: Final = 0.012  # of a part from its place in equipment.json, by tape measure; two clinics' frames differ by more
+ALIKE_M: Final = 0.10  # small enough to be confused in a search
 TRIED_POINTS: Final = 400
-ROUND_SHARE: Final = 0.9  # of all turns
+ROUND_SHARE: Final = 0.9  # share of all turns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,8 +185,8 @@ class EquipmentSamples:
 class Symmetry:
     """Turns about a vertical axis, each T_model_model (4, 4), the identity left out.
 
-    same: chi_0 coincides with itself within ``SAME_M``; alike: nearly; round: so many turns that its direction means
-    nothing.
+    same: chi_0 coincides with itself within ``SAME_M``; alike: it nearly does; round: it does for so many turns that
+    its direction is undetermined.
     """
 
     same: tuple[np.ndarray, ...]
@@ -192,7 +196,7 @@ class Symmetry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Equipment:
-    """chi_0, prepared once for all cameras."""
+    """The equipment chi_0, prepared once for all cameras."""
 
     model: EquipmentModel
     samples: EquipmentSamples
@@ -201,18 +205,18 @@ class Equipment:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parts."""
+        """Return the names of the parts."""
         return tuple(part.name for part in self.model.parts)
 
 
 def prepare_equipment(model: EquipmentModel) -> Equipment:
-    """Everything that depends on chi_0 alone."""
+    """Compute everything that depends on chi_0 alone."""
     samples = sample_equipment(model)
     return Equipment(model, samples, EquipmentCaster(model), find_symmetry(model, samples))
 
 
 def sample_equipment(model: EquipmentModel) -> EquipmentSamples:
-    """The same points for the same model, every time."""
+    """Sample the model; the same model always gives the same points."""
     rng = np.random.default_rng(0)
     corners = [vertices[faces] for vertices, faces in (part.triangles() for part in model.parts)]
     areas = [_areas(part_corners).sum() for part_corners in corners]
@@ -245,9 +249,9 @@ def _areas(corners_m: np.ndarray) -> np.ndarray:
 
 
 def _on_triangles(corners_m: np.ndarray, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Points (count, 3) spread evenly over triangles (f, 3, 3), and the normals there."""
+    """Return points (count, 3) spread evenly over triangles (f, 3, 3), and the normals there."""
     area = _areas(corners_m)
-    place = (np.arange(count) + rng.random(count)) / count  # stratified: no part is left bare by chance
+    place = (np.arange(count) + rng.random(count)) / count  # stratified, so that no part lacks points by chance
     chosen = np.minimum(np.searchsorted(np.cumsum(area) / area.sum(), place), len(area) - 1)
     u, v = np.sqrt(rng.random(count)), rng.random(count)
     a, b, c = corners_m[chosen].transpose(1, 0, 2)
@@ -265,9 +269,9 @@ def _outside(model: EquipmentModel, surface_m: np.ndarray, rng: np.random.Genera
 
 
 def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
-    """Tries every turn in steps of ``STEP_DEG`` about two centres, of the bounding box and of the surface.
+    """Test every turn in steps of ``STEP_DEG`` about two centres, of the bounding box and of the surface.
 
-    Any symmetry leaves both in place, but a model that mixes round and square tubes shifts the second.
+    Any symmetry preserves both centres, but in a model that mixes round and square tubes the second is shifted.
     """
     points = samples.surface_m[:: max(1, len(samples.surface_m) // TRIED_POINTS)]
     same, alike, apart = list[np.ndarray](), list[np.ndarray](), list[float]()
@@ -292,7 +296,7 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
 
 
 def _turn_about(centre_m: np.ndarray, angle_rad: float) -> np.ndarray:
-    """(4, 4) turn about the vertical (Y) through a point."""
+    """Return (4, 4) turn about the vertical (Y) through a point."""
     T = np.eye(4)
     T[:3, :3] = rotation_about_y(angle_rad)
     T[:3, 3] = centre_m - T[:3, :3] @ centre_m
@@ -300,6 +304,6 @@ def _turn_about(centre_m: np.ndarray, angle_rad: float) -> np.ndarray:
 
 
 def rotation_about_y(angle_rad: float) -> np.ndarray:
-    """(3, 3) right-handed."""
+    """Return the right-handed rotation (3, 3) about Y."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])

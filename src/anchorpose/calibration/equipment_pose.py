@@ -1,4 +1,4 @@
-"""Find and judge tau_0,i: the equipment's pose in one camera, from frames and chi_0 alone (paper, Section III)."""
+"""Find and check tau_0,i: the equipment's pose in one camera, from frames and chi_0 alone (paper, Section III)."""
 
 from __future__ import annotations
 
@@ -28,23 +28,24 @@ from anchorpose.calibration.first_frames import NOISE_GATE
 from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 
-# Shares are of surface area, so that near parts do not outvote distant ones.
-LEAST_SEEN: Final = 0.2  # of the surface that faces the camera, on it: people hide up to half, the image ends
-MOST_THROUGH: Final = 0.10  # of what is not hidden, seen through: edges of thin bars flicker
+# Shares are of surface area, so that near parts do not outweigh distant ones.
+LEAST_SEEN: Final = 0.2  # of the surface that faces the camera, seen in place: people hide up to half, the image ends
+MOST_THROUGH: Final = 0.10  # of the unhidden surface, seen through: edges of thin bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
-MOST_UNREAD_OF_PART: Final = 0.7  # of what nothing hides: an absent part in front of a distant wall is not read either
-LEAST_PIXELS_OF_PART: Final = 40  # fewer are no evidence about a part
-MOST_FILLED: Final = 0.5  # of the outline's places: within a wall it is all
-LEAST_OUTLINED: Final = 0.6  # of the outline's places that nothing hides: the part ends there
-MOST_OFF_PX: Final = 2.0  # within this of its place; edge pixels are often one off
+# of the unhidden surface: an absent part in front of a distant wall is not read either
+MOST_UNREAD_OF_PART: Final = 0.7
+LEAST_PIXELS_OF_PART: Final = 40  # pixels; fewer are no evidence about a part
+MOST_FILLED: Final = 0.5  # of the outline's places at which the surface continues: inside a wall it is all of them
+LEAST_OUTLINED: Final = 0.6  # of the outline's unhidden places at which the part ends
+MOST_OFF_PX: Final = 2.0  # from its place: edge pixels are often one off
 MOST_SIGMA_M: Final = 0.006
 MOST_SIGMA_RAD: Final = 0.0087  # half a degree
-LEAST_COSINE: Final = 0.25  # of incidence: flatter, no camera reads a surface well
-STEADY_RAD: Final = 0.0008  # smooth error of a device: between bars a metre apart 0.05 degrees
+LEAST_COSINE: Final = 0.25  # of incidence: no camera reads flatter surfaces well
+STEADY_RAD: Final = 0.0008  # systematic error of a device: between bars a metre apart 0.05 degrees
 
 
 class NoPose(StrEnum):
-    """Why a camera has no pose: a result."""
+    """The reason why a camera has no pose: a result."""
 
     NO_FLOOR = "sees no floor, so which way is up is unknown"
     NOT_SEEN = "shows the equipment nowhere"
@@ -64,8 +65,8 @@ class NoPose(StrEnum):
 class PartEvidence:
     """Areas (m^2) and pixels of each part as expected in the depth image, arrays (parts,).
 
-    on, through, hidden, unread: share the expected surface; pixels: all but the hidden; shift_m: by how much the
-    part looks displaced, NaN where that is not accurate. filled_share, outlined_share: see ``_outline_shares``.
+    on, through, hidden, unread: together the expected surface; pixels: all but the hidden; shift_m: apparent
+    displacement of the part, NaN where not accurate. filled_share, outlined_share: see ``_outline_shares``.
     """
 
     on_m2: np.ndarray
@@ -79,23 +80,25 @@ class PartEvidence:
 
     @property
     def seen_share(self) -> float:
-        """Of the expected surface, how much is seen where it should be."""
+        """Return the share of the expected surface that is seen in its place."""
         expected = (self.on_m2 + self.through_m2 + self.hidden_m2 + self.unread_m2).sum()
         return float(self.on_m2.sum() / max(expected, 1e-9))
 
     @property
     def through_share(self) -> float:
-        """Of the surface that nothing hides, how much is seen through."""
+        """Return the share of the unhidden surface that is seen through."""
         return float(self.through_m2.sum() / max((self.on_m2 + self.through_m2).sum(), 1e-9))
 
     @property
     def score_m2(self) -> float:
-        """Surface that is found less twice what is seen through; 0 where the whole outline is inside something."""
+        """Return the found area less twice the area seen through; 0 where the whole outline is inside another
+        surface.
+        """
         return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
 
 
 def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
-    """Compare the equipment as predicted at a pose with what the frames show there, frame by frame."""
+    """Compare the equipment as predicted at a pose with the frames, frame by frame."""
     parts = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)
     if prediction is None:
@@ -135,8 +138,9 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
-    """Of the outline's places that nothing hides: the share that does not end there, among those with the part in them
-    (a wall, the floor, a person who leans on it), and the share that ends just where it should."""
+    """Return two shares of the outline's unhidden places: among places with the part in them, where the surface does
+    not end (inside a wall, the floor, a person who leans on it); and where it ends as it should.
+    """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)
     ends, goes_on, absent = (int(mask.sum()) for mask in (edges.usable, edges.goes_on, edges.absent))
@@ -145,7 +149,7 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
 
 
 def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | None]:
-    """Why the pose is not accepted, None where it is, and the part that shows it, where it is one."""
+    """Return why the pose is rejected, None where accepted, and the part that shows it, if it is a single part."""
     if evidence.seen_share < LEAST_SEEN:
         return NoPose.LITTLE_SEEN, None
     if evidence.filled_share > MOST_FILLED:
@@ -171,9 +175,10 @@ def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | No
 
 
 def sigma_of(fit: Refined) -> tuple[float, float]:
-    """One standard deviation of the angle (rad) and of the position of the equipment's centre (m), worst direction.
+    """Return the standard deviation of the angle (rad) and of the position of the equipment's centre (m), worst
+    direction.
 
-    What a device's steady error adds does not shrink with the number of pixels.
+    A device's systematic error does not shrink with the number of pixels.
     """
     turn, place = (np.linalg.eigvalsh(block)[-1] for block in (fit.covariance[:3, :3], fit.covariance[3:, 3:]))
     return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
@@ -181,28 +186,28 @@ def sigma_of(fit: Refined) -> tuple[float, float]:
 
 TRIED: Final = 6  # search results that are refined; the right one was always among the first two
 LEAST_LEAD: Final = 0.9  # least evidence of an accepted pose, as a share of that of the best-scoring pose
-RIVAL: Final = 0.75  # with this share of its evidence, another credible pose makes the choice ambiguous
+RIVAL: Final = 0.75  # share of the evidence with which another credible pose makes the choice ambiguous
 DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # two poses nearer than this are the same; one of them has not converged
 TWO_HEIGHTS_M: Final = 0.03  # m between chi_0's lowest point and Y = 0, above which either may be the floor
 
 
 @settings
 class EquipmentPoseConfig:
-    """How closely readings must lie on the surface of the equipment."""
+    """Settings of how closely readings must lie on the equipment's surface."""
 
     tolerance_m: Positive = 0.015  # m from the equipment's surface, as in the last step of the refinement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentPose:
-    """fit.T_camera_model maps Gamma_0 to the camera; evidence: what supports it."""
+    """The pose found. fit.T_camera_model maps Gamma_0 to the camera; evidence: its support."""
 
     fit: Refined
     evidence: PartEvidence
 
     @property
     def camera_to_world(self) -> np.ndarray:
-        """T_world_camera (4, 4), the world being Gamma_0."""
+        """Return T_world_camera (4, 4), the world being Gamma_0."""
         inverse: np.ndarray = np.linalg.inv(self.fit.T_camera_model)
         return inverse
 
@@ -217,7 +222,7 @@ class EquipmentPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoEquipmentPose:
-    """Why this camera has none; part: the one that shows it, where it is one."""
+    """The reason why this camera has no pose; part: the part that shows it, if a single one."""
 
     why: NoPose
     part: str | None = None
@@ -226,7 +231,7 @@ class NoEquipmentPose:
 def find_equipment(
     view: StillView, equipment: Equipment, config: EquipmentPoseConfig
 ) -> EquipmentPose | NoEquipmentPose:
-    """Search, refine, judge; of poses that chi_0's symmetry makes the same, any one.
+    """Search, refine and check the pose; of poses made equal by chi_0's symmetry, it may be any.
 
     The floor gives up and height; chi_0's lowest point or Gamma_0's Y = 0 is assumed on it.
     """
@@ -248,7 +253,7 @@ def find_equipment(
 def refit(
     view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior, config: EquipmentPoseConfig
 ) -> EquipmentPose | NoEquipmentPose:
-    """Refine and judge again from a pose that is right within a bar's width (T_camera_model)."""
+    """Refine and check again from a pose (T_camera_model) that is right within a bar's width."""
     pose = _refined(view, equipment, start, prior, config)
     if pose is None:
         return NoEquipmentPose(NoPose.LITTLE_SEEN)
@@ -264,7 +269,7 @@ def _refined(
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
-    """The refined best poses of the search, and poses that nearly symmetric equipment may be confused with."""
+    """Return the refined best poses of the search, and poses confusable with them by near symmetry."""
     prior = standing_prior(floor_m)
 
     def refined(starts: list[np.ndarray]) -> list[EquipmentPose]:
@@ -284,7 +289,7 @@ def _floor_heights(equipment: Equipment) -> tuple[float, ...]:
 
 
 def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
-    """What is wrong with the pose that finds most of the surface and its outline."""
+    """Return what is wrong with the pose that finds most of the surface and its outline."""
     if not fits:
         return NoEquipmentPose(NoPose.NOT_SEEN)
     likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))
@@ -295,7 +300,7 @@ def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
 
 
 def _is_rival(accepted: EquipmentPose, other: EquipmentPose, equipment: Equipment) -> bool:
-    """Whether ``other`` is another place or direction, and not a turn of chi_0 onto itself."""
+    """Return whether ``other`` is another place or direction, and not a symmetry of chi_0."""
     centre = equipment.samples.centre_m
     for turn in (np.eye(4), *equipment.symmetry.same):
         T = accepted.fit.T_camera_model @ turn
@@ -306,5 +311,5 @@ def _is_rival(accepted: EquipmentPose, other: EquipmentPose, equipment: Equipmen
 
 
 def angle_between(T_a: np.ndarray, T_b: np.ndarray) -> float:
-    """Angle (rad) of the turn from one pose (4, 4) to the other."""
+    """Return the angle (rad) of the turn from one pose (4, 4) to the other."""
     return float(np.arccos(np.clip((np.trace(T_a[:3, :3].T @ T_b[:3, :3]) - 1.0) / 2.0, -1.0, 1.0)))

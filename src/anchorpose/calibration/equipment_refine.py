@@ -1,4 +1,4 @@
-"""Refine the equipment's pose to the millimetre: surfaces by depth, outlines by where the depth jumps, the floor."""
+"""Refine the equipment's pose to the millimetre by depth of surfaces, places of outlines, and the floor."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from anchorpose.calibration.equipment_model import Equipment, Outline, Rendering
 from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane, what_stays
 from anchorpose.camera import Camera, transform_points
 
-MOSTLY: Final = 0.4  # of the frames: an edge pixel of a thin bar reads the bar six times in ten
-STEADY_ERROR_M: Final = 0.0015  # smooth error of a device, the same in all its frames
-OUTLINE_SIGMA_PX: Final = 0.6  # of one place of the outline: edge pixels often read what is behind
+MOSTLY: Final = 0.4  # share of the frames: an edge pixel of a thin bar reads the bar six times in ten
+STEADY_ERROR_M: Final = 0.0015  # systematic error of a device, the same in all its frames
+OUTLINE_SIGMA_PX: Final = 0.6  # of one place of the outline: edge pixels often read the background
 SURFACE_ROWS_PER_OBSERVATION: Final = 40.0  # neighbouring pixels share the device's error
-OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0  # and edges that of their parts
+OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0  # neighbouring edges share their part's error
 ROBUST: Final = 2.5  # sigmas beyond which a row loses weight
-LEAST_COSINE: Final = 0.15  # of incidence: beyond, a small shift is a large change of depth
+LEAST_COSINE: Final = 0.15  # of incidence: at flatter angles a small shift is a large change of depth
 
 
 class Gate(NamedTuple):
-    """What counts as seen: depth within tolerance_m of the equipment; an edge within reach_px of its outline."""
+    """Limits of what counts as seen: depth within tolerance_m of the equipment; an edge within reach_px of its
+    outline.
+    """
 
     tolerance_m: float
     reach_px: int
@@ -33,8 +35,8 @@ class Gate(NamedTuple):
 class StillView:
     """The evidence from one camera.
 
-    still_m (height, width) float32: what stays, 0 = unknown; frames_m (n, height, width) float32, 0 = no reading: the
-    depth frames it was made from (the empty room's alone, where there is one).
+    still_m (height, width) float32: the still surface, 0 = unknown; frames_m (n, height, width) float32, 0 = no
+    reading: the depth frames it was made from (only the empty room's, if there is one).
     """
 
     camera: Camera
@@ -47,14 +49,14 @@ class StillView:
 def see_still(
     camera: Camera, frames_m: Sequence[np.ndarray], background_m: np.ndarray | None, noise: float, floor: FloorPlane
 ) -> StillView:
-    """The empty room where there is a frame of it, else what stays in frames spread over the recording."""
+    """Return the empty room if there is a frame of it, else the still surfaces of frames spread over the recording."""
     stack = np.stack(frames_m if background_m is None else [background_m]).astype(np.float32)
     return StillView(camera, what_stays(stack, noise), stack, noise, floor)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """The equipment as one camera would see it at a pose; centre_m (3,): of the equipment, camera frame."""
+    """The predicted view of the equipment at a pose; centre_m (3,): its centre, camera frame."""
 
     rendering: Rendering
     outline: Outline
@@ -62,7 +64,7 @@ class Prediction:
 
 
 def predict(camera: Camera, equipment: Equipment, T_camera_model: np.ndarray) -> Prediction | None:
-    """What is expected at a pose; None where the equipment is outside the depth image."""
+    """Predict the view at a pose; None where the equipment is outside the depth image."""
     rendering = equipment.caster.render(camera, T_camera_model)
     if rendering is None:
         return None
@@ -72,8 +74,9 @@ def predict(camera: Camera, equipment: Equipment, T_camera_model: np.ndarray) ->
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """jacobian (n, 7): turn, shift, edge bias; residual (n,) in sigmas; part (n,) of the equipment; together: rows
-    that count as one; reach: residuals beyond it have no weight, inf where all count."""
+    """Rows of the least squares. jacobian (n, 7): turn, shift, edge bias; residual (n,) in sigmas; part (n,) of the
+    equipment; together: rows that count as one; reach: residuals beyond it have no weight, inf where all count.
+    """
 
     jacobian: np.ndarray
     residual: np.ndarray
@@ -84,8 +87,9 @@ class Rows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservedEdges:
-    """Each (n,): how many pixels beyond an outline pixel's centre the part is seen to end; whether it is seen to end at
-    all; whether the surface continues at the same depth instead; whether the part is absent."""
+    """The observed edges, each array (n,): how many pixels beyond an outline pixel's centre the part ends; whether its
+    end is seen; whether the surface continues at the same depth instead; whether the part is absent.
+    """
 
     beyond_px: np.ndarray
     usable: np.ndarray
@@ -94,7 +98,7 @@ class ObservedEdges:
 
 
 def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) -> Rows:
-    """Point to plane, where the readings of a pixel inside a part lie on it most of the time."""
+    """Return point-to-plane rows of pixels inside a part whose readings lie on it most of the time."""
     rendering = prediction.rendering
     frames, expected = view.frames_m[:, *rendering.window], rendering.depth_m
     row, column = np.nonzero(_inside(expected))
@@ -121,7 +125,7 @@ def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) ->
 
 
 def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: Gate) -> Rows:
-    """Across the outline, in pixels: along a profile the readings on the part are counted, then it ends."""
+    """Return rows across the outline, in pixels: readings on the part are counted along a profile to its end."""
     outline, edges = prediction.outline, observed_edges(view, prediction, gate)
     usable, along = edges.usable, np.sum(outline.across * outline.step, axis=1)
     residual = ((edges.beyond_px - outline.beyond_px) * along - bias_px)[usable]
@@ -139,9 +143,9 @@ def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: 
 
 
 def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> ObservedEdges:
-    """Each place of the outline in the frames.
+    """Compare each place of the outline with the frames.
 
-    A frame in which something nearer stands in front of a pixel of the profile is no evidence for that pixel.
+    A frame in which a nearer object hides a pixel of the profile is no evidence for that pixel.
     """
     outline, reach_px = prediction.outline, gate.reach_px
     steps = np.arange(-reach_px + 1, reach_px + 1)
@@ -169,7 +173,7 @@ def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> Obser
 
 
 def _inside(depth_m: np.ndarray) -> np.ndarray:
-    """(h, w) bool: pixels whose four neighbours show the equipment at about the same depth."""
+    """Return (h, w) bool: pixels whose four neighbours show the equipment at about the same depth."""
     inside = np.isfinite(depth_m)
     inside[0], inside[-1], inside[:, 0], inside[:, -1] = False, False, False, False
     filled = np.where(np.isfinite(depth_m), depth_m, 1e3)
@@ -180,7 +184,7 @@ def _inside(depth_m: np.ndarray) -> np.ndarray:
 
 
 def _depth_at(rendering: Rendering, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Depth of the rendering at pixels of the whole image, inf outside of its window."""
+    """Return the depth of the rendering at pixels of the whole image, inf outside of its window."""
     r, c = row - rendering.top, column - rendering.left
     height, width = rendering.depth_m.shape
     inside = (r >= 0) & (r < height) & (c >= 0) & (c < width)
@@ -190,15 +194,15 @@ def _depth_at(rendering: Rendering, row: np.ndarray, column: np.ndarray) -> np.n
 COARSE, FINE = Gate(0.04, 7), Gate(0.015, 3)
 GATES: Final = (COARSE,) * 3 + (Gate(0.03, 6),) * 2 + (Gate(0.02, 5), Gate(0.02, 4)) + (FINE,) * 2  # one per step
 LEAST_ROWS: Final = 60
-SHIFT_STEPS: Final = 8  # of reweighting: the shift is settled to a tenth of a millimetre
-MOST_SHIFT_SIGMA_M: Final = 0.003  # one sigma: less accurate shifts of a part are no evidence
-STANDING_SIGMA_M: Final = 0.01  # chi_0's lowest point from the floor: a prior only
+SHIFT_STEPS: Final = 8  # reweighting steps: the shift is then converged to a tenth of a millimetre
+MOST_SHIFT_SIGMA_M: Final = 0.003  # a shift of a part that is less accurate is no evidence
+STANDING_SIGMA_M: Final = 0.01  # of chi_0's lowest point from the floor: a prior only
 STANDING_SIGMA_RAD: Final = 0.0087  # half a degree between chi_0's up and the floor's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorPrior:
-    """Where Gamma_0 should have the floor: the plane up @ p = height_m, and with which uncertainty."""
+    """The expected floor of Gamma_0: the plane up @ p = height_m, with its uncertainty."""
 
     up: np.ndarray  # (3,) unit, in Gamma_0
     height_m: float
@@ -208,8 +212,9 @@ class FloorPrior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """T_camera_model (4, 4); covariance (6, 6) of (turn rad, shift m) about the equipment's centre, camera axes; rms:
-    of surface (m) and of outline (px); edge_bias_px: by how much bars look thicker than they are, on each side."""
+    """The refined pose T_camera_model (4, 4); covariance (6, 6) of (turn rad, shift m) about the equipment's centre,
+    camera axes; rms: of surface (m) and outline (px); edge_bias_px: by how much bars look too thick, on each side.
+    """
 
     T_camera_model: np.ndarray
     covariance: np.ndarray
@@ -219,7 +224,7 @@ class Refined:
 
 
 def standing_prior(floor_m: float) -> FloorPrior:
-    """What is assumed without evidence: chi_0 stands upright on the floor."""
+    """Return the prior without evidence: chi_0 stands upright on the floor."""
     return FloorPrior(np.array([0.0, 1.0, 0.0]), floor_m, STANDING_SIGMA_M, STANDING_SIGMA_RAD)
 
 
@@ -252,9 +257,9 @@ def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: Floo
 
 
 def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarray:
-    """(parts,) by how much each part, shifted alone, would fit better, metres; NaN where that is not accurate.
+    """Return by how much each part (parts,), shifted alone, would fit better, metres; NaN where not accurate.
 
-    Only along the directions known to ``MOST_SHIFT_SIGMA_M``: a bar may slide along itself unseen.
+    Only directions known to ``MOST_SHIFT_SIGMA_M`` count: a bar may slide along itself unseen.
     """
     count = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)
@@ -266,7 +271,7 @@ def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarr
 
 
 def _shift_alone(groups: list[Rows], part: int) -> float:
-    """Length of the shift of one part; weights that fall with the distance keep hands that hold it from counting."""
+    """Return the length of one part's shift; weights fall with the distance, so that hands holding it do not count."""
     shift = np.zeros(3)
     rows = [(group.jacobian[group.part == part, 3:6], group.residual[group.part == part], group) for group in groups]
     for _ in range(SHIFT_STEPS):
@@ -286,10 +291,12 @@ def _shift_alone(groups: list[Rows], part: int) -> float:
 def _floor_rows(
     view: StillView, T: np.ndarray, centre_model: np.ndarray, centre: np.ndarray, prior: FloorPrior
 ) -> Rows:
-    """The floor that is seen against the prior; centre_model, centre (3,): of the equipment, Gamma_0 and camera."""
+    """Return rows of the seen floor against the prior; centre_model, centre (3,): of the equipment, Gamma_0 and
+    camera.
+    """
     up = T[:3, :3] @ prior.up
-    foot = centre - (centre_model @ prior.up - prior.height_m) * up  # below the centre, where Gamma_0 has its floor
-    level = np.linalg.svd(up[None])[2][1:]  # two directions across
+    foot = centre - (centre_model @ prior.up - prior.height_m) * up  # below the centre, at the floor of Gamma_0
+    level = np.linalg.svd(up[None])[2][1:]  # two horizontal directions
     turn = np.concatenate([np.cross(up, level), np.zeros((2, 4))], axis=1) / prior.sigma_rad
     shift = np.concatenate([np.cross(foot - centre, view.floor.up), view.floor.up, [0.0]])[None] / prior.sigma_m
     residual = np.append(
@@ -299,8 +306,8 @@ def _floor_rows(
 
 
 def _solve(rows: list[Rows]) -> tuple[np.ndarray, np.ndarray]:
-    """Step (7,) and covariance (7, 7)."""
-    information, pull = np.diag([1e-6] * 6 + [1.0]), np.zeros(7)  # the edge bias is a pixel at most
+    """Return the step (7,) and covariance (7, 7)."""
+    information, pull = np.diag([1e-6] * 6 + [1.0]), np.zeros(7)  # the edge bias is about a pixel
     for group in rows:
         ratio = np.minimum(np.abs(group.residual) / group.reach, 1.0)
         weight = (1.0 - ratio**2) ** 2 / group.together
@@ -311,7 +318,7 @@ def _solve(rows: list[Rows]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _moved(T: np.ndarray, centre: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """T after the turn step[:3] about ``centre`` and the shift step[3:6]."""
+    """Return T after the turn step[:3] about ``centre`` and the shift step[3:6]."""
     turn = cv2.Rodrigues(step[:3])[0]
     moved = np.eye(4)
     moved[:3, :3] = turn @ T[:3, :3]

@@ -14,25 +14,27 @@ from anchorpose.camera import Camera
 from anchorpose.lens import lens_array, pixel_of_ray
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3
-LEAST_Z_M: Final = 0.3  # nearer than any depth camera measures
+LEAST_Z_M: Final = 0.3  # no depth camera measures nearer
 RADIUS_M: Final = 0.5  # of the equipment, to compare a turn with a shift
 CELL_M: Final = 0.04  # of the first, coarse map: as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # 5 degrees move a bar at 0.5 m by one cell
-ABOVE_FLOOR_M: Final = 0.06  # below this the floor itself fills the map
+ABOVE_FLOOR_M: Final = 0.06  # points below are left out, since the floor fills the map there
 FARTHEST_M: Final = 7.0  # no depth camera sees a bar beyond
-THINNING: Final = 3  # every third point of the equipment is enough until the last and finest steps
+THINNING: Final = 3  # every third point of the equipment suffices until the last and finest steps
 STARTS: Final = 400  # places of the coarse map that are refined
 KEPT: Final = 16  # distinct places in the result
-DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # two poses nearer than this (0.14 is 8 degrees) are the same one
-TOLERANCES_M: Final = (0.05, 0.03, 0.02)  # what counts as on the surface, from coarse to fine
-THROUGH_WEIGHT: Final = 2.0  # a point that is seen through counts twice as much against a pose as one on it for it
-BROAD_M: Final = 0.10  # a surface that continues flat this far to all four sides is a wall, a panel or a table:
-BROAD_WEIGHT: Final = 0.25  # a bar may lie anywhere in it, so it is weaker evidence than what ends where a bar ends
+DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # two poses nearer than this are the same; 0.14 is 8 degrees
+TOLERANCES_M: Final = (0.05, 0.03, 0.02)  # distance to the surface that counts as on it, from coarse to fine
+THROUGH_WEIGHT: Final = 2.0  # a point seen through counts twice as much as a point on the surface
+BROAD_M: Final = 0.10  # a surface that continues flat this far to all four sides is a wall, a panel or a table
+# a bar may lie anywhere in such a surface, so it is weaker evidence than a surface that ends where a bar ends
+BROAD_WEIGHT: Final = 0.25
 
 
 class SearchImage(NamedTuple):
-    """What is searched: depth_m (height, width) float32 of what stays, 0 = no reading; weight (height, width) float32
-    of each reading as evidence; lens: ``lens_array``; T_camera_ground (4, 4); noise_per_m."""
+    """The searched image: depth_m (height, width) float32 of still surfaces, 0 = no reading; weight (height, width)
+    float32 of each reading as evidence; lens: ``lens_array``; T_camera_ground (4, 4); noise_per_m.
+    """
 
     depth_m: np.ndarray
     weight: np.ndarray
@@ -42,7 +44,7 @@ class SearchImage(NamedTuple):
 
 
 class SearchPoints(NamedTuple):
-    """Points from the equipment's centre: surface (n, 3), normal (n, 3), two_sided (n,) bool, outside (m, 3)."""
+    """Points relative to the equipment's centre: surface (n, 3), normal (n, 3), two_sided (n,) bool, outside (m, 3)."""
 
     surface: np.ndarray
     normal: np.ndarray
@@ -52,7 +54,7 @@ class SearchPoints(NamedTuple):
 
 @nb.njit(cache=True)
 def _transform(T: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A point by a rigid motion (4, 4)."""
+    """Transform a point by a rigid motion (4, 4)."""
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
         T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
@@ -64,7 +66,7 @@ def _transform(T: np.ndarray, x: float, y: float, z: float) -> tuple[float, floa
 def fill_space(image: SearchImage, counts: tuple[int, int, int], wide_m: float) -> np.ndarray:
     """Map the ground frame: (y, x, z) int8, each cell by the pixels around its place in the depth image.
 
-    counts: of cells along y, x, z; x starts at -wide_m.
+    counts: numbers of cells along y, x, z; x starts at -wide_m.
     """
     space = np.zeros(counts, np.int8)
     for iy in range(counts[0]):
@@ -79,7 +81,7 @@ def fill_space(image: SearchImage, counts: tuple[int, int, int], wide_m: float) 
 
 @nb.njit(cache=True)
 def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
-    """UNKNOWN, OCCUPIED, FREE or BROAD: of a cell at a point of the ground frame."""
+    """Return UNKNOWN, OCCUPIED, FREE or BROAD for a cell at a point of the ground frame."""
     still, weight, lens = image.depth_m, image.weight, image.lens
     height, width = still.shape
     cx, cy, cz = _transform(image.T_camera_ground, x, y, z)
@@ -107,7 +109,7 @@ def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
 
 @nb.njit(cache=True, fastmath=True)
 def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(x, z) sum of the map's values over the cells (n, 3) of y, x, z, moved to every place."""
+    """Return (x, z) sum of the map's values over the cells (n, 3) of y, x, z, moved to every place."""
     _, nx, nz = value.shape
     total = np.zeros((nx, nz), np.float32)
     for k in range(len(cells)):
@@ -126,7 +128,7 @@ def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.nd
 
 @nb.njit(cache=True)
 def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> np.ndarray:
-    """Improves each place in turn along yaw, x and z, with steps of half and a quarter of the tolerance."""
+    """Improve each place in turn along yaw, x and z, with steps of half and a quarter of the tolerance."""
     scores = np.empty(len(places))
     trial = np.empty(4)
     for k in range(len(places)):
@@ -153,7 +155,7 @@ def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 
 @nb.njit(cache=True)
 def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> float:
-    """How well (yaw, x, y, z) explains the depth image, per point of the surface that faces the camera."""
+    """Return how well (yaw, x, y, z) explains the depth image, per point of the surface that faces the camera."""
     surface, outside, T = points.surface, points.outside, image.T_camera_ground
     cos, sin = np.cos(place[0]), np.sin(place[0])
     total, facing = 0.0, 0
@@ -174,7 +176,7 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
                 continue
             facing += 1
         elif y < 0.1:
-            continue  # the floor is allowed beside the equipment
+            continue  # the floor beside the equipment is allowed
         d, w = _reading(image, cx, cy, cz)
         if d <= 0.0:
             continue
@@ -191,7 +193,7 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 
 @nb.njit(cache=True)
 def _reading(image: SearchImage, x: float, y: float, z: float) -> tuple[float, float]:
-    """Depth and weight at the pixel of a camera point; 0 where there is no reading."""
+    """Return the depth and weight at the pixel of a camera point; 0 where there is no reading."""
     if z < LEAST_Z_M:
         return 0.0, 0.0
     column, row = pixel_of_ray(x / z, y / z, image.lens)
@@ -203,7 +205,7 @@ def _reading(image: SearchImage, x: float, y: float, z: float) -> tuple[float, f
 
 
 def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.ndarray:
-    """Weigh readings (height, width): ``BROAD_WEIGHT`` where a surface goes on flat for ``BROAD_M`` to all sides."""
+    """Weigh readings (height, width): ``BROAD_WEIGHT`` where a surface continues flat for ``BROAD_M`` to all sides."""
     margin_m, noise = 2.0 * TOLERANCES_M[-1], 2.0 * NOISE_GATE * noise_per_m
     height, width = depth_m.shape
     row, column = np.nonzero(depth_m > 0.0)
@@ -223,11 +225,11 @@ def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.nda
 
 
 def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) -> list[np.ndarray]:
-    """T_camera_model (4, 4) of distinct places, best first, with the height ``lowest_m`` of Gamma_0 on the floor and Y
-    upright.
+    """Return T_camera_model (4, 4) of distinct places, best first, with the height ``lowest_m`` of Gamma_0 on the floor
+    and Y upright.
 
-    First a map of the space above the floor, filled, free or unknown, and for each of 72 directions the sum over the
-    equipment's points at every cell; then the best places are improved on the depth image itself.
+    The space above the floor is mapped as filled, free or unknown, and for each of 72 directions the map is summed over
+    the equipment's points at every cell; then the best places are improved on the depth image itself.
     """
     image = _search_image(view)
     starts = _coarse(image, view.camera, samples, lowest_m)
@@ -252,7 +254,7 @@ def _search_image(view: StillView) -> SearchImage:
 
 
 def ground_frame(floor: FloorPlane) -> np.ndarray:
-    """T_camera_ground (4, 4): Y along the floor's up, Z level and away from the camera, origin below it."""
+    """Return T_camera_ground (4, 4): Y along the floor's up, Z level and away from the camera, origin below it."""
     away = np.array([0.0, 0.0, 1.0])
     away = away - (away @ floor.up) * floor.up
     away /= np.linalg.norm(away)
@@ -263,7 +265,7 @@ def ground_frame(floor: FloorPlane) -> np.ndarray:
 
 
 def _placed(T_camera_ground: np.ndarray, place: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """T_camera_model of (yaw, x, y, z): the centre's place in the ground frame."""
+    """Return T_camera_model of (yaw, x, y, z), the centre's place in the ground frame."""
     T_ground_model = np.eye(4)
     T_ground_model[:3, :3] = rotation_about_y(place[0])
     T_ground_model[:3, 3] = place[1:] - T_ground_model[:3, :3] @ centre_m
@@ -271,7 +273,7 @@ def _placed(T_camera_ground: np.ndarray, place: np.ndarray, centre_m: np.ndarray
 
 
 def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:
-    """Indices of the best places, none within ``DISTINCT_M`` and ``DISTINCT_RAD`` of a better one."""
+    """Return the indices of the best places, none within ``DISTINCT_M`` and ``DISTINCT_RAD`` of a better one."""
     kept: list[int] = []
     for index in np.argsort(-scores, kind="stable"):
         turn = np.abs((places[kept, 0] - places[index, 0] + np.pi) % (2 * np.pi) - np.pi)
@@ -284,7 +286,9 @@ def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:
 
 
 def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowest_m: float) -> np.ndarray:
-    """(n, 4) yaw, x, y, z of the best cells of all directions; y is of Gamma_0's origin less the centre's height."""
+    """Return (n, 4) yaw, x, y, z of the best cells of all directions; y is that of Gamma_0's origin less the centre's
+    height.
+    """
     surface = samples.surface_m[::THINNING]
     heights = surface[:, 1] - lowest_m
     seen = image.depth_m[image.depth_m > 0]
@@ -312,7 +316,7 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
 
 
 def _first_of_neighbours(places: np.ndarray) -> np.ndarray:
-    """Indices of the first of each group of neighbouring cells and directions, best first."""
+    """Return the indices of the first of each group of neighbouring cells and directions, best first."""
     size = np.array([DISTINCT_RAD, DISTINCT_M, 1e9, DISTINCT_M])
     groups = np.floor(places / size + 0.25).astype(np.int64)
     _, first = np.unique(groups, axis=0, return_index=True)

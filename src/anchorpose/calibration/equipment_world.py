@@ -34,21 +34,22 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
-LATE_SHARE: Final = 0.34  # of the sampled frames, at the end: where the equipment is looked for again
+LATE_SHARE: Final = 0.34  # of the sampled frames, at the end, in which the equipment is searched again
 LEAST_FRAMES: Final = 3
-MOVED_SIGMAS: Final = 5.0  # of the pose: the equipment moved by more counts as moved
+MOVED_SIGMAS: Final = 5.0  # of the pose; a larger movement of the equipment counts as moved
 LEAST_SHIFT_M: Final = 0.008  # m, twice the accuracy required of a calibration
 LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees
-DOUBT_SHARE: Final = 0.2  # share of the unhidden equipment seen through, above which the whole floor is searched
-GONE_SHARE: Final = 0.4  # share of the unhidden equipment seen through, above which it is not there
+DOUBT_SHARE: Final = 0.2  # of the unhidden equipment seen through; above it the whole floor is searched
+GONE_SHARE: Final = 0.4  # of the unhidden equipment seen through; above it the equipment is gone
 REFUTED_M, REFUTED_RAD = 0.10, 0.052  # 3 degrees; poses 3 cm and a degree off, as published, have 7 cm at 2.5 m
 LEAST_PIXELS: Final = 100  # pixels of a frame that must show the equipment or see through it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moved:
-    """first: index of the first frame that shows it elsewhere; T_camera_model: where it is then, None where that could
-    not be found; shift_m, turn_rad: by how much, None likewise."""
+    """A movement of the equipment. first: index of the first frame that shows it elsewhere; T_camera_model: its new
+    pose, None where not found; shift_m, turn_rad: by how much, None likewise.
+    """
 
     first: int
     T_camera_model: np.ndarray | None = None
@@ -63,7 +64,7 @@ def check_given_poses(
     floor_height_m: float,
     config: EquipmentPoseConfig,
 ) -> tuple[list[PoseDoubt], list[str]]:
-    """Doubts about given poses that put the equipment where it is not seen, and notes on equipment that was moved.
+    """Return doubts about given poses in which the equipment is not seen in its place, and notes on moved equipment.
 
     floors: one per camera.
     """
@@ -86,7 +87,7 @@ def check_given_poses(
 def _where_given_pose_has_none(
     inputs: EquipmentInputs, index: int, floor: FloorPlane, prior: FloorPrior
 ) -> Moved | None:
-    """Where the equipment is instead; None where a camera with a given pose sees it in its place."""
+    """Return where the equipment is instead; None if a camera with a given pose sees it in its place."""
     frames, _ = inputs.frames_of(index)
     if not frames:
         return None
@@ -108,7 +109,7 @@ def _doubt(camera: str, moved: Moved) -> PoseDoubt:
 
 
 def moved_note(camera: str, moved: Moved, times_s: Sequence[float]) -> str:
-    """One sentence for people."""
+    """Return the sentence that is shown to people."""
     since = f"from about {times_s[moved.first]:.1f} s on"
     if moved.shift_m is None or moved.turn_rad is None:
         return f"camera {camera} no longer sees the equipment in its place {since}: what it hides there is unknown"
@@ -126,7 +127,7 @@ def notice_movement(
     prior: FloorPrior,
     config: EquipmentPoseConfig,
 ) -> Moved | None:
-    """Whether the equipment is elsewhere in the last of ``frames_m``, in the order of time; None where it is not.
+    """Return how the equipment moved by the last of ``frames_m``, in the order of time; None if it did not.
 
     view: the camera's noise and floor. A shift within a bar's width shows when the pose is fitted again; a larger one
     when the camera sees through the places where the equipment was.
@@ -156,7 +157,7 @@ def notice_movement(
 
 
 def _nearest_symmetric(T_now: np.ndarray, T_before: np.ndarray, equipment: Equipment) -> np.ndarray:
-    """Of the poses that chi_0's symmetry makes the same, the one nearest to the earlier pose."""
+    """Return, of the poses made equal by chi_0's symmetry, the one nearest to the earlier pose."""
     choices = [T_now, *(T_now @ turn for turn in equipment.symmetry.same)]
     return min(choices, key=lambda T: angle_between(T, T_before))
 
@@ -171,7 +172,7 @@ class _Placed:
     tolerance_m: float
 
     def counts(self, frame_m: np.ndarray) -> tuple[int, int]:
-        """Pixels of one frame on the equipment, and those that see through it."""
+        """Return how many pixels of a frame show the equipment, and how many see through it."""
         rendering = self.equipment.caster.render(self.view.camera, self.T_camera_model)
         if rendering is None:
             return 0, 0
@@ -188,7 +189,7 @@ def _through_share(placed: _Placed, frames_m: np.ndarray) -> float:
 
 
 def _first_gone(placed: _Placed, frames_m: Sequence[np.ndarray]) -> int:
-    """The frame after the last one that shows the equipment in its place."""
+    """Return the frame after the last one that shows the equipment in its place."""
     for index in range(len(frames_m) - 1, -1, -1):
         on, through = placed.counts(frames_m[index])
         if on + through >= LEAST_PIXELS and through < GONE_SHARE * (on + through):
@@ -197,7 +198,7 @@ def _first_gone(placed: _Placed, frames_m: Sequence[np.ndarray]) -> int:
 
 
 def _first_elsewhere(before: _Placed, now: _Placed, frames_m: Sequence[np.ndarray]) -> int:
-    """The start of the best split in time: earlier frames fit the earlier pose, later ones the later."""
+    """Return the best split in time: earlier frames fit the earlier pose, later frames the later pose."""
     gain = []
     for frame in frames_m:
         on_before, through_before = before.counts(frame)
@@ -213,10 +214,11 @@ def world_from_equipment(
     config: EquipmentPoseConfig,
     choose_heading: ChooseHeading | None = None,
 ) -> Calibration:
-    """Return poses in Gamma_0 of all cameras that have none; given poses are in Gamma_0 already.
+    """Find the poses in Gamma_0 of all cameras that have none; given poses are in Gamma_0 already.
 
-    Each camera by itself first; then chi_0's symmetry is resolved between the cameras and by ``choose_heading``, all
-    share one floor, and no two may contradict each other. Raises InputError where a pose is not accepted.
+    Each camera is placed separately first; then chi_0's symmetry is resolved between the cameras and by
+    ``choose_heading``, all get one floor, and no two may contradict each other. Raises InputError where a pose is not
+    accepted.
     """
     if recording.equipment is None:
         raise ValueError("the recording has no equipment to find the cameras from")
@@ -239,7 +241,7 @@ def world_from_equipment(
 
 
 def _find_in_camera(inputs: EquipmentInputs, index: int) -> SeenEquipment:
-    """The equipment in one camera; if it cannot be found in all frames together, in the first half of them."""
+    """Find the equipment in one camera; if it is not found in all frames together, in the first half of them."""
     recording = inputs.recording
     camera, background = recording.cameras[index], recording.backgrounds_m[index]
     frames, times = inputs.frames_of(index)
@@ -281,7 +283,9 @@ def _attempt(
 def _polish(
     inputs: EquipmentInputs, one: SeenEquipment, start: np.ndarray, moved: Moved | None, prior: FloorPrior
 ) -> EquipmentPose:
-    """The pose again with the floor all cameras share, on the empty room and all frames that show it so."""
+    """Refine the pose again with all cameras' common floor, on the empty room and all frames that show it in this
+    place.
+    """
     before = one.frames_m if moved is None else one.frames_m[: moved.first]
     own = one.view.frames_m if len(one.view.frames_m) == 1 or not before else np.stack(before)
     stacks = [np.concatenate([own, np.stack(before)])] if len(own) == 1 and before else []

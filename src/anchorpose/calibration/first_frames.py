@@ -1,4 +1,4 @@
-"""Read from the first frames of one camera how noisy they are, what stays, the floor, and where the patient stands."""
+"""Learn from the first frames of one camera its noise, the still surfaces, the floor, and where the patient stands."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from anchorpose.descriptor.learnt import described
 from anchorpose.descriptor.people import LEAST_CERTAINTY, find_people
 from anchorpose.recording.recording import FrameSet
 
-MAD_OF_NORMAL: Final = 0.6745  # median of |x| of a standard normal
-STAYS_SHARE: Final = 0.3  # of the frames: a surface read so often is the room, even where people stand in front of it
+MAD_OF_NORMAL: Final = 0.6745  # median of |x| of a standard normal distribution
+STAYS_SHARE: Final = 0.3  # of the frames; a surface read this often is the room, even where people stand in front of it
 SAME_M, SAME_SIGMAS = 0.02, 3.0  # readings of one surface differ by less
 
 
 def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
-    """Factor a of the sensor's noise law sigma(z) = a z^2 (unit 1/m), from second differences along rows.
+    """Return the factor a of the sensor's noise law sigma(z) = a z^2 (unit 1/m), from second differences along rows.
 
-    depths_m: depth frames (height, width) float32, 0 = no reading. A plane has no second difference, so what is left
-    is noise; medians ignore edges. The step of the grey values enters as the deviation of a uniform error.
-    Source of the law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437).
-    Raises ValueError where no three neighbouring pixels have a reading.
+    depths_m: depth frames (height, width) float32, 0 = no reading. A plane has no second difference, so the rest is
+    noise; medians ignore edges. The step of the grey values enters as the deviation of a uniform error. Source of the
+    law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437). Raises ValueError where no three neighbouring pixels
+    have a reading.
     """
     ratios = []
     for depth in depths_m:
@@ -41,7 +41,8 @@ def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
 
 
 def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
-    """Factor of the step between neighbouring grey values, ``step_per_m z^2`` (unit 1/m); 0 where there is one value.
+    """Return the factor of the step between neighbouring grey values, ``step_per_m z^2`` (unit 1/m); 0 if all values
+    are equal.
 
     depths_m: as for ``noise_per_m``. Cameras that measure disparity have steps that grow with the square of distance.
     """
@@ -54,11 +55,11 @@ def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
 
 
 def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
-    """(height, width) float32: per pixel, the farthest surface that is read in ``STAYS_SHARE`` of the frames.
+    """Return, per pixel (height, width) float32, the farthest surface that is read in ``STAYS_SHARE`` of the frames.
 
     frames_m (n, height, width), 0 = no reading. People stand in front of the room, never behind it; an edge pixel of a
-    bar, which reads sometimes the bar and sometimes what is behind it, counts as bar if it reads the bar most of the
-    time. 0 where less than that share of the frames has a reading.
+    bar, which reads now the bar and now the background, counts as bar if it mostly reads the bar. It is 0 where less
+    than this share of the frames has a reading.
     """
     if len(frames_m) == 1:
         return frames_m[0]
@@ -73,16 +74,16 @@ def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
 
 
 NEARER_M: Final = 0.15  # before the room: a body is thicker than this
-ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5  # readings on less than half the depth image, within a person's reach in depth
-FRAMES_NEEDED: Final = 8  # below that a percentile over time means nothing
+ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5  # readings on less than half of the depth image, within a person's reach in depth
+FRAMES_NEEDED: Final = 8  # frames; with fewer a percentile over time is meaningless
 USUAL_DISTANCE_M: Final = 2.5  # of a patient from the camera, where nobody is found
 
 
 def start_of_patient(
     camera: Camera, sample_frames: Sequence[FrameSet], up: np.ndarray, height_m: float | None
 ) -> tuple[np.ndarray, str]:
-    """Return the place (3,) below the pelvis of whoever shows most in the first sampled frame with a person, and how it
-    was found: a point of the camera frame, on the floor or, without one, at the lowest visible point.
+    """Return the place (3,) below the pelvis of the most visible person in the first sampled frame with a person, and
+    how it was found. It is a point of the camera frame, on the floor or, without a floor, at the lowest visible point.
 
     up (3,) camera frame; height_m: of the camera above the floor, None where unknown. Where the learnt descriptor sees
     nobody, the place is straight ahead of the camera.
@@ -103,7 +104,7 @@ def start_of_patient(
 
 
 def people_only(depth_m: np.ndarray) -> bool:
-    """Whether the recorder has removed the room already: few readings, all within a person's reach in depth."""
+    """Return whether the recorder has removed the room already: few readings, all within a person's reach in depth."""
     readings = depth_m[depth_m > 0]
     if readings.size == 0:
         return True
@@ -112,33 +113,35 @@ def people_only(depth_m: np.ndarray) -> bool:
 
 
 def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m: float | None) -> np.ndarray:
-    """``point_m`` moved along ``up`` to the floor or, without one, to the lowest of the points."""
+    """Return ``point_m`` moved along ``up`` to the floor or, without one, to the lowest of the points."""
     lowest = -height_m if height_m is not None else float(np.percentile(points_m @ up, 1))
     moved: np.ndarray = point_m + (lowest - point_m @ up) * up
     return moved
 
 
-LEAST_READINGS: Final = 1000  # a hundredth of the smallest depth image
-REFITS: Final = 6  # the gate settles after three or four
-FLATNESS_M: Final = 0.003  # of a hard floor; keeps near pixels from outvoting all others
+LEAST_READINGS: Final = 1000  # readings; a hundredth of the smallest depth image
+REFITS: Final = 6  # refits; the gate converges in three or four
+FLATNESS_M: Final = 0.003  # of a hard floor; keeps near pixels from dominating
 TOLERANCES_M: Final = (0.02, 0.08)  # floors are flat to 2 cm; cameras that smooth make waves of 8
 NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise, added to each tolerance
-WORST_TILT_RAD: Final = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down, hardly roll
-IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # of a camera whose pose is not known
-STANDS_M, LEAST_STANDING = 0.2, 0.02  # who stands on a floor: of what moves, a share within a shoe's and shin's height
+WORST_TILT_RAD: Final = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down, and hardly roll
+IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # up of a camera whose pose is unknown
+# people on a floor: least share of the moving points within this height, a shoe and a shin
+STANDS_M, LEAST_STANDING = 0.2, 0.02
 LEAST_HEIGHT_M: Final = 0.3  # of the camera above its floor; nearer planes are tables
 MOST_BELOW: Final = 0.1  # points below the floor, as a share of those on it: mirrors and flying pixels
-MOST_SUNK: Final = 0.05  # share of what moves that may lie below: legs beside a table top are a third of a person
-SUNK_M: Final = 0.10  # below the plane: a shoe's height, and what a tilted plane may be off
+# share of the moving points that may lie below: legs beside a table top are a third of a person
+MOST_SUNK: Final = 0.05
+SUNK_M: Final = 0.10  # below the plane: a shoe's height, and the error of a tilted plane
 LEAST_SHARE: Final = 0.02  # of the readings: the direction of a smaller patch is uncertain
 LEAST_EXTENT_M: Final = 0.5  # in its narrower direction, for the same reason
-TRIALS: Final = 300  # with 10 % of inliers, three good points are drawn once in 1000; planes here hold 20 to 50 %
+TRIALS: Final = 300  # trials; with 10 % inliers, three good points are drawn once in 1000; planes here have 20 to 50 %
 SAMPLE: Final = 6000  # readings that vote
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorPlane:
-    """Points p on the floor satisfy up @ p + height_m = 0 in the camera frame.
+    """A floor plane: points p on it satisfy up @ p + height_m = 0 in the camera frame.
 
     up (3,) float64 unit normal, away from the floor; height_m: of the camera above it; residual_m: root mean square of
     the inliers; inlier_share: of all readings.
@@ -156,7 +159,7 @@ def level_of_pose(T_world_camera: np.ndarray) -> FloorPlane:
 
 
 class NoFloor(StrEnum):
-    """Why no floor was found: a result, because a frame of people alone has none."""
+    """The reason why no floor was found: a result, because a frame of people alone has none."""
 
     NO_READINGS = "the depth image has too few readings"
     NO_PLANE = "no plane below the camera has enough readings and nothing under it"
@@ -166,9 +169,9 @@ class NoFloor(StrEnum):
 def floor_of_room(
     camera: Camera, background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]
 ) -> FloorPlane | NoFloor:
-    """The floor in the depth image of the empty room or, without one, in the median of the frames.
+    """Return the floor in the depth image of the empty room or, without one, in the median of the frames.
 
-    What stands before the room in the frames, people above all, stands on it: a plane with legs below it is a table.
+    Objects in front of the room, mainly people, stand on the floor: a plane with legs below it is a table.
     """
     if background_m is None and not frames_m:
         return NoFloor.NO_READINGS
@@ -187,16 +190,18 @@ def _room(background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]) -> np
 
 
 def up_of(camera: Camera) -> np.ndarray:
-    """(3,) where up is in the camera frame, by its pose; without one the image's upper border is up."""
+    """Return up (3,) in the camera frame by its pose; without a pose, towards the image's upper border."""
     return IMAGE_UP if camera.T_world_camera is None else np.asarray(camera.T_world_camera[1, :3], np.float64)
 
 
 def is_upside_down(
     floor: FloorPlane | NoFloor, camera: Camera, background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]
 ) -> bool:
-    """Whether people stand on a plane that lies above the camera by its pose, and on none below it.
+    """Return whether people stand on a plane that, by the camera's pose, lies above the camera, and on none below
+    it.
 
-    floor: by ``floor_of_room``, of the same frames. False where nobody moves or no plane is seen: nothing tells then.
+    floor: by ``floor_of_room``, from the same frames. It is False, for lack of evidence, where nobody moves or no plane
+    is seen.
     """
     if not frames_m or floor is NoFloor.NO_READINGS:
         return False
@@ -214,7 +219,7 @@ def _is_stood_on(floor: FloorPlane | NoFloor, people_m: np.ndarray) -> bool:
 
 
 def _before(room_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
-    """(n, 3) camera points of what stands before the room, ``SAMPLE`` of them at most."""
+    """Return points (n, 3), camera frame, in front of the room, at most ``SAMPLE``."""
     nearer = [np.where((room_m <= 0) | (depth < room_m - NEARER_M), depth, 0.0) for depth in frames_m]
     found = [points[np.isfinite(points[..., 2])] for points in map(camera.back_project, nearer)]
     points = np.concatenate([np.zeros((0, 3)), *found])
@@ -228,12 +233,12 @@ def find_floor(
     standing_m: np.ndarray | None = None,
     up: np.ndarray = IMAGE_UP,
 ) -> FloorPlane | NoFloor:
-    """The largest plane that faces up, with next to nothing below it.
+    """Return the largest plane that faces up and has next to nothing below it.
 
-    depth_m (height, width) float32, best without people; noise_per_m: ``first_frames``; standing_m (n, 3) camera
-    points of what stands on the floor; up (3,): about, in the camera frame. RANSAC on a sample, first with the strict
-    tolerance; then weighted least squares on the inliers, whose gate shrinks to three of their own deviations: the foot
-    of a wall within the first gate would tilt the plane.
+    depth_m (height, width) float32, best without people; noise_per_m: ``first_frames``; standing_m (n, 3): camera
+    points of people and objects on the floor; up (3,): approximate, camera frame. RANSAC on a sample, first with the
+    strict tolerance; then weighted least squares on the inliers, whose gate shrinks to three of their own deviations:
+    the foot of a wall within the first gate would tilt the plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]
@@ -257,7 +262,8 @@ def _vote(
     rng: np.random.Generator,
     up: np.ndarray,
 ) -> np.ndarray | None:
-    """(4,) plane (up, height) with the most votes, less those of points below it; None where none is a floor.
+    """Return the plane (4,) (up, height) with the most votes, less those of points below it; None where none is a
+    floor.
 
     Depth noise a z^2 along a ray that meets the floor at a grazing angle is a z h across it, h the camera's height.
     """
@@ -282,7 +288,7 @@ def _vote(
 def drawn_planes(points_m: np.ndarray, trials: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Draw planes through three of the points (n, 3): unit normals (k, 3) and offsets (k,), ``normal @ p = offset``.
 
-    Triples on a line are left out.
+    Triples of collinear points are left out.
     """
     corners = points_m[rng.integers(0, len(points_m), (trials, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -309,9 +315,10 @@ def _refined(plane: np.ndarray, points_m: np.ndarray, tolerance_m: float, noise_
 
 
 def _fit_plane(points_m: np.ndarray, sigma_m: np.ndarray, up: np.ndarray) -> np.ndarray | None:
-    """(4,) weighted least squares plane (up, height), centred for conditioning; None where the patch is narrow.
+    """Fit a plane (4,) (up, height) by weighted least squares, centred for conditioning; None where the patch is
+    narrow.
 
-    up (3,): about.
+    up (3,): approximate.
     """
     if len(points_m) < 3:
         return None

@@ -25,14 +25,16 @@ from anchorpose.recording.regular_file import read_image
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 SMALLEST_M: Final = 1e-3
-LARGEST_M: Final = 5.0  # a printed marker; anything larger was written in millimetres
+LARGEST_M: Final = 5.0  # of a printed marker; a larger value was written in millimetres
 
 Squares = Annotated[Whole, Field(gt=1, le=100, description="how many squares a row or a column has")]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tag:
-    """A square tag: side of its black square, pose with x to its right, y up and z out of it, towards the reader."""
+    """A square tag: side of its black square, and pose with x to its right, y up and z out of it, towards the
+    reader.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     number: Annotated[Whole, Field(alias="id", ge=0, le=100_000, description="the tag's number in its dictionary")]
@@ -40,7 +42,7 @@ class Tag:
     T_world_tag: Annotated[Pose, Field(alias="pose")]  # (4, 4)
 
     def corners_m(self) -> np.ndarray:
-        """(4, 3) world: from the upper left clockwise, as detectors report them."""
+        """Return the corners (4, 3), world, from the upper left clockwise, as detectors report them."""
         square = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * self.size_m / 2.0
         return np.asarray(square @ self.T_world_tag[:3, :3].T + self.T_world_tag[:3, 3])
 
@@ -69,7 +71,7 @@ def _require_dictionary(name: str) -> str:
 
 
 class MarkerLayout(Entry):
-    """markers.json: single tags or one board; dictionary: OpenCV's name, such as DICT_APRILTAG_36h11."""
+    """The content of markers.json: single tags or one board; dictionary: OpenCV's name, such as DICT_APRILTAG_36h11."""
 
     format: Literal["marker-layout"]
     version: Version
@@ -88,17 +90,18 @@ class MarkerLayout(Entry):
 
 
 def read_marker_layout(path: Path) -> MarkerLayout:
-    """Return a checked markers.json; raises InputError naming the file, the key and the remedy."""
+    """Read and check a markers.json; raises InputError naming the file, the key and the remedy."""
     return read_document(path, MarkerLayout)
 
 
-LEAST_SIDE_PX: Final = 14.0  # the bits of a smaller tag are two pixels wide, its corners less accurate than assumed
+# pixels; the bits of a smaller tag are two pixels wide, its corners less accurate than assumed
+LEAST_SIDE_PX: Final = 14.0
 LEAST_BOARD_CORNERS: Final = 6
-DEPTH_READINGS: Final = 40  # at most, on a marker
+DEPTH_READINGS: Final = 40  # largest number of depth readings used per marker
 
 
 class NoMarkers(StrEnum):
-    """Why the image gives no pose."""
+    """The reason why the image gives no pose."""
 
     NONE_SEEN = "none of the markers of the layout is seen whole"
     TOO_SMALL = "the markers seen are too small in the image"
@@ -109,8 +112,9 @@ class NoMarkers(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenMarkers:
-    """Corners: pixel (n, 2), world_m (n, 3), marker (n,) id of each; depth rows: rays (k, 2), depth_m (k,), plane (k,)
-    index of the marker that each reading lies on."""
+    """The markers seen. Corners: pixel (n, 2), world_m (n, 3), marker (n,) id of each; depth rows: rays (k, 2), depth_m
+    (k,), plane (k,) index of the marker that each reading lies on.
+    """
 
     pixel: np.ndarray
     world_m: np.ndarray
@@ -129,14 +133,14 @@ class SeenMarkers:
 def detect_markers(
     image: np.ndarray, camera: Camera, layout: MarkerLayout, depth_m: np.ndarray | None
 ) -> SeenMarkers | NoMarkers:
-    """The markers of the layout in an image, see ``pose_from_markers``, or why there are none."""
+    """Detect the layout's markers in an image, see ``pose_from_markers``, or return why there are none."""
     grey = _grey(image)
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, layout.dictionary))
     parameters = cv2.aruco.DetectorParameters()
     if layout.board is not None:
         found = _board_corners(grey, layout.board, dictionary, parameters)
     else:
-        # quads by fitted edges: half the error of corners refined one by one
+        # quads by fitted edges have half the error of corners refined one by one
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
         found = _tag_corners(grey, layout, cv2.aruco.ArucoDetector(dictionary, parameters))
     if not found:
@@ -153,7 +157,9 @@ def detect_markers(
 
 
 def _grey(image: np.ndarray) -> np.ndarray:
-    """8-bit grey; 16-bit infrared is scaled, without its brightest specks, by the root that evens near and far."""
+    """Return 8-bit grey; 16-bit infrared is scaled, without its brightest specks, by the root, which balances near and
+    far.
+    """
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     if grey.dtype == np.uint8:
         return grey
@@ -164,7 +170,9 @@ def _grey(image: np.ndarray) -> np.ndarray:
 def _tag_corners(
     grey: np.ndarray, layout: MarkerLayout, detector: cv2.aruco.ArucoDetector
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Pixel and world corners of each tag of the layout that is seen exactly once: of two equal ones, one is a copy."""
+    """Return pixel and world corners of each tag of the layout that is seen exactly once: of two equal tags, one is a
+    copy.
+    """
     corners, numbers, _ = detector.detectMarkers(grey)
     listed = [] if numbers is None else [int(number) for number in np.ravel(numbers)]
     places = {tag.number: tag.corners_m() for tag in layout.tags or ()}
@@ -178,7 +186,9 @@ def _tag_corners(
 def _board_corners(
     grey: np.ndarray, board: Board, dictionary: cv2.aruco.Dictionary, parameters: cv2.aruco.DetectorParameters
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """All chessboard corners of the board under the id 0; nothing where fewer than ``LEAST_BOARD_CORNERS`` are seen."""
+    """Return all chessboard corners of the board under the id 0; none where fewer than ``LEAST_BOARD_CORNERS`` are
+    seen.
+    """
     size = (board.squares_x, board.squares_y)
     known = cv2.aruco.CharucoBoard(size, board.square_m, board.marker_m, dictionary)
     detector = cv2.aruco.CharucoDetector(known, cv2.aruco.CharucoParameters(), parameters)
@@ -190,7 +200,7 @@ def _board_corners(
 
 
 def _side_px(corners: np.ndarray) -> float:
-    """Of a tag its shortest side; of a board's corners, half the breadth of what they span."""
+    """Return the shortest side of a tag or, for a board's corners, half the breadth of their extent."""
     if len(corners) == 4:
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).min())
     return float(np.ptp(corners, axis=0).min()) / 2.0
@@ -199,7 +209,7 @@ def _side_px(corners: np.ndarray) -> float:
 def _depth_inside(
     corners: np.ndarray, number: int, camera: Camera, depth_m: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rays and depths of readings on a marker, without its edge: there depth mixes with what is behind."""
+    """Return rays and depths of readings on a marker, without its edge, where depth mixes with the background."""
     if depth_m is None:
         return np.empty((0, 2)), np.empty(0), np.empty(0, dtype=np.int64)
     mask = np.zeros(depth_m.shape, np.uint8)
@@ -212,20 +222,22 @@ def _depth_inside(
     return rays, depth_m[row, column].astype(np.float64), np.full(len(place), number)
 
 
-MARKER_IMAGES: Final = ("infrared.png", "color.png")  # in a camera's folder, of the depth images' geometry
+MARKER_IMAGES: Final = ("infrared.png", "color.png")  # in a camera's folder, with the depth images' geometry
 SAME_M, SAME_RAD = 0.002, 0.002  # the solver's own spread; mirrored poses are degrees apart
-CORNER_SIGMA_PX: Final = 0.3  # of a corner after refinement, in an image with noise and a little blur
+CORNER_SIGMA_PX: Final = 0.3  # of a corner after refinement, in an image with noise and slight blur
 DEPTH_SIGMA_M: Final = 0.006  # of a depth reading on black and white print: noise, and the effect of ink
-WORST_CORNER_PX: Final = 4.0  # a tag with a corner farther off was moved, or misread: it is left out
-WORST_RMS_PX: Final = 1.0  # of all corners; more is another lens or another layout
-FLIPPED_CHI2: Final = 16.0  # by so much must the mirrored pose of a flat layout be worse: four sigmas
-WORST_SIGMA_M: Final = 0.02  # of the camera's position; a small distant tag gives it to 10 cm only
+WORST_CORNER_PX: Final = 4.0  # a tag with a corner farther off was moved or misread, and is left out
+WORST_RMS_PX: Final = 1.0  # of all corners; a larger value means another lens or another layout
+FLIPPED_CHI2: Final = 16.0  # lead in chi2 over the mirrored pose of a flat layout: four sigmas
+WORST_SIGMA_M: Final = 0.02  # of the camera's position; a small distant tag gives it only to 10 cm
 WORST_SIGMA_RAD: Final = 0.01  # half a degree: a centimetre at a metre
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkerPose:
-    """T_world_camera (4, 4); rms_px of the corners; sigma_m: of the position, one axis; sigma_rad: of the direction.
+    """The pose by markers: T_world_camera (4, 4); rms_px of the corners; sigma_m: of the position, per axis; sigma_rad:
+    of the direction. corners: number used; markers: ids of the tags, or of the board's markers, they belong to;
+    left_out: ids of tags that do not fit the others.
 
     corners: how many were used; markers: ids of the tags, or of the board's markers, they belong to; left_out: ids of
     tags that do not fit the others.
@@ -241,10 +253,11 @@ class MarkerPose:
 
 
 def place_by_markers(recording: Recording, layout: MarkerLayout) -> tuple[Recording, dict[str, PoseRecord]]:
-    """The recording with poses of all cameras that have an image of markers, and a record of each by camera name.
+    """Return the recording with poses of all cameras that have an image of markers, and their records by camera
+    name.
 
-    Cameras without such an image keep the pose they have, or have none. Raises InputError where no camera has one,
-    where an image does not fit its camera, or where the markers in it do not give the pose.
+    Cameras without such an image keep the pose they have, or have none. Raises InputError where no camera has such an
+    image, where an image does not fit its camera, or where its markers do not give the pose.
     """
     cameras, records = list[Camera](), dict[str, PoseRecord]()
     for camera, background in zip(recording.cameras, recording.backgrounds_m, strict=True):
@@ -269,7 +282,7 @@ def place_by_markers(recording: Recording, layout: MarkerLayout) -> tuple[Record
 
 
 def _read(path: Path, camera: Camera) -> np.ndarray:
-    """(height, width) or (height, width, 3), 8 or 16 bit."""
+    """Read an image (height, width) or (height, width, 3), 8 or 16 bit."""
     image = read_image(path)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise InputError(path, "is not a readable image of 8 or 16 bit", "export it again as PNG")
@@ -283,7 +296,7 @@ def _read(path: Path, camera: Camera) -> np.ndarray:
 def pose_from_markers(
     image: np.ndarray, camera: Camera, layout: MarkerLayout, depth_m: np.ndarray | None = None
 ) -> MarkerPose | NoMarkers:
-    """The camera's pose in Gamma_0 by the markers in one image, or why not.
+    """Find the camera's pose in Gamma_0 by the markers in one image, or return why not.
 
     image (height, width) or (height, width, 3), 8 or 16 bit, of the depth images' geometry; depth_m (height,
     width), 0 = no reading: readings on the markers make the distance more accurate and separate the two poses of a
@@ -301,7 +314,7 @@ def pose_from_markers(
     poses = _candidates(seen, camera)
     while not poses or _worst_corner_px(poses[0][1], seen, camera) > WORST_CORNER_PX:
         numbers = np.unique(seen.marker).tolist()
-        if 2 * (len(left_out) + 1) >= len(numbers) + len(left_out):  # no majority that agrees
+        if 2 * (len(left_out) + 1) >= len(numbers) + len(left_out):  # no majority agrees
             return NoMarkers.INCONSISTENT
         rest = {number: _candidates(seen.without(number), camera) for number in numbers}
         left_out.append(min(numbers, key=lambda number: rest[number][0][0] if rest[number] else np.inf))
@@ -310,7 +323,7 @@ def pose_from_markers(
 
 
 def _candidates(seen: SeenMarkers, camera: Camera) -> list[tuple[float, np.ndarray]]:
-    """(chi2, T_camera_world) of the refined solutions, best first: two where all corners lie in one plane."""
+    """Return (chi2, T_camera_world) of the refined solutions, best first: two where all corners lie in one plane."""
     matrix, distortion = camera.intrinsics.matrix, np.array(camera.intrinsics.distortion)
     spread = np.linalg.svd(seen.world_m - seen.world_m.mean(axis=0), compute_uv=False)
     flat = spread[2] < 1e-3 * spread[0]
@@ -330,7 +343,7 @@ def _candidates(seen: SeenMarkers, camera: Camera) -> list[tuple[float, np.ndarr
 
 
 def _differ(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two solutions are distinct: some starts converge to the same one."""
+    """Return whether two solutions are distinct: some starts converge to the same one."""
     step = invert_rigid(one) @ other
     turn = float(Rotation.from_matrix(step[:3, :3]).magnitude())
     return turn > SAME_RAD or float(np.linalg.norm(step[:3, 3])) > SAME_M
@@ -342,14 +355,14 @@ def _refined(start: np.ndarray, seen: SeenMarkers, camera: Camera) -> tuple[floa
 
 
 def _moved(T_camera_world: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """The pose after a small turn x[:3] and shift x[3:] of the camera frame."""
+    """Return the pose after a small turn x[:3] and shift x[3:] of the camera frame."""
     step = np.eye(4)
     step[:3, :3], step[:3, 3] = Rotation.from_rotvec(x[:3]).as_matrix(), x[3:]
     return np.asarray(step @ T_camera_world)
 
 
 def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.ndarray:
-    """Residuals in standard deviations: corners in the image, depth readings off the marker's plane."""
+    """Return the residuals in standard deviations: corners in the image, and depth readings off the marker's plane."""
     points = transform_points(T_camera_world, seen.world_m)
     off = np.nan_to_num(camera.project(points) - seen.pixel, nan=1e3).ravel() / CORNER_SIGMA_PX
     rows = [off]
@@ -361,7 +374,7 @@ def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.n
         rays = np.concatenate([seen.rays[on], np.ones((int(on.sum()), 1))], axis=1)
         slope = rays @ normal
         predicted = (normal @ place) / np.where(np.abs(slope) > 1e-3, slope, np.inf)
-        # errors of readings on one marker are correlated (ink, calibration of the sensor): all of them count as eight
+        # errors of readings on one marker are correlated (ink, calibration of the sensor): together they count as eight
         rows.append((seen.depth_m[on] - predicted) / DEPTH_SIGMA_M * np.sqrt(min(1.0, 8.0 / max(on.sum(), 1))))
     return np.concatenate(rows)
 
@@ -376,7 +389,7 @@ def _judged(
 ) -> MarkerPose | NoMarkers:
     chi2, T_camera_world = poses[0]
     rows = _rows(T_camera_world, seen, camera)
-    scale = max(1.0, chi2 / max(len(rows) - 6, 1))  # where the corners are worse than assumed, so is all else
+    scale = max(1.0, chi2 / max(len(rows) - 6, 1))  # where the corners are worse than assumed, so is everything else
     if len(poses) > 1 and (poses[1][0] - chi2) / scale < FLIPPED_CHI2:
         return NoMarkers.AMBIGUOUS
     off = camera.project(transform_points(T_camera_world, seen.world_m)) - seen.pixel
@@ -389,7 +402,7 @@ def _judged(
         return NoMarkers.TOO_UNCERTAIN
     covariance = scale * np.linalg.inv(information)
     sigma_rad = float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
-    sigma_m = float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0))  # the camera's shift, whichever way it is turned
+    sigma_m = float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0))  # the camera's shift, in any direction
     if sigma_m > WORST_SIGMA_M or sigma_rad > WORST_SIGMA_RAD:
         return NoMarkers.TOO_UNCERTAIN
     markers = tuple(sorted(set(seen.marker.tolist())))

@@ -1,4 +1,4 @@
-"""A proposal for chi_0: the boxes and tubes that stand near the patient's place in the empty room."""
+"""Propose chi_0: the boxes and tubes that stand near the patient's place in the empty room."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from anchorpose.recording.recording import Recording
 ROUNDS: Final = 3  # readings are assigned to the nearest part, and the parts are fitted again
 SNAP_RAD: Final = np.radians(10.0)  # the error of a bar's direction where another bar's readings are mixed in
 SNAP_WORSE: Final = 1.15  # a snapped part may explain the readings this much worse than a free one
-EXPLAINED_M: Final = 0.015  # of a part's surface: what the part explains
+EXPLAINED_M: Final = 0.015  # of a part's surface: the readings that the part explains
 WELL_M: Final = 0.006  # spread of the readings of a part that fits well, so that it need not be turned
-WORST_RESIDUAL_M: Final = 0.012  # spread of a part's readings about it; more is neither a bar nor a plate
-MOST_HOLLOW: Final = 0.2  # of the rays through a part's core; more pass through where a wrong part was proposed
+WORST_RESIDUAL_M: Final = 0.012  # spread of a part's readings about it; with more it is neither a bar nor a plate
+MOST_HOLLOW: Final = 0.2  # of the rays through a part's core; more of them pass through a wrongly proposed part
 END_SHARE: Final = 0.15  # of a bar's length at each end, left out of its cross-section
-RUNNER_M, SEAT_M = 0.15, 0.30  # heights that separate names
-SAMPLES: Final = 8  # frames by which the place of the patient is found where no pose is given
+RUNNER_M, SEAT_M = 0.15, 0.30  # heights that separate the names of parts
+SAMPLES: Final = 8  # frames that determine the patient's place where no pose is given
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProposedPart:
-    """A part, how far its readings are off it (robust spread), how many there are, and which lengths are guesses."""
+    """A proposed part, the robust distance of its readings, their number, and the lengths that are guessed."""
 
     part: Box | Cylinder
     residual_m: float
@@ -44,19 +44,21 @@ class ProposedPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentProposal:
-    """parts, tallest names first; explained_share: of the readings that stand free, those within 15 mm of a part."""
+    """The proposed parts, tallest names first; explained_share: of the free-standing readings, those within 15 mm of a
+    part.
+    """
 
     parts: tuple[ProposedPart, ...]
     explained_share: float
 
     @property
     def model(self) -> EquipmentModel:
-        """The parts as chi_0."""
+        """Return the parts as chi_0."""
         return EquipmentModel(tuple(proposed.part for proposed in self.parts))
 
 
 class NoEquipment(StrEnum):
-    """Why nothing is proposed."""
+    """The reason why nothing is proposed."""
 
     NOTHING_STANDS = "nothing stands free on the floor near that place"
     NO_SHAPE = "what stands there consists of neither bars nor plates"
@@ -64,7 +66,9 @@ class NoEquipment(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedRoom:
-    """cameras with the poses used; rooms_m: one depth image of the empty room each; the proposal; notes on both."""
+    """The fitted room: cameras with the poses used; rooms_m: one depth image of the empty room each; the proposal;
+    notes on both.
+    """
 
     cameras: tuple[Camera, ...]
     rooms_m: tuple[np.ndarray, ...]
@@ -73,10 +77,10 @@ class FittedRoom:
 
 
 def fit_equipment(recording: Recording, camera: str | None, region: Region) -> FittedRoom:
-    """The equipment in the empty rooms of a recording's cameras, or of the named one alone.
+    """Fit the equipment in the empty rooms of a recording's cameras, or of the named one only.
 
-    Where the poses are given, parts are in their world; one camera without a pose is placed by the floor and by where
-    the patient stands first. Raises InputError where a depth image of the empty room, the floor or the equipment is
+    Where the poses are given, parts are in their world; a single camera without a pose is placed by the floor and the
+    patient's first place. Raises InputError where a depth image of the empty room, the floor or the equipment is
     missing.
     """
     chosen = _with_cameras(recording, camera)
@@ -101,7 +105,7 @@ def fit_equipment(recording: Recording, camera: str | None, region: Region) -> F
 
 
 def _with_cameras(recording: Recording, name: str | None) -> Recording:
-    """The recording with one camera only, or with all; without its equipment, which is to be found."""
+    """Return the recording with one camera, or with all, and without its equipment, which is to be found."""
     names = [camera.name for camera in recording.cameras]
     if name is not None and name not in names:
         raise InputError(recording.folder, f"has no camera '{name}'", f"choose one of {', '.join(names)}")
@@ -122,10 +126,10 @@ def _with_cameras(recording: Recording, name: str | None) -> Recording:
 def propose_equipment(
     cameras: Sequence[Camera], rooms_m: Sequence[np.ndarray], floor_height_m: float, region: Region
 ) -> EquipmentProposal | NoEquipment:
-    """Boxes and tubes that explain the empty room near the patient's place.
+    """Propose the boxes and tubes that explain the empty room near the patient's place.
 
-    cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. Only what is
-    seen is known: a side that no camera sees is placed so that the bar is square, and named in ``guessed``.
+    cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. A side that no
+    camera sees is placed so that the bar is square, and named in ``guessed``.
     """
     readings = gather_readings(cameras, rooms_m, floor_height_m, region)
     if readings.stands.sum() < LEAST_PIXELS:
@@ -151,9 +155,10 @@ def propose_equipment(
 
 
 def _common_yaw(found: Sequence[Found]) -> float:
-    """Direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 where that fits as well.
+    """Return the direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 if that fits as
+    well.
 
-    Right angles make it a mean of four times the angle; longer bars count more.
+    Because of right angles it is the mean of four times the angle; longer bars count more.
     """
     total = 0.0 + 0.0j
     for part in found:
@@ -165,10 +170,10 @@ def _common_yaw(found: Sequence[Found]) -> float:
 
 
 def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
-    """The part with its axes along the vertical and the common directions where they nearly are.
+    """Fit a part with its axes along the vertical and the common directions where they nearly are.
 
-    It is fitted from two starts, because readings of other parts among its own may make one of them too large: then a
-    face settles on the wrong side of the readings.
+    It is fitted from two starts, because readings of other parts among its own may make one start too large: a face
+    then converges to the wrong side of the readings.
     """
     rotation = _snapped(part.rotation, yaw)
     rows = np.flatnonzero(readings.stands)[part.members]
@@ -176,7 +181,7 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
     local = points @ rotation
     seen_from = ((readings.origin_m[rows] - points) @ rotation).mean(axis=0)
     inner = np.ones(len(local), dtype=bool)
-    if not part.plate:  # at a bar's ends, others start from it
+    if not part.plate:  # other bars start from a bar's ends
         ends = np.percentile(local[:, 2], [0, 100]) @ np.array([[1 - END_SHARE, END_SHARE], [END_SHARE, 1 - END_SHARE]])
         inner = (local[:, 2] >= ends[0]) & (local[:, 2] <= ends[1])
     across = slice(0, 2) if not part.plate else slice(2, 3)
@@ -191,7 +196,7 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
 
 
 def _snapped(rotation: np.ndarray, yaw: float) -> np.ndarray:
-    """The rotation of the common frame nearest to this one, or as it is where none is within ``SNAP_RAD``."""
+    """Return the rotation of the common frame nearest to this one, unchanged if none is within ``SNAP_RAD``."""
     common = rotation_about_y(yaw)
     overlap = np.abs(common.T @ rotation)
     choice = int(np.argmax(overlap[:, 2]))
@@ -206,8 +211,7 @@ def _is_snapped(fit: Fit) -> bool:
 
 
 def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[Fit]:
-    """Readings are assigned to the nearest part and every part is fitted to its readings, repeatedly; small leftovers
-    are dropped."""
+    """Assign readings to the nearest part and fit every part to its readings, repeatedly; drop small leftovers."""
     fits = list(fits)
     stands = np.flatnonzero(readings.stands)
     points = readings.points_m[stands]
@@ -229,7 +233,7 @@ def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[
 
 
 def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:
-    """The part with its axes fixed where the common directions explain it, free to turn otherwise."""
+    """Refit the part with its axes fixed if the common directions explain it, else free to turn."""
     straight = refine(fit, readings, own, tubes=tubes)
     if _is_snapped(fit) and straight.residual_m < WELL_M:
         return straight
@@ -238,7 +242,9 @@ def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:
 
 
 def _named(fits: Sequence[Fit], floor_height_m: float) -> list[tuple[str, Fit]]:
-    """post, strut, runner, rail (along X), bar (across), seat, plate; numbered from the patient's left to right."""
+    """Name the parts post, strut, runner, rail (along X), bar (across), seat, plate; numbered from the patient's left
+    to right.
+    """
     kinds = [_kind(fit, floor_height_m) for fit in fits]
     order = sorted(range(len(fits)), key=lambda i: (kinds[i], *np.round(fits[i].center_m[[2, 1, 0]], 2)))
     counts: dict[str, int] = {}

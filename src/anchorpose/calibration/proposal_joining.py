@@ -1,4 +1,4 @@
-"""Proposed parts in the room: pieces joined, bars extended, rays that pass through them, feet on the floor."""
+"""Complete proposed parts in the room: join pieces, extend bars, test rays that pass through, put feet on the floor."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 from anchorpose.calibration.proposal_readings import UNREAD_M, Readings
 from anchorpose.calibration.proposal_shape import LEAST_SUPPORT, REACH_M, Fit
 
-OFF_LINE_M, LARGEST_CUT_M = 0.02, 0.30  # pieces of one bar: aligned, and cut by what is at most as broad as a leg
-SEEN_THROUGH: Final = 4  # rays through a gap that show that nothing is in it
-ALONG_M: Final = 0.01  # a reading so near to the extension of a bar's faces belongs to it; a step along it
+OFF_LINE_M, LARGEST_CUT_M = 0.02, 0.30  # pieces of one bar: aligned, with a gap at most as broad as a leg
+SEEN_THROUGH: Final = 4  # rays through a gap that show that it is empty
+ALONG_M: Final = 0.01  # a reading this near to the extension of a bar's faces belongs to it; also the step along it
 DENSE: Final = 3  # readings in a step: one pixel's breadth of a bar at 3 m has five
-LIES_M: Final = 0.06  # a level bar whose lower side is not seen and so low lies on the floor
-TO_FLOOR_M: Final = 0.12  # an upright bar that ends so low stands on the floor, or in a runner that hides its end
+LIES_M: Final = 0.06  # a level bar with an unseen lower side this low lies on the floor
+TO_FLOOR_M: Final = 0.12  # an upright bar that ends this low stands on the floor, or in a runner that hides its end
 
 
 def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
-    """A bar made longer as far as readings continue in its own cross-section; free (n,) bool: those of no other part.
+    """Extend a bar as far as readings continue in its cross-section; free (n,) bool: readings of no other part.
 
     Readings of other parts may extend it, so that a runner continues behind the post on it, but no bar ends in them.
     """
@@ -35,7 +35,7 @@ def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
 
 
 def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
-    """How far readings continue beyond an end, in steps that each hold some of them; the last step holds free ones."""
+    """Return how far readings continue beyond an end, in steps with some readings each; the last step has free ones."""
     steps = (beyond_m / ALONG_M).astype(int)
     ahead = beyond_m > 0
     count = int(steps[ahead].max(initial=0)) + 2
@@ -46,7 +46,7 @@ def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
 
 
 def merged(fits: Sequence[Fit], readings: Readings) -> list[Fit]:
-    """Pieces of one bar that something else cuts become one, unless rays pass between them."""
+    """Join the pieces of one bar that another object cuts, unless rays pass between them."""
     fits = list(fits)
     for first in range(len(fits)):
         for second in range(first + 1, len(fits)):
@@ -77,7 +77,7 @@ def _join(one: Fit, other: Fit, readings: Readings) -> Fit | None:
 
 
 def _seen_through(bar: Fit, between: np.ndarray, readings: Readings) -> bool:
-    """Whether rays pass through the gap in a bar: then there is nothing in it."""
+    """Return whether rays pass through the gap in a bar, which is then empty."""
     low, high = _core(bar)
     margin = min(0.01, 0.2 * float(np.ptp(between)))
     low[2], high[2] = between[0] + margin, between[1] - margin
@@ -86,7 +86,7 @@ def _seen_through(bar: Fit, between: np.ndarray, readings: Readings) -> bool:
 
 
 def hollow_share(fit: Fit, readings: Readings) -> float:
-    """Share of the rays through a part's core that end beyond it: of a real part, none."""
+    """Return the share of the rays through a part's core that end beyond it: 0 for a real part."""
     passing, ending = _rays_through(fit.rotation, *_core(fit), readings)
     return passing / max(passing + ending, 1)
 
@@ -97,7 +97,7 @@ def _core(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rays_through(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, readings: Readings) -> tuple[int, int]:
-    """How many of the rays that meet a box end beyond it, and how many within it or just before."""
+    """Return how many of the rays that meet a box end beyond it, and how many within it or just before."""
     origin, ray = readings.origin_m @ rotation, readings.ray @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
         one, other = (low - origin) / ray, (high - origin) / ray
@@ -110,7 +110,9 @@ def _rays_through(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, readi
 
 
 def on_its_feet(fit: Fit, readings: Readings, floor_height_m: float) -> Fit:
-    """Down to the floor where the lowest face is lost in the floor's noise or in a runner; nothing below the floor."""
+    """Extend a part to the floor where its lowest face is lost in the floor's noise or in a runner; nothing goes below
+    the floor.
+    """
     upright = np.abs(fit.rotation[1])
     axis = int(np.argmax(upright))
     if upright[axis] < 0.95 or (fit.round and axis < 2):
@@ -127,7 +129,7 @@ def on_its_feet(fit: Fit, readings: Readings, floor_height_m: float) -> Fit:
 
 
 def _lifted(fit: Fit, axis: int, height_m: float, readings: Readings) -> bool:
-    """Whether rays pass between a level part and the floor below it."""
+    """Return whether rays pass between a level part and the floor below it."""
     if height_m < 2.0 * ALONG_M:
         return False
     low, high = _core(fit)
@@ -140,9 +142,9 @@ def _lifted(fit: Fit, axis: int, height_m: float, readings: Readings) -> bool:
 
 
 def guessed_lengths(fit: Fit, floor_height_m: float) -> tuple[str, ...]:
-    """Lengths that no camera sees: a side along which all of them look, an end that nothing places.
+    """Return the lengths that no camera sees: a side along which all cameras look, or an end without readings.
 
-    What stands on the floor ends there.
+    A part that stands on the floor ends there.
     """
     names = ("breadth", "thickness", "length") if not fit.plate else ("length", "breadth", "thickness")
     unplaced = fit.support < LEAST_SUPPORT
@@ -155,7 +157,7 @@ def guessed_lengths(fit: Fit, floor_height_m: float) -> tuple[str, ...]:
 
 
 def _on_floor(fit: Fit, axis: int, sides: np.ndarray, floor_height_m: float) -> bool:
-    """Whether the only unseen face along this axis lies on the floor."""
+    """Return whether the only unseen face along this axis lies on the floor."""
     upright = fit.rotation[1, axis]
     if abs(upright) < 0.99 or sides.all():
         return False

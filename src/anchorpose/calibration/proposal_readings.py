@@ -1,4 +1,4 @@
-"""Gather what stands free on the floor near the patient's place, and find where a bar or a plate may be in it."""
+"""Gather free-standing objects near the patient's place, and find bars and plates in them."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ FREE_SHARE: Final = 0.5  # least share of an object's pixels near the patient's 
 BEYOND_PX: Final = 14  # pixels around a free-standing object whose rays pass by it
 UNREAD_M: Final = 100.0  # m, depth assumed for a large area without readings: the room there is out of range
 UNREAD_PX: Final = 21  # pixels, width of such an area; the side of a tube at a grazing angle is unread but narrower
-TOP_M: Final = 2.2  # above the floor; lamps and ceiling lifts are not what the patient holds
+TOP_M: Final = 2.2  # above the floor; lamps and ceiling lifts are not part of the equipment
 
 
 @settings
 class Region:
-    """An upright cylinder: where equipment is sought."""
+    """An upright cylinder in which equipment is searched."""
 
     center_xz_m: tuple[float, float] = (0.0, 0.0)  # Gamma_0's origin lies where the patient stands
     radius_m: Positive = 1.0  # a standing frame is a metre long and as wide, measured from its middle
@@ -39,9 +39,9 @@ class Region:
 class Readings:
     """Readings of all cameras' empty rooms in and around the region, world frame, one row per pixel.
 
-    origin_m (n, 3): the camera that looked; ray (n, 3): one metre of depth long; depth_m (n,), ``UNREAD_M`` where
-    nothing was read; sigma_m (n,): noise of the depth; pixel_m (n,): breadth of a pixel there; stands (n,) bool: on an
-    object that stands free in the region, False where the ray passes by or ends beyond.
+    origin_m (n, 3): the camera that looked; ray (n, 3): one metre of depth long; depth_m (n,), ``UNREAD_M`` without a
+    reading; sigma_m (n,): noise of the depth; pixel_m (n,): breadth of a pixel there; stands (n,) bool: on a
+    free-standing object in the region, False where the ray passes by or ends beyond.
     """
 
     origin_m: np.ndarray
@@ -53,15 +53,16 @@ class Readings:
 
     @property
     def points_m(self) -> np.ndarray:
-        """(n, 3) where each ray ends."""
+        """Return (n, 3) where each ray ends."""
         return self.origin_m + self.ray * self.depth_m[:, None]
 
 
 def gather_readings(
     cameras: Sequence[Camera], rooms_m: Sequence[np.ndarray], floor_height_m: float, region: Region
 ) -> Readings:
-    """All cameras together; rooms_m: one (height, width) float32 depth image of the empty room per camera, 0 = no
-    reading."""
+    """Gather the readings of all cameras; rooms_m: one (height, width) float32 depth image of the empty room per
+    camera, 0 = no reading.
+    """
     each = [_of_one_camera(camera, room, floor_height_m, region) for camera, room in zip(cameras, rooms_m, strict=True)]
     return Readings(*(np.concatenate(rows) for rows in zip(*each, strict=True)))
 
@@ -87,10 +88,12 @@ def _of_one_camera(camera: Camera, room_m: np.ndarray, floor_height_m: float, re
 
 
 def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_m: float, region: Region) -> np.ndarray:
-    """(height, width) bool: above the floor, in the region, and part of an object that mostly lies in it."""
+    """Return (height, width) bool: pixels above the floor, in the region, and part of an object that lies mostly in
+    it.
+    """
     points = transform_points(camera.require_pose(), camera.back_project(room_m).astype(np.float64))
     height = points[..., 1] - floor_height_m
-    lift = abs(camera.position_m[1] - floor_height_m)  # depth noise a z^2 is a z h across a floor h below
+    lift = abs(camera.position_m[1] - floor_height_m)  # depth noise a z^2 becomes a z h across a floor h below
     standing = (room_m > 0) & (height > TOLERANCES_M[0] + FLOOR_SIGMAS * noise * room_m * lift)
     limit = JUMP_M + JUMP_SIGMAS * noise * room_m**2
     supported = _support(room_m, standing, limit) >= SUPPORT
@@ -105,14 +108,16 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
 
 
 def _uncertain(room_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """(height, width) bool: pixels beside what stands free, not clearly behind it: mixed, or the same object."""
+    """Return (height, width) bool: pixels beside free-standing objects, not clearly behind them: mixed, or the same
+    object.
+    """
     nearest = np.where(stands, room_m, 0.0).astype(np.float32)
     around = cv2.dilate(nearest, np.ones((5, 5), np.uint8))
     return (around > 0) & (room_m < around + 3.0 * JUMP_M) & ~stands
 
 
 def _support(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """(height, width) how many of a pixel's eight neighbours lie within the limit of its depth."""
+    """Return how many (height, width) of a pixel's eight neighbours lie within the limit of its depth."""
     padded, inside = np.pad(room_m, 1), np.pad(mask, 1)
     count = np.zeros(room_m.shape, np.int64)
     height, width = room_m.shape
@@ -125,7 +130,9 @@ def _support(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> np.ndar
 
 
 def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, int]:
-    """(height, width) int: number of the connected object, -1 outside of the mask; and how many there are."""
+    """Return the number (height, width) int of the connected object, -1 outside of the mask; and the number of
+    objects.
+    """
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(mask.sum())
     pairs = []
@@ -143,13 +150,13 @@ def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[n
 
 BAR_RADIUS_M: Final = 0.055  # from a bar's middle line to its surface: tubes of 3 cm to pads of 9 cm
 SURROUNDINGS_M: Final = 0.10  # a bar has nothing beside it up to here, a strip of a plate has
-MOST_BESIDE: Final = 0.5  # of a bar's own pixels: other bars that start from it
+MOST_BESIDE: Final = 0.5  # readings beside a bar over its own pixels: other bars that start from it
 LEAST_LENGTH_M: Final = 0.15  # shorter pieces are handles, screws and corners
-SLENDERNESS: Final = 2.5  # length over breadth, below which nothing is a bar
-GAP_M: Final = 0.06  # without readings along a bar: what another bar hides
-SEEDS: Final = 120  # places from which a bar is sought, drawn again for each bar
+SLENDERNESS: Final = 2.5  # length over breadth; below it nothing is a bar
+GAP_M: Final = 0.06  # without readings along a bar: hidden by another bar
+SEEDS: Final = 120  # places from which a bar is searched, drawn again for each bar
 NEAR_M: Final = 0.12  # points around a seed that give a direction: twice a thick bar's breadth
-LEAST_PIXELS: Final = 40  # of a bar or plate: fewer give no direction
+LEAST_PIXELS: Final = 40  # of a bar or plate; fewer give no direction
 PLATE_RADIUS_M: Final = 0.09  # m, radius of the disc that readings fill on a plate but never on a bar
 PLATE_FILLED: Final = 0.85  # share of the disc's cells with readings, from which it counts as filled
 PLATE_FLATNESS_M: Final = 0.02  # noise and upholstery
@@ -160,7 +167,7 @@ MOST_PARTS: Final = 40  # of one piece of equipment
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """A part as detected: rotation (3, 3), columns its axes, a bar's longest or a plate's normal last.
+    """A detected part: rotation (3, 3) with its axes as columns, a bar's longest or a plate's normal last.
 
     low, high (3,): extent of its visible points along the axes, from ``center_m``; members: their indices.
     """
@@ -174,7 +181,7 @@ class Found:
 
 
 def find_parts(points_m: np.ndarray) -> list[Found]:
-    """Plates first, then bars, the one with most pixels first; its points are removed before the next is sought."""
+    """Find plates first, then bars, the largest first; the points of each are removed before the next search."""
     rng = np.random.default_rng(0)
     left = np.arange(len(points_m))
     parts: list[Found] = []
@@ -189,7 +196,7 @@ def find_parts(points_m: np.ndarray) -> list[Found]:
 
 
 def _inside(points_m: np.ndarray, part: Found, margin_m: float, margin_last_m: float) -> np.ndarray:
-    """(n,) bool: within the part's extent and a margin, another one along its last axis."""
+    """Return (n,) bool: points within the part's extent and a margin, which differs along its last axis."""
     local = (points_m - part.center_m) @ part.rotation
     margin = np.array([margin_m, margin_m, margin_last_m])
     return np.asarray(((local > part.low - margin) & (local < part.high + margin)).all(axis=1))
@@ -213,7 +220,7 @@ def _best_bar(points_m: np.ndarray, left: np.ndarray, rng: np.random.Generator) 
 
 
 def _grow_line(points: np.ndarray, place: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Points (n,) bool on the bar through a place, and its direction; None where it is not a bar."""
+    """Return the points (n,) bool on the bar through a place, and its direction; None if there is no bar."""
     middle = place
     radius = 1.5 * BAR_RADIUS_M
     for _ in range(6):
@@ -226,7 +233,7 @@ def _grow_line(points: np.ndarray, place: np.ndarray, axis: np.ndarray) -> tuple
         if chosen.sum() < LEAST_PIXELS:
             return None
         middle, axis = points[chosen].mean(axis=0), _main_direction(points[chosen])
-        # a thin tube is limited to its own breadth, so that the bars it meets do not turn it
+        # a thin tube is limited to its own breadth, so that adjoining bars do not turn it
         radius = float(np.clip(2.5 * np.median(across[chosen]), 0.4 * BAR_RADIUS_M, BAR_RADIUS_M))
     along, across = _cylindrical(points, middle, axis)
     chosen = (across < radius) & (along >= along[chosen].min()) & (along <= along[chosen].max())
@@ -246,7 +253,7 @@ def _cylindrical(points: np.ndarray, middle: np.ndarray, axis: np.ndarray) -> tu
 
 
 def _unbroken(along: np.ndarray, on_line: np.ndarray) -> tuple[float, float] | None:
-    """The stretch around 0 that has no gap longer than ``GAP_M``."""
+    """Return the stretch around 0 without a gap longer than ``GAP_M``."""
     places = np.sort(along[on_line])
     if not len(places):
         return None
@@ -263,7 +270,7 @@ def _main_direction(points: np.ndarray) -> np.ndarray:
 
 
 def _bar(points_m: np.ndarray, members: np.ndarray, axis: np.ndarray) -> Found:
-    """Cross-section along the vertical where the bar has one, so that its sides are upright and level."""
+    """Make a bar whose cross-section has a vertical axis, if possible, so that its sides are upright and level."""
     upward = np.array([0.0, 1.0, 0.0]) if abs(axis[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
     side = np.cross(upward, axis)
     side /= np.linalg.norm(side)
@@ -294,7 +301,7 @@ def _best_plate(points_m: np.ndarray, left: np.ndarray, rng: np.random.Generator
 
 
 def _filled(offset: np.ndarray, axes: np.ndarray) -> float:
-    """Share of a disc's cells that hold a point."""
+    """Return the share of a disc's cells that contain a point."""
     reach = int(PLATE_RADIUS_M / CELL_M)
     cell = np.rint(offset @ axes[:, 1:] / CELL_M).astype(int)
     cell = cell[(np.abs(cell) <= reach).all(axis=1)] + reach
@@ -306,7 +313,7 @@ def _filled(offset: np.ndarray, axes: np.ndarray) -> float:
 
 
 def _grow_plate(points_m: np.ndarray, left: np.ndarray, place: np.ndarray, axes: np.ndarray) -> Found | None:
-    """The connected part of the plane around a place, in its smallest rectangle; None where that is a bar's."""
+    """Return the connected part of the plane around a place, in its smallest rectangle; None if that is a bar's."""
     offset = points_m[left] - place
     on_plane = np.abs(offset @ axes[:, 0]) < PLATE_FLATNESS_M
     flat = offset[on_plane] @ axes[:, 1:]

@@ -1,4 +1,6 @@
-"""The faces of one part by robust least squares: readings lie on its surface, and rays that end beyond it miss it."""
+"""Fit the faces of one part by robust least squares: readings lie on its surface, and rays that end beyond it miss
+it.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +18,17 @@ from anchorpose.calibration.proposal_readings import Readings
 from anchorpose.recording.equipment import Box, Cylinder
 
 LEAST_SIGMA_M: Final = 0.003  # tubes are not straighter than this, nor are cameras placed better
-REACH_M: Final = 0.03  # from a part: readings that are its own
-BEYOND_M: Final = 0.05  # a ray that ends this far behind a part has passed it by
+REACH_M: Final = 0.03  # distance to a part within which readings are its own
+BEYOND_M: Final = 0.05  # a ray that ends this far behind a part has passed it
 STEP_M: Final = 0.015  # half a thin plate's thickness
-ROWS: Final = 300  # readings and as many rays for one part: faces to half a millimetre
-TRIALS: Final = 25  # of the solver; most converge after ten
-SQUARE_SIGMA_M: Final = 0.02  # how far from square a bar's cross-section usually is; any visible side overrules it
+ROWS: Final = 300  # readings, and as many rays, for one part: faces are precise to half a millimetre
+TRIALS: Final = 25  # of the solver; most fits converge after ten
+SQUARE_SIGMA_M: Final = 0.02  # usual deviation of a bar's cross-section from a square; any visible side overrules it
 PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # a seat's thickness where its edge is not seen
-ASLANT: Final = 0.4  # sine of 24 degrees: a 5 cm bar seen at this angle shows three pixels of its side
-ASSUMED: Final = 20.0  # where no camera sees a side, the bar is assumed square
+ASLANT: Final = 0.4  # sine of 24 degrees: a 5 cm bar at this angle shows three pixels of its side
+ASSUMED: Final = 20.0  # weight where no camera sees a side: the bar is assumed square
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, limits of a bar's cross-section; broader parts, as pads, are plates
-END_SIGMA_M: Final = 0.05  # an end without evidence stays where its last reading is
+END_SIGMA_M: Final = 0.05  # an end without evidence stays at its last reading
 ROUNDER: Final = 1.12  # a tube is chosen where it costs at most this many times the bar, which has one more free length
 LEAST_SUPPORT: Final = 12  # readings or passing rays at a face, below which its place is a guess
 
@@ -37,7 +39,7 @@ class Fit:
 
     rotation (3, 3): T_world_local's; low, high (3,): faces along the axes, from the world's origin. A round part has
     the same breadth along the first two. cost: of the fit, per reading; residual_m: robust spread of the readings about
-    the surface; support (3, 2): readings and passing rays that place each face; readings: how many lie on it.
+    the surface; support (3, 2): readings and passing rays that place each face; readings: number on the part.
     """
 
     rotation: np.ndarray
@@ -53,33 +55,33 @@ class Fit:
 
     @property
     def size_m(self) -> np.ndarray:
-        """(3,) edge lengths along the axes."""
+        """Return the edge lengths (3,) along the axes."""
         return self.high - self.low
 
     @property
     def center_m(self) -> np.ndarray:
-        """(3,) world."""
+        """Return the centre (3,), world."""
         middle: np.ndarray = self.rotation @ ((self.low + self.high) / 2.0)
         return middle
 
     @property
     def axis(self) -> np.ndarray:
-        """(3,) world: a bar's direction, a plate's normal."""
+        """Return a bar's direction or a plate's normal, (3,), world."""
         return self.rotation[:, 2]
 
     def part(self, name: str) -> Box | Cylinder:
-        """As equipment.json has it."""
+        """Return the part as equipment.json has it."""
         if self.round:
             return Cylinder(name, self.center_m, self.axis, float(self.size_m[0] / 2.0), float(self.size_m[2]))
         return Box(name, self.center_m, self.size_m, self.rotation)
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
-        """(n,) signed distance to the surface."""
+        """Return the signed distance (n,) to the surface."""
         return self.part("").distance_m(points_m)
 
 
 def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bool, seen_from: np.ndarray) -> Fit:
-    """A part by its visible points, made as thick as it is broad away from the camera, seen_from (3,) local."""
+    """Make a part from its visible points, as thick as it is broad away from the camera; seen_from (3,) local."""
     low, high = low.copy(), high.copy()
     size = high - low
     for axis, other in ((0, 1), (1, 0)) if not plate else ((2, 2),):
@@ -93,9 +95,9 @@ def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bo
 
 
 def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tubes: bool = False) -> Fit:
-    """The box that explains the readings best or, with tubes, the tube where that is about as good.
+    """Fit the box that explains the readings best or, with tubes, the tube if it is about as good.
 
-    own (n,) bool: readings that lie on this part. turn: the axes may turn too.
+    own (n,) bool: readings on this part. turn: whether the axes may turn too.
     """
     evidence = _evidence(fit, readings, own)
     fit = replace(fit, blind=_blind(fit, readings.origin_m[own]))
@@ -108,7 +110,8 @@ def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tu
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Evidence:
-    """points_m (n, 3) with sigma_m (n,), and hitting_m (n, k, 3): places on their rays, which hit the part.
+    """The evidence of one part. points_m (n, 3) with sigma_m (n,), and hitting_m (n, k, 3): places on their rays, which
+    hit the part. passing_m (m, k, 3): places on rays that miss the part. *_sigma_m (n,), (m,): half a pixel's breadth.
 
     passing_m (m, k, 3): places on rays that miss the part. *_sigma_m (n,), (m,): half a pixel's breadth.
     """
@@ -143,7 +146,9 @@ def _evidence(fit: Fit, readings: Readings, own: np.ndarray) -> _Evidence:
 
 
 def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
-    """(3,) bool: axes across the part along which all cameras that see it look; its outline shows the other ones."""
+    """Return (3,) bool: axes across the part along which all cameras that see it look; its outline shows the other
+    axes.
+    """
     view = (np.unique(origins_m, axis=0) - fit.center_m) @ fit.rotation
     blind = np.zeros(3, dtype=bool)
     if fit.plate:
@@ -156,7 +161,9 @@ def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
 
 
 def _along_rays(readings: Readings, rows: np.ndarray, near: np.ndarray, thick_m: float) -> np.ndarray:
-    """(n, k, 3) places on rays, around where they come nearest to the part, no farther apart than a bar is thick."""
+    """Return places (n, k, 3) on rays around their nearest approach to the part, no farther apart than a bar is
+    thick.
+    """
     length = np.linalg.norm(readings.ray[rows], axis=1)
     count = max(5, int(np.ceil(2.0 * thick_m / STEP_M)))
     along = near[rows, None] + np.linspace(-1.0, 1.0, count) * thick_m / length[:, None]
@@ -165,13 +172,13 @@ def _along_rays(readings: Readings, rows: np.ndarray, near: np.ndarray, thick_m:
 
 
 def _nearest_distance(places_m: np.ndarray, fit: Fit) -> np.ndarray:
-    """(n,) least signed distance of the places (n, k, 3) of each ray."""
+    """Return the least signed distance (n,) of the places (n, k, 3) of each ray."""
     distance = _local_distance(places_m.reshape(-1, 3), fit).reshape(places_m.shape[:2])
     return np.asarray(distance.min(axis=1, initial=1.0))
 
 
 def _closest_approach(fit: Fit, readings: Readings) -> tuple[np.ndarray, np.ndarray]:
-    """Depth at which each ray comes nearest to a part's middle line, and how near."""
+    """Return the depth at which each ray is nearest to a part's middle line, and the distance there."""
     long = int(np.argmax(fit.size_m))
     center_m, axis, half_m = fit.center_m, fit.rotation[:, long], fit.size_m[long] / 2.0
     offset = readings.origin_m - center_m
@@ -198,7 +205,7 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
         if fit.round:
             middle, half = x[:2], np.maximum(x[3], THINNEST_M) / 2.0
             low[:2], high[:2] = middle - half, middle + half
-        # turned about the middle: the faces' places along the new axes follow it
+        # turned about the middle: the faces' places along the new axes follow
         return replace(fit, rotation=rotation, low=low, high=high)
 
     def rows(x: np.ndarray) -> np.ndarray:
@@ -212,7 +219,7 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
     x = np.concatenate([(fit.low + fit.high) / 2.0, fit.size_m, np.zeros(3 if turn else 0)])
     scale = np.concatenate([np.full(6, 0.01), np.full(len(x) - 6, 0.02)])
     seen = len(evidence.points_m) + len(evidence.passing_m) + len(evidence.hitting_m)
-    for kernel in (_soft_l1, _cauchy):  # the first pulls it out of what rays pass through, the second rejects outliers
+    for kernel in (_soft_l1, _cauchy):  # the first pulls the part out of passing rays, the second rejects outliers
         loss = partial(_robust_loss, kernel, seen)
         found = least_squares(rows, x, loss=loss, f_scale=2.0, max_nfev=TRIALS, x_scale=scale)
         x = found.x
@@ -220,7 +227,7 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
 
 
 def _robust_loss(kernel: Callable[[np.ndarray], np.ndarray], seen: int, z: np.ndarray) -> np.ndarray:
-    """Only measurements may be outliers: assumptions keep their full weight."""
+    """Compute the robust loss. Only measurements may be outliers: assumptions keep their full weight."""
     rho = np.stack([z, np.ones_like(z), np.zeros_like(z)])
     rho[:, :seen] = kernel(z[:seen])
     return rho
@@ -236,14 +243,14 @@ def _cauchy(z: np.ndarray) -> np.ndarray:
 
 
 def _too_broad(x: np.ndarray, fit: Fit) -> np.ndarray:
-    """Residuals that keep a bar from becoming broader than bars are, or a plate thicker."""
+    """Return residuals that keep a bar from becoming broader than bars are, or a plate thicker."""
     across = x[5:6] if fit.plate else x[3:5]
     rows: np.ndarray = np.maximum(across - BROADEST_M, 0.0) / 1e-3
     return rows
 
 
 def _assumptions(x: np.ndarray, fit: Fit) -> np.ndarray:
-    """Residuals of the assumptions where nothing is seen: bars are square, plates are thin."""
+    """Return the residuals of the assumptions for unseen sides: bars are square, plates are thin."""
     weight = ASSUMED if fit.blind.any() else 1.0
     if fit.plate:
         return np.array([weight * (x[5] - PLATE_M) / PLATE_SIGMA_M])

@@ -1,4 +1,4 @@
-"""The world frame and the pose of every camera in it (paper, Section III: tau_0,i)."""
+"""Find the world frame and the pose of every camera in it (paper, Section III: tau_0,i)."""
 
 from __future__ import annotations
 
@@ -32,9 +32,11 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording, depths_of
 
-TILTED_RAD: Final = 0.035  # two degrees between a measured floor and the world's: a metre away a foot is 3.5 cm off
-WORST_FLOOR_TILT_RAD: Final = 0.07  # four degrees: floors are level to one, lenses bend them by one; the pose is wrong
-UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15  # between the heights of one floor in two cameras, each 10 cm off; known to 2 cm
+TILTED_RAD: Final = 0.035  # two degrees between a measured floor and the world's: a foot a metre away is 3.5 cm off
+# four degrees: floors are level to one, lenses bend them by one; beyond, the pose is wrong
+WORST_FLOOR_TILT_RAD: Final = 0.07
+# between one floor's heights in two cameras, each 10 cm off; they are known to 2 cm
+UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15
 
 
 def find_world(
@@ -45,12 +47,12 @@ def find_world(
     choose_heading: ChooseHeading | None = None,
     rough_clocks: bool = False,
 ) -> Calibration:
-    """Poses of all cameras: as given, from the equipment, or from the floor and the people.
+    """Find the poses of all cameras: as given, from the equipment, or from the floor and the people.
 
-    sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without, found
-    worlds have Y up, the origin on the floor below the patient's start, and X from the patient towards the camera: the
-    patient is assumed to face it, and a note says so; other cameras are placed against the first by the people they
-    see (``placing``). rough_clocks: the clocks are known to 50 ms only, so these placements may be less accurate.
+    sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without it, the
+    world has Y up, the origin on the floor below the patient's first place, and X from the patient towards the camera:
+    the patient is assumed to face it, which a note states. Other cameras are placed relative to the first by the people
+    they see (``placing``). rough_clocks: the clocks are known to 50 ms only, so these placements may be less accurate.
     Raises InputError where poses are missing and cannot be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
@@ -74,7 +76,7 @@ def find_world(
 
 
 def _given_world(recording: Recording, sample_frames: Sequence[FrameSet], config: EquipmentPoseConfig) -> Calibration:
-    """The given poses, with notes where the floor or the equipment contradicts them."""
+    """Return the given poses, with notes where the floor or the equipment contradicts them."""
     floors = _floors(recording, sample_frames)
     world = _checked(recording.cameras, floors, "the cameras' given poses are used")
     upside_down = _upside_down(recording, sample_frames, floors)
@@ -100,7 +102,7 @@ def _equipment_world(
 
 
 def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[FloorPlane | NoFloor]:
-    """The floor that each camera sees in its empty room or, without one, in the sampled frames."""
+    """Find the floor that each camera sees in its empty room or, without one, in the sampled frames."""
     return [
         floor_of_room(camera, recording.backgrounds_m[index], depths_of(sample_frames, index))
         for index, camera in enumerate(recording.cameras)
@@ -110,7 +112,7 @@ def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[Flo
 def _upside_down(
     recording: Recording, sample_frames: Sequence[FrameSet], floors: Sequence[FloorPlane | NoFloor]
 ) -> tuple[PoseDoubt, ...]:
-    """A doubt about each camera that shows people on a floor above their heads."""
+    """Return a doubt about each camera that shows people on a floor above their heads."""
     found = []
     for index, (camera, floor) in enumerate(zip(recording.cameras, floors, strict=True)):
         if is_upside_down(floor, camera, recording.backgrounds_m[index], depths_of(sample_frames, index)):
@@ -121,7 +123,7 @@ def _upside_down(
 
 
 def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor], first_note: str) -> Calibration:
-    """Cameras with poses, and how well the floors they see agree with these poses."""
+    """Return the cameras with poses, and how well their floors agree with these poses."""
     residuals, heights, notes, doubts = [], dict[str, float](), [first_note], list[PoseDoubt]()
     for camera, floor in zip(cameras, floors, strict=True):
         if isinstance(floor, NoFloor):
@@ -139,7 +141,7 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
             doubts.append(PoseDoubt(DoubtSource.FLOOR, (camera.name,), sentence, off_m, refuted))
         if tilt > WORST_FLOOR_TILT_RAD:
             continue
-        # The floor's height where the camera looks: below the camera a small tilt would be a lever.
+        # the floor's height where the camera looks: below the camera a small tilt would act as a lever
         ahead = floor.height_m / max(0.2, float(-floor.up @ [0.0, 0.0, 1.0])) * np.array([0.0, 0.0, 1.0])
         on_floor = ahead - (floor.up @ ahead + floor.height_m) * floor.up
         heights[camera.name] = float(transform_points(T_world_camera, on_floor)[1])
@@ -150,7 +152,7 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
 
 
 def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
-    """A doubt where cameras have one floor at different heights: about the one that is farthest from the others."""
+    """Return a doubt if cameras have one floor at different heights, about the camera farthest from the others."""
     if len(heights_m) < 2:
         return []
     values = np.array(list(heights_m.values()))
@@ -168,7 +170,7 @@ def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
 def _from_one_camera(
     recording: Recording, sample_frames: Sequence[FrameSet], floor: FloorPlane | NoFloor
 ) -> Calibration:
-    """The world of the first camera's floor and of the patient's start."""
+    """Return the world from the first camera's floor and the patient's first place."""
     camera = recording.cameras[0]
     notes, residuals = [], []
     if isinstance(floor, FloorPlane):
@@ -193,7 +195,7 @@ def _with_other_cameras(
     placing: PlacingConfig,
     rough_clocks: bool,
 ) -> Calibration:
-    """The other cameras placed against the first, whose world is known."""
+    """Place the other cameras relative to the first, whose world is known."""
     found = find_camera_to_camera(recording, floors, placing, rough_clocks)
     if isinstance(found, NoCameraToCamera):
         remedy = "give every camera_to_world, record people who walk in view of all cameras, or keep one camera"
@@ -218,7 +220,9 @@ def _with_other_cameras(
 
 
 def _world_at(origin_camera_m: np.ndarray, up_camera: np.ndarray) -> np.ndarray:
-    """T_world_camera (4, 4) with the origin at a camera point, Y along ``up_camera``, X level towards the camera."""
+    """Return T_world_camera (4, 4) with the origin at a camera point, Y along ``up_camera``, X level towards the
+    camera.
+    """
     towards = -origin_camera_m + (up_camera @ origin_camera_m) * up_camera
     forward = towards / np.linalg.norm(towards)
     R_world_camera = np.stack([forward, up_camera, np.cross(forward, up_camera)])

@@ -27,16 +27,16 @@ from anchorpose.isolation.view import View
 NOISY_PER_M: Final = 2 * 1.425e-3  # of a Kinect v1, the noisiest common camera: Khoshelham and Elberink 2012
 SOME_GONE, MOST_GONE = 0.40, 0.70  # of the image: 0.05 to 0.35 indoors, where windows and far walls return nothing
 HOLED: Final = 0.15  # of the patient's outline: hair and shoes are less
-BURST: Final = 1.3  # of the usual noise in a single frame: within 10 % from frame to frame of undisturbed cameras
-GONE: Final = 0.05  # of the image that suddenly has no reading: a person who passes shadows less
+BURST: Final = 1.3  # of the usual noise in a single frame: undisturbed cameras stay within 10 % between frames
+GONE: Final = 0.05  # of the image that suddenly has no reading: the shadow of a passing person is less
 OFTEN_BURST: Final = 0.25  # of the frames
-UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # of the image that gains or loses its reading: 0.03 of edges and people
-SPECK_PX: Final = 7  # holes between two pixels that are read, in the patient's outline
-LEAST_SAMPLES: Final = 5  # frames, for what changes from one to another
+UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # of the image that gains or loses its reading: 0.03 at edges and people
+SPECK_PX: Final = 7  # holes between two read pixels, in the patient's outline
+LEAST_SAMPLES: Final = 5  # frames, to measure changes between them
 
 
 def check_depth(material: Material) -> list[Finding]:
-    """Each a finding over all cameras."""
+    """Return findings, each over all cameras."""
     noise, detail, room, steady, holes = (list[OfCamera]() for _ in range(5))
     for index, (camera, frames) in enumerate(material.by_camera()):
         distance_m = material.distance_m(index)
@@ -98,9 +98,10 @@ def _missing(depth_m: np.ndarray, camera: Camera) -> float:
 def _steady(
     camera: Camera, frames_m: Sequence[np.ndarray], successive_m: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> OfCamera:
-    """Frames that are noisier or emptier than the others, and readings that come and go from frame to frame.
+    """Return findings on frames that are noisier or emptier than the others, and on readings that come and go between
+    frames.
 
-    Light of another camera that is not synchronised comes and goes, in all of the image at once.
+    Light of an unsynchronised camera comes and goes in the whole image at once.
     """
     if len(frames_m) < LEAST_SAMPLES:
         return OfCamera(camera.name, Level.GREEN, "too few frames to compare")
@@ -114,7 +115,9 @@ def _steady(
 
 
 def _disturbed(camera: Camera, frames_m: Sequence[np.ndarray]) -> np.ndarray:
-    """(n,) bool: frames with more noise, or fewer readings, than the others. People alone fill more or less of it."""
+    """Return (n,) bool: frames with more noise, or fewer readings, than the others. People change both only
+    slightly.
+    """
     noise = np.array([noise_per_m([frame]) if np.count_nonzero(frame) else np.inf for frame in frames_m])
     missing = np.array([_missing(frame, camera) for frame in frames_m])
     emptier = missing > np.median(missing) + GONE
@@ -124,7 +127,7 @@ def _disturbed(camera: Camera, frames_m: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _holes(camera: Camera, views: Sequence[View]) -> OfCamera:
-    """Share of the patient's outline without a reading."""
+    """Return a finding on the share of the patient's outline without a reading."""
     shares = [share for view in views if np.isfinite(share := _hole_share(view))]
     if not shares:
         return OfCamera(camera.name, Level.GREEN, "the patient is not in view")
@@ -142,24 +145,24 @@ def _hole_share(view: View) -> float:
 
 
 NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0  # depth cameras have 43 (a cropped RealSense) to 120 (Azure Kinect, wide)
-OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25  # of the image's size: real lenses are 3 % off; more is another image size
+OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25  # of the image's size: real lenses are 3 % off; more means another image size
 UNEQUAL: Final = 0.10  # between fx and fy: pixels are square
 BENT_M, STRONGLY_BENT_M = 0.03, 0.08  # floors are flat to 2 cm; a bend of 8 moves feet by as much
-ON_FLOOR_M: Final = 0.12  # from the plane: higher is what stands on the floor
+ON_FLOOR_M: Final = 0.12  # from the plane: higher readings are objects on the floor
 RINGS: Final = 6
-LEAST_READINGS: Final = 300  # of one ring, for its median
+LEAST_READINGS: Final = 300  # readings of one ring, for its median
 LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # rooms have right angles; planes of 3 % of the image are measured to 1 degree
-UPRIGHT_DEG: Final = 35.0  # from upright: beyond this it is a ramp or a sloping ceiling, no wall
-FACING: Final = 0.5  # cosine between a wall and the view: the corner of others with the floor stays right anyway
-PARALLEL: Final = 0.996  # the same, 5 degrees: what is cut off at the sensor's range is within 2
-SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # adults stand 1.4 to 2.1 m tall, sit 1.1 to 1.4
+UPRIGHT_DEG: Final = 35.0  # from upright: beyond it is a ramp or a sloping ceiling, not a wall
+FACING: Final = 0.5  # cosine between a wall and the view: other walls keep a right angle with the floor anyway
+PARALLEL: Final = 0.996  # the same, 5 degrees: walls cut off at the sensor's range are within 2
+SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # adults are 1.4 to 2.1 m tall standing, 1.1 to 1.4 sitting
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"
 NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # where depth cameras measure
 
 
 def check_lens(material: Material) -> list[Finding]:
-    """Field of view; floor and walls through the lens; the size of the room and of the person."""
+    """Return findings on the field of view, on floor and walls through the lens, and on the size of room and person."""
     fields = of_cameras("field of view", [_field_of(camera) for camera in material.cameras])
     return [fields, *_room_through_lens(material), _size(material)]
 
@@ -178,13 +181,15 @@ def _field_of(camera: Camera) -> OfCamera:
 
 
 def _angle_deg(rays: np.ndarray) -> float:
-    """From the first to the last ray of a line of pixels (n,), the tangents of their angles; NaN without a ray."""
+    """Return the angle from the first to the last ray of a line of pixels (n,), given as tangents; NaN without a
+    ray.
+    """
     known = rays[np.isfinite(rays)]
     return float(np.degrees(np.arctan(known[-1]) - np.arctan(known[0]))) if len(known) else float("nan")
 
 
 def _room_through_lens(material: Material) -> list[Finding]:
-    """How flat the floor and how upright the walls are; nothing where no camera sees a floor."""
+    """Return findings on how flat the floor and how upright the walls are; none where no camera sees a floor."""
     flat, upright = list[OfCamera](), list[OfCamera]()
     for scene in material.floor_scenes:
         room, camera = scene.background, scene.camera
@@ -204,10 +209,10 @@ def _room_through_lens(material: Material) -> list[Finding]:
 
 
 def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
-    """How far the floor's medians in rings about the axis differ; NaN where the floor is in fewer than three rings.
+    """Return how far the floor's medians in rings about the axis differ; NaN where the floor is in fewer than three
+    rings.
 
-    A wrong lens bends planes, and more so the farther from the axis; noise and furniture leave the medians where they
-    are.
+    A wrong lens bends planes, increasingly away from the axis; noise and furniture hardly change the medians.
     """
     above_m = camera.back_project(room_m) @ floor.up.astype(np.float32) + np.float32(floor.height_m)
     radius = np.linalg.norm(camera.pixel_rays(), axis=-1)
@@ -221,11 +226,12 @@ def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
 
 
 def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float:
-    """How far the most upright of the walls that face the camera is from a right angle with the floor; NaN without.
+    """Return how far the most upright wall that faces the camera deviates from a right angle with the floor; NaN
+    without.
 
-    A wrong focal length shears a room that is seen from above; furniture may lean, so that one wall is enough. A wall
-    parallel to the image stays so whatever the lens is, and where the sensor's range cuts a wall off, the strip that is
-    left of it looks like one.
+    A wrong focal length shears a room seen from above; furniture may lean, so one upright wall is enough. A wall
+    parallel to the image stays parallel with any lens, and the remaining strip of a wall that the sensor's range cuts
+    off looks like one.
     """
     planes = find_planes(room.depth_m, camera, room.sensor.noise_per_m, most_beyond=1.0)
     facing = [plane[:3] for plane in planes if FACING < plane[2] < PARALLEL]
@@ -234,7 +240,7 @@ def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float
 
 
 def _size(material: Material) -> Finding:
-    """Height of the person and distance of the room: both are in the depth unit."""
+    """Return a finding on the height of the person and the distance of the room, which are both in the depth unit."""
     depths = [float(np.median(depth[depth > 0])) for _, ones in material.by_camera() for depth in ones if depth.any()]
     usual_m = float(np.median(depths)) if depths else float("nan")
     if not NEAREST_ROOM_M <= usual_m <= FARTHEST_ROOM_M:
@@ -254,8 +260,9 @@ def _size(material: Material) -> Finding:
 
 
 def _heights_m(material: Material) -> Sequence[float]:
-    """Above the floor, of the patient where the head is in view, or of the highest who is seen where nobody has the
-    shape of a person; none without a floor."""
+    """Return heights above the floor: of the patient where the head is in view, or of the highest person if nobody has
+    a human shape; empty without a floor.
+    """
     floor_m = material.floor_m
     if floor_m is None or material.look is None:
         return []
@@ -265,7 +272,9 @@ def _heights_m(material: Material) -> Sequence[float]:
 
 
 def _tallest_m(material: Material) -> Sequence[float]:
-    """Above the floor, of the highest in each sampled frame: nobody is too tall, and a giant may count as several."""
+    """Return the height of the highest person in each sampled frame: people are never too tall, but a giant may count
+    as several.
+    """
     if material.floor_m is None or material.look is None:
         return []
     shown = [sighting.people for sighting in material.look.sightings if sighting.people]

@@ -1,4 +1,4 @@
-"""Gather what the checks look at (the recording, its sampled frames, who is seen in them), and state what they find."""
+"""Gather the material of the checks (the recording, its sampled frames, the people in them), and state the findings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from anchorpose.tracker.sighting import see_people_apart
 
 
 class Level(IntEnum):
-    """How serious a finding is, by what tracking makes of it."""
+    """The severity of a finding, by its effect on tracking."""
 
     GREEN = 0  # as it should be
     YELLOW = 1  # results will be less accurate, or have gaps
@@ -44,13 +44,13 @@ class Level(IntEnum):
 
     @property
     def word(self) -> str:
-        """As people read it."""
+        """Return the level as people read it."""
         return self.name.lower()
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """check: its name; measured: one phrase with units; remedy: what to do, empty where there is nothing to do."""
+    """A finding. check: its name; measured: one phrase with units; remedy: what to do, empty if nothing."""
 
     check: str
     level: Level
@@ -59,7 +59,7 @@ class Finding:
 
 
 class OfCamera(NamedTuple):
-    """One camera's share of a finding; remedy: empty where there is nothing to do."""
+    """One camera's part of a finding; remedy: empty if there is nothing to do."""
 
     camera: str
     level: Level
@@ -68,14 +68,15 @@ class OfCamera(NamedTuple):
 
 
 def level_of(value: float, yellow: float, red: float) -> Level:
-    """By limits above which a value is yellow and red; NaN is green: nothing speaks against it."""
+    """Return the level of a value with limits above which it is yellow and red; NaN is green, for lack of evidence."""
     return Level.RED if value > red else Level.YELLOW if value > yellow else Level.GREEN
 
 
 def of_cameras(check: str, parts: Sequence[OfCamera]) -> Finding:
-    """One finding of several cameras, with the worst one's level; cameras are named where there are several.
+    """Join the parts of several cameras to one finding with the worst level; cameras are named where there are
+    several.
 
-    What is green is left out beside what is not, and so is the remedy of what is green.
+    Green parts are left out if others are not green, and so are their remedies.
     """
     level = max(part.level for part in parts)
     told = [part for part in parts if part.level > Level.GREEN or level is Level.GREEN]
@@ -87,20 +88,20 @@ def of_cameras(check: str, parts: Sequence[OfCamera]) -> Finding:
     return Finding(check, level, "; ".join(named), "; ".join(remedies))
 
 
-LOOKS: Final = 6  # frames in which the patient is looked at closely, up to a second each
-PAIRS: Final = 6  # of successive frames, for readings that come and go
-BODIES: Final = 8  # frames in which everybody gets a body, a second each for three people
-SHORT: Final = 300  # frames, ten seconds at 30 per second: reading them all takes little
-ENOUGH_HZ: Final = 14.5  # for clocks and poses: what the guide asks for, which recorders just miss
+LOOKS: Final = 6  # frames in which the patient is examined closely, up to a second each
+PAIRS: Final = 6  # pairs of successive frames, for readings that come and go
+BODIES: Final = 8  # frames in which all people get a body, a second each for three people
+SHORT: Final = 300  # frames, ten seconds at 30 per second: reading all of them takes little time
+ENOUGH_HZ: Final = 14.5  # for clocks and poses: the guide asks for 15, which recorders just miss
 BORDER_PX: Final = 4  # rows: filters leave the first ones without a reading
-REACH_M: Final = 0.10  # of a rough body from the skin that it stands for
+REACH_M: Final = 0.10  # from a rough body to the skin that it represents
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPatient:
-    """The patient in one sampled frame: the column over the ground, and the labelled pixels of each camera (None
-    without a frame); hidden (cameras,): share of the skin turned to each camera that something else hides, NaN where no
-    body was fitted."""
+    """The patient in one sampled frame: the place over the ground, and the labelled pixels of each camera (None without
+    a frame); hidden (cameras,): share of the skin facing each camera that is hidden, NaN where no body was fitted.
+    """
 
     person: Person
     views: tuple[View | None, ...]
@@ -108,16 +109,19 @@ class SeenPatient:
 
     @property
     def cut_above(self) -> bool:
-        """Whether the upper border of each image that shows the patient cuts them off, so that the head is not seen."""
+        """Return whether every image that shows the patient cuts them off at the upper border, so that the head is not
+        seen.
+        """
         shown = [view.patient for view in self.views if view is not None and view.patient.any()]
         return all(patient[:BORDER_PX].any() for patient in shown)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
-    """recording: on one clock where clocks were settled; settled, look: None where ``refusal`` says why the cameras'
-    poses are unknown; successive: pairs of frames that follow each other, in which people hardly move; patient: in some
-    of the frames that show the patient, empty where nobody was found."""
+    """The material of the checks. recording: on one clock where clocks were settled; settled, look: None where
+    ``refusal`` states why the cameras' poses are unknown; successive: pairs of successive frames, in which people
+    hardly move; patient: in some of the frames that show the patient, empty where nobody was found.
+    """
 
     recording: Recording
     samples: tuple[FrameSet, ...]
@@ -129,48 +133,50 @@ class Material:
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """With the poses that are used, where they are known."""
+        """Return the cameras with the poses that are used, if known."""
         return self.recording.cameras if self.settled is None else self.settled.calibration.cameras
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
-        """One per camera; none where poses are unknown."""
+        """Return the scene of each camera; none where poses are unknown."""
         return () if self.look is None else self.look.scenes
 
     @property
     def floor_scenes(self) -> list[Scene]:
-        """Of the cameras that see the floor."""
+        """Return the scenes of the cameras that see the floor."""
         residuals = () if self.settled is None else self.settled.calibration.residuals
         names = {floor.camera for floor in residuals}
         return [scene for scene in self.scenes if scene.camera.name in names]
 
     @property
     def floor_m(self) -> float | None:
-        """Height of the floor in the world; None where no camera sees it."""
+        """Return the height of the floor in the world; None where no camera sees it."""
         return None if self.settled is None else self.settled.calibration.floor_height_m
 
     def by_camera(self) -> Iterator[tuple[Camera, list[np.ndarray]]]:
-        """Each camera with its sampled depth images (height, width), metres, 0 = no reading; none may be left."""
+        """Yield each camera with its sampled depth images (height, width), metres, 0 = no reading; there may be
+        none.
+        """
         for index, camera in enumerate(self.cameras):
             yield camera, depths_of(self.samples, index)
 
     def successive_of(self, index: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """One camera's depth images of ``successive``, where it has both."""
+        """Return one camera's pairs of ``successive`` in which it has both images."""
         pairs = [(one.depths_m[index], other.depths_m[index]) for one, other in self.successive]
         return [(one, other) for one, other in pairs if one is not None and other is not None]
 
     def distance_m(self, index: int) -> float:
-        """Median depth of the patient's pixels in one camera; NaN where the patient is not seen."""
+        """Return the median depth of the patient's pixels in one camera; NaN where the patient is not seen."""
         depths = [np.median(view.depth_m[view.patient]) for view in self.views_of(index) if view.patient.any()]
         return float(np.median(depths)) if depths else float("nan")
 
     def views_of(self, index: int) -> list[View]:
-        """One camera's labelled frames of ``patient``."""
+        """Return one camera's labelled frames of ``patient``."""
         return [view for seen in self.patient if (view := seen.views[index]) is not None]
 
 
 def gather_material(recording: Recording, config: TrackConfig) -> Material:
-    """Clocks, poses, the empty room and the patient from sampled frames; without poses, the frames alone.
+    """Find clocks, poses, the empty room and the patient in sampled frames; without poses, only gather the frames.
 
     Raises InputError where the cameras never overlap in time, or no depth image of one can be read.
     """
@@ -190,7 +196,7 @@ def gather_material(recording: Recording, config: TrackConfig) -> Material:
 
 
 def _thinned(recording: Recording) -> Recording:
-    """Every so-manieth frame of cameras that are faster than clocks and poses need; all of a short recording."""
+    """Keep every n-th frame of cameras faster than clocks and poses need; all frames of a short recording."""
     if min(len(stream.files) for stream in recording.streams) < SHORT:
         return recording
     return replace(recording, streams=tuple(_thinned_stream(stream) for stream in recording.streams))
@@ -225,7 +231,9 @@ def _look_closely(frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[S
 
 
 def _hidden(views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
-    """(cameras,) share of a rough body's skin turned to each camera that equipment or people hide; NaN without one."""
+    """Return (cameras,) share of a rough body's skin facing each camera that equipment or people hide; NaN without a
+    body.
+    """
     hidden = np.full(len(cameras), np.nan)
     person = rough_person(views, cameras, PixelLabel.PATIENT)
     if person is None:

@@ -1,4 +1,4 @@
-"""Check a recording before anybody tracks it: frames, times, clocks, poses, the patient and the empty room."""
+"""Check a recording before tracking: frames, times, clocks, poses, the patient and the empty room."""
 
 from __future__ import annotations
 
@@ -35,14 +35,15 @@ from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy
 from anchorpose.tracker.look import Look
 from anchorpose.tracker.room import NOBODY_SEEN
 
-TOO_SLOW_HZ: Final = 5.0  # people move by a step from one frame to the next
-SOME_MISSING, MANY_MISSING = 0.05, 0.25  # gaps of single frames are bridged; a quarter lost halves the rate in places
-SHORT_S: Final = 4.0  # the patient's body is learnt from so much
-SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5  # off the beat: a hand at 2 m/s is then 2 cm elsewhere at 30 Hz
+TOO_SLOW_HZ: Final = 5.0  # people move by a step between two frames
+# gaps of single frames are bridged; with a quarter lost, the rate is halved in places
+SOME_MISSING, MANY_MISSING = 0.05, 0.25
+SHORT_S: Final = 4.0  # duration from which the patient's body is learnt
+SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5  # off the beat: at 30 Hz, a hand at 2 m/s is then displaced by 2 cm
 
 
 def check_frames(material: Material) -> list[Finding]:
-    """Number, rate and completeness; how even the time stamps are; how the cameras' clocks are known.
+    """Return findings on number, rate and completeness of frames, on even time stamps, and on the cameras' clocks.
 
     Raises InputError where cameras never overlap in time.
     """
@@ -86,7 +87,7 @@ def _frames(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
 
 
 def _stamps(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
-    """Steps between frames that are no multiple of the camera's period, and what is missing at the ends."""
+    """Return a finding on steps between frames that are no multiple of the camera's period, and on missing ends."""
     steps = np.diff(stream.time_s)
     uneven = float(np.mean(off_beat(steps, gaps.period_s) > OFF_BEAT)) if len(steps) else 0.0
     level = level_of(uneven, SOME_UNEVEN, MANY_UNEVEN)
@@ -119,7 +120,7 @@ SOURCES: Final = {PoseSource.FLOOR: "not given; found from floor and patient"}
 
 
 def check_poses(material: Material) -> list[Finding]:
-    """Where poses come from, the floor, and whether two cameras show one room."""
+    """Return findings on the source of poses, the floor, and whether two cameras show one room."""
     if material.settled is None:
         assert material.refusal is not None
         return [Finding("camera poses", Level.RED, material.refusal.problem, material.refusal.remedy)]
@@ -131,7 +132,7 @@ def check_poses(material: Material) -> list[Finding]:
 
 
 def _poses(calibration: Calibration, asked: PosesAsked) -> Finding:
-    """Where each pose comes from, or what contradicts it but other cameras."""
+    """Return a finding on the source of each pose, or on its contradictions, except by other cameras."""
     own = [doubt for doubt in asked.doubts if doubt.source is not DoubtSource.CAMERAS]
     parts = []
     for pose in calibration.poses:
@@ -144,12 +145,12 @@ def _poses(calibration: Calibration, asked: PosesAsked) -> Finding:
 
 
 def _level(doubt: PoseDoubt | None) -> Level:
-    """As serious as what tracking does about it."""
+    """Return the severity that tracking gives to a doubt."""
     return Level.GREEN if doubt is None else Level.RED if doubt.refuted else Level.YELLOW
 
 
 def _agreement(asked: PosesAsked) -> list[Finding]:
-    """One finding over all pairs of cameras; none where no pair shares enough."""
+    """Return a finding over all pairs of cameras; none where no pair shares enough."""
     between = {doubt.cameras: doubt for doubt in asked.doubts if doubt.source is DoubtSource.CAMERAS}
     parts = [
         OfCamera(" and ".join(names := pair.past.cameras), _level(between.get(names)), pair.measured, REMEDY)
@@ -160,7 +161,7 @@ def _agreement(asked: PosesAsked) -> list[Finding]:
 
 
 def _floor(material: Material) -> Finding:
-    """How even the floor is, and how upright the world stands on it."""
+    """Return a finding on how even the floor is, and how upright the world stands on it."""
     assert material.settled is not None
     calibration = material.settled.calibration
     if not calibration.residuals:
@@ -182,15 +183,15 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 
 SELDOM: Final = 0.5  # of the sampled frames
-CUT_PX: Final = 3  # of the patient at a border: a hand is wider at any distance where it is resolved
+CUT_PX: Final = 3  # pixels of the patient at a border: a hand is wider at any distance where it is resolved
 SOMETIMES, MOSTLY = 0.1, 0.5  # of the frames cut off: a raised hand, or always
-NEAR_M, FAR_M = 1.2, 4.0  # nearer no lens has feet and head in view; farther a forearm is ten pixels wide
+NEAR_M, FAR_M = 1.2, 4.0  # nearer, no lens has feet and head in view; farther, a forearm is ten pixels wide
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
-HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8  # of the skin turned to the camera: more is inferred than seen
+HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8  # of the skin facing the camera; beyond it more is inferred than seen
 
 
 def check_patient(material: Material) -> list[Finding]:
-    """Findings on the patient; where nobody is found, why."""
+    """Return the findings on the patient; where nobody is found, why."""
     look = material.look
     if look is None:
         return [Finding("patient", Level.YELLOW, "not looked for: the cameras' poses are unknown", "see camera poses")]
@@ -216,7 +217,9 @@ def _found(look: Look) -> Finding:
 
 
 def _whole(material: Material) -> Finding:
-    """Cut off by which border. One camera that shows all of the patient is enough for green or yellow."""
+    """Return a finding on borders that cut off the patient. One camera that shows the whole patient suffices for green
+    or yellow.
+    """
     parts = [_cut_off(material, index, camera) for index, camera in enumerate(material.cameras)]
     worst = Level.RED if all(part.level is Level.RED for part in parts) else Level.YELLOW
     return of_cameras("whole in view", [part._replace(level=min(part.level, worst)) for part in parts])
@@ -237,9 +240,10 @@ def _cut_off(material: Material, index: int, camera: Camera) -> OfCamera:
 
 
 def _borders(seen: SeenPatient, index: int, camera: Camera, floor_m: float | None) -> tuple[bool, bool, bool, bool]:
-    """Whether the image ends above, below, left and right of the patient before the patient does.
+    """Return whether the image's upper, lower, left and right border cuts off the patient.
 
-    Below also where the floor under the patient lies outside of the image: bars may hide the legs at the border.
+    The lower border also does if the floor under the patient lies outside of the image: bars may hide the legs at the
+    border.
     """
     view = seen.views[index]
     assert view is not None
@@ -253,7 +257,7 @@ def _borders(seen: SeenPatient, index: int, camera: Camera, floor_m: float | Non
 
 
 def _touched(view: View) -> tuple[bool, bool, bool, bool]:
-    """Whether the patient's pixels reach the image's upper, lower, left and right border."""
+    """Return whether the patient's pixels reach the image's upper, lower, left and right border."""
     patient = view.patient
     strips = (patient[:BORDER_PX], patient[-BORDER_PX:], patient[:, :BORDER_PX].T, patient[:, -BORDER_PX:].T)
     above, below, left, right = (int(np.count_nonzero(strip.any(axis=0))) > CUT_PX for strip in strips)
@@ -270,7 +274,7 @@ def _distance(material: Material) -> Finding:
 
 
 def _hidden(material: Material) -> Finding:
-    """By equipment or people, for the camera that sees most of the patient."""
+    """Return a finding on the skin that equipment or people hide, for the camera that sees most of the patient."""
     hidden = np.array([one.hidden for one in material.patient])
     known = hidden[np.isfinite(hidden).any(axis=1)]
     if not len(known):
@@ -310,7 +314,8 @@ def _empty_room(look: Look) -> Finding:
 
 
 def check_recording(recording: Path) -> list[Finding]:
-    """The findings in the order in which people read them; at most a few dozen depth images per camera are read.
+    """Return the findings in the order in which people read them; at most a few dozen depth images per camera are
+    read.
 
     Raises InputError where the recording cannot be used at all.
     """

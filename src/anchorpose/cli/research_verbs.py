@@ -175,7 +175,7 @@ def _simulated(answers: Path, folder: Path, part: str, against: Path | None) -> 
     made = open_benchmark(folder)
     one = score_answers(made, read_answers(answers, made), Part(part))
     if not one.tasks:
-        raise InputError(answers, f"answers nothing of the part {part}", "give --part, or make those recordings")
+        raise InputError(answers, f"has no answers for the part {part}", "give --part, or make those recordings")
     document = as_document(one)
     _print_figures(document["method"], {task: figures for task, figures in document["tasks"].items() if figures})
     if against is not None:

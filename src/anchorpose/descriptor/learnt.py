@@ -1,8 +1,8 @@
-"""The learnt descriptor: which pixels of a depth image show people, and which place on the body each of them shows.
+"""Describe depth images by the learnt descriptor: which pixels show people, and which place on the body each shows.
 
-The paper's descriptor (Definition 3) is the geodesic distances of a surface point to the anchors. Measured on an image,
-they are wrong wherever something is hidden: the error e_3 of Section VI. Here a network that was trained on simulated
-images names the place on the complete body's skin, where the distances are known. See ``docs/descriptor.md``.
+The paper's descriptor (Definition 3) is the geodesic distances of a surface point to the anchors. On an image they are
+wrong wherever parts are hidden: the error e_3 of Section VI. Here a network that was trained on simulated images finds
+the place on the complete body's skin, where the distances are known. See ``docs/descriptor.md``.
 """
 
 from __future__ import annotations
@@ -25,24 +25,25 @@ from anchorpose.lens import Intrinsics, lens_array, project, rays_of_pixels
 from anchorpose.recording.regular_file import read_whole
 
 FOCAL_PX: Final = 200.0  # of the images that the network was trained on
-INPUTS: Final = 5  # layers of ``inputs_of``
-STEP: Final = 2  # the network answers for each second pixel
-MULTIPLE: Final = 32  # the network halves its image five times
+INPUTS: Final = 5  # layers of the network's input, see ``inputs_of``
+STEP: Final = 2  # the network answers for every second pixel
+MULTIPLE: Final = 32  # the image size must be a multiple: the network halves it five times
 SMALLEST_PX: Final = 32
-WIDEST: Final = 1.2  # of a ray, 50 degrees from the axis: training images show no wider field of view
+WIDEST: Final = 1.2  # tangent of a ray, 50 degrees from the axis: training images show no wider field of view
 FARTHEST_M: Final = 9.0
 NEAREST_M: Final = 0.3
-WINDOWS: Final = ((9, 0.15), (33, 0.5))  # pixels around which relief is taken, and the largest relief in metres
-OFFSET: Final = 0.1  # of stature: the unit in which the network gives places within a patch
-LARGEST_BYTES: Final = 64_000_000  # of a file of weights; the package's has 4
+# window in pixels in which relief is measured, and the largest relief in metres
+WINDOWS: Final = ((9, 0.15), (33, 0.5))
+OFFSET: Final = 0.1  # unit, in statures, in which the network gives places within a patch
+LARGEST_BYTES: Final = 64_000_000  # size of a file of weights; the package's has 4 MB
 LONGEST_LINE: Final = 4096
-REMEMBERED: Final = 8  # described images: two moments of four cameras
+REMEMBERED: Final = 8  # described images that are kept: two moments of four cameras
 FORMAT: Final = "anchorpose-learnt-descriptor"
 REMEDY: Final = "export it by tools/train_descriptor.py, or use the weights of the package"
 
 
 class Described(NamedTuple):
-    """What the descriptor says of the pixels on a grid of (h, w) rays, a hundredth of a focal length apart.
+    """The descriptor's answers for the pixels on a grid of (h, w) rays, a hundredth of a focal length apart.
 
     row, column (h, w) int64 of the image and read (h, w): whether there is a reading; row and column are 0 where not.
     person (h, w) float32: probability that the pixel shows a person, 0 without a reading.
@@ -63,10 +64,11 @@ class Described(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """A trained network: its session, and how it says where within a patch a pixel is (``tools/train_descriptor.py``).
+    """A trained network: its session, and the linear map to a pixel's place within a patch
+    (``tools/train_descriptor.py``).
 
-    slope (p, 3, f), base (p, 3): from the f features of a pixel to its offset from centres (p, 3). about: how many
-    images it was trained on, and the hashes of the scripts and of the network.
+    slope (p, 3, f), base (p, 3): from the f features of a pixel to its offset from centres (p, 3). about: number of
+    training images, and hashes of the scripts and the network.
     """
 
     session: Any
@@ -78,7 +80,7 @@ class Weights:
 
 @cache
 def stored_weights() -> Weights:
-    """The weights that ship with the package."""
+    """Return the weights that ship with the package."""
     with resources.as_file(resources.files("anchorpose.descriptor").joinpath("data/learnt.weights")) as path:
         return read_weights(path)
 
@@ -86,13 +88,13 @@ def stored_weights() -> Weights:
 def read_weights(path: Path) -> Weights:
     """Read weights that ``tools/train_descriptor.py`` exported: a line of JSON, then the network in ONNX.
 
-    Raises InputError for a file that is none or is damaged.
+    Raises InputError for another kind of file or a damaged one.
     """
     import onnxruntime
 
     head, network = _parts(path)
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # one order of sums: the same bytes on each run
+    options.intra_op_num_threads = 1  # one order of sums: the same bytes in each run
     session = onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
     nothing = np.zeros((1, INPUTS, MULTIPLE, MULTIPLE), np.float32)
     slope, base, centres = session.run(["slope", "base", "centres"], {"depth": nothing})
@@ -100,7 +102,7 @@ def read_weights(path: Path) -> Weights:
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
-    """What the file says of itself, and the network, which is what was exported."""
+    """Return the file's description and the network; checks that the network is the exported one."""
     line, _, network = read_whole(path, LARGEST_BYTES, REMEDY).partition(b"\n")
     try:
         head = json.loads(line) if len(line) < LONGEST_LINE else None
@@ -109,14 +111,14 @@ def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
     if not isinstance(head, dict) or head.get("format") != FORMAT:
         raise InputError(path, "holds no weights of the learnt descriptor", REMEDY)
     if head.get("network_sha256") != hashlib.sha256(network).hexdigest():
-        raise InputError(path, "is damaged: its network is not what was exported", REMEDY)
+        raise InputError(path, "is damaged: its network is not the exported one", REMEDY)
     return head, network
 
 
 def describe(depth_m: np.ndarray, camera: Camera, weights: Weights | None = None) -> Described:
     """Describe one depth image (height, width), metres, 0 without a reading; ``weights``: those of the package.
 
-    What is not a number, negative or farther than ``FARTHEST_M`` is no reading. Raises ValueError for an image of
+    A value that is not a number, negative or beyond ``FARTHEST_M`` is no reading. Raises ValueError for an image of
     another size than the camera's, or that shows less than 9 degrees.
     """
     if depth_m.shape != (camera.height, camera.width):
@@ -149,10 +151,9 @@ _lock: Final = Lock()
 
 
 def described(depth_m: np.ndarray, camera: Camera) -> Described:
-    """Return what ``describe`` returns, remembered for the last images: several stages of a frame ask for the same one.
+    """Return ``describe`` of an image, kept for the last images: several stages of a frame need the same one.
 
-    Nobody writes into an image that was described. Raises InputError, with the camera's name, where ``describe``
-    raises.
+    A described image must not be changed. Raises InputError, with the camera's name, where ``describe`` raises.
     """
     with _lock:
         known = _remembered.get(id(depth_m))
@@ -166,12 +167,13 @@ def described(depth_m: np.ndarray, camera: Camera) -> Described:
     with _lock:
         while len(_remembered) >= REMEMBERED:
             _remembered.pop(next(iter(_remembered)))
-        _remembered[id(depth_m)] = (ref(depth_m), camera, found)  # another image may get its id once it is let go of
+        # another image may get this id once the image is freed
+        _remembered[id(depth_m)] = (ref(depth_m), camera, found)
     return found
 
 
 def nearest_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return per pixel (height, width) the row and column of the nearest described ray, and whether there is one."""
+    """Return, per pixel (height, width), row and column of the nearest described ray, and whether there is one."""
     return _nearest_rays(camera.intrinsics, camera.width, camera.height)
 
 
@@ -186,7 +188,9 @@ def _nearest_rays(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.n
 
 
 def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
-    """First ray (2,) of the network's image, and how many rays it has across and down, of those of all pixels."""
+    """Return the first ray (2,) of the network's image, and its numbers of rays across and down, from all pixels'
+    rays.
+    """
     flat = rays.reshape(-1, 2)
     low = np.maximum(np.nanmin(flat, axis=0), -WIDEST)
     size = np.floor((np.minimum(np.nanmax(flat, axis=0), WIDEST) - low) * FOCAL_PX).astype(int) + 1
@@ -198,9 +202,9 @@ def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
 
 
 def inputs_of(depth_m: np.ndarray) -> np.ndarray:
-    """Return (5, h, w) float32 of depth (h, w): range, whether there is a reading, relief against two means, nearness.
+    """Return the input (5, h, w) float32 of depth (h, w): range, reading or not, relief against two means, nearness.
 
-    The same as ``inputs_of`` of the training.
+    It must equal ``inputs_of`` of the training.
     """
     import cv2
 
@@ -216,9 +220,10 @@ def inputs_of(depth_m: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row, column (h, w) of the pixel nearest to each ray of a pinhole of ``FOCAL_PX``, and whether there is any.
+    """Return row and column (h, w) of the pixel nearest to each ray of a pinhole of ``FOCAL_PX``, and whether there is
+    one.
 
-    Nearest, not mean: a mean over an edge is a depth where nothing is.
+    It is the nearest pixel, not a mean: a mean over an edge is a depth where nothing is.
     """
     low, across, down = _extent(rays_of_pixels(intrinsics, width, height))
     x, y = low[0] + np.arange(across) / FOCAL_PX, low[1] + np.arange(down) / FOCAL_PX
@@ -231,17 +236,20 @@ def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarr
 
 
 def _probability(classes: np.ndarray) -> np.ndarray:
-    """Probability (h, w) that a pixel shows any patch, of the numbers (p + 1, h, w) of which the last is for nobody."""
+    """Return the probability (h, w) that a pixel shows a person, from the scores (p + 1, h, w) of patches and, last,
+    nobody.
+    """
     raised = classes - classes.max(axis=0)
-    np.exp(raised, out=raised)  # in place: half of the time is memory
+    np.exp(raised, out=raised)  # in place: memory takes half of the time
     return np.asarray(1.0 - raised[-1] / raised.sum(axis=0))
 
 
 def _answers(said: np.ndarray, weights: Weights) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Place (n, 3), expected error (n,) and vote for the pelvis (n, 3) m, of what is said (n, outputs) of n pixels.
+    """Return place (n, 3), expected error (n,) and pelvis vote (n, 3) m of n pixels from the network's outputs (n,
+    outputs).
 
-    The numbers are one for each patch and for nobody, the log of the error, the vote, and the features of which the
-    offset within the patch is a linear function.
+    The outputs are a score per patch and one for nobody, the log of the error, the vote, and features; the offset
+    within the patch is a linear function of the features.
     """
     patches = len(weights.centres)
     patch, rest = said[:, :patches].argmax(axis=1), said[:, patches + 1 :]

@@ -1,4 +1,4 @@
-"""Who is in a depth image: pixels that vote for one pelvis are one person."""
+"""Find the people in depth images: pixels that vote for one pelvis are one person."""
 
 from __future__ import annotations
 
@@ -14,30 +14,34 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import FOCAL_PX, STEP, Described, described, nearest_rays
 
 APART_M: Final = 0.35
-"""Pelvises of people side by side are farther apart. Of the votes in 24 new scenes of the training's generator 96 % are
-nearer to their own pelvis."""
+"""Least distance in metres between pelvises of people side by side. 96 % of the votes in 24 new scenes of the
+training's generator are nearer than this to their own pelvis.
+"""
 
-NEAR_M: Final = 0.2  # around the middle of the votes of one person: twice their median error
-STRAY_M: Final = 0.7  # from every pelvis: a vote for nobody
+NEAR_M: Final = 0.2  # around the middle of one person's votes: twice their median error
+STRAY_M: Final = 0.7  # from every pelvis; a vote beyond it belongs to nobody
 
-MOST_VOTES: Final = 4000  # that are counted; three cameras give 20,000
+MOST_VOTES: Final = 4000  # votes that are counted; three cameras give 20,000
 
 LEAST_AREA_M2: Final = 0.06
-"""Of the surface that a camera sees of a person: a head with its neck. Clutter that is taken for people can be larger;
-its certainty is lower."""
+"""Least surface of a person that must be seen: a head with its neck. Clutter that is taken for people can be larger,
+but has a lower certainty.
+"""
 
 
 LEAST_CERTAINTY: Final = 0.7
 """Mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``) all people in plain
-view have more. So have 0.2 to 3 things per image, which a body does not explain (``tracker.patient_choice.HUMAN``).
+view have more. So have 0.2 to 3 objects per image, which are rejected since a body does not explain them
+(``tracker.patient_choice.HUMAN``).
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPerson:
-    """pelvis_m (3,) in the common frame; rays: per camera (h, w) bool, those of ``Described`` that show this person,
-    None without an image; area_m2: of the surface that is seen, across the lines of sight, in all cameras; certainty:
-    mean probability of the pixels, 0.5 to 1."""
+    """A person found by the descriptor. pelvis_m (3,) in the common frame; rays: per camera (h, w) bool, the rays of
+    ``Described`` that show this person, None without an image; area_m2: of the seen surface, across the lines of sight,
+    in all cameras; certainty: mean probability of the pixels, 0.5 to 1.
+    """
 
     pelvis_m: np.ndarray
     rays: tuple[np.ndarray | None, ...]
@@ -48,7 +52,7 @@ class FoundPerson:
 def find_people(
     said: Sequence[Described | None], depths_m: Sequence[np.ndarray | None], poses: Sequence[np.ndarray]
 ) -> tuple[FoundPerson, ...]:
-    """Return the people of described images (height, width) of one moment, the one that shows most first.
+    """Return the people in described images (height, width) of one moment, the most visible first.
 
     said, depths_m: one per camera, None without an image; poses: T_common_camera (4, 4) of each camera, so that votes
     of several cameras meet. The pelvises are where the votes are densest, weighted by the area that a pixel shows, each
@@ -75,11 +79,11 @@ def find_people(
 
 
 RIM_RAYS: Final = 3  # beyond a person's rays: 6 cm at two metres, fingers and shoes that the network leaves out
-RIM_M: Final = 0.1  # in depth, of what is still the person beside the rays
+RIM_M: Final = 0.1  # depth difference up to which pixels beside the rays are still the person
 
 
 def people_mask(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the pixels (height, width) bool of all people whom the descriptor is certain of, with a rim."""
+    """Return the pixels (height, width) bool, with a rim, of all people that the descriptor is certain of."""
     import cv2
 
     said = described(depth_m, camera)
@@ -97,7 +101,9 @@ def people_mask(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 class _Votes(NamedTuple):
-    """Of the person's rays (h, w) bool of one camera: votes (n, 3) in the common frame, area (n,), probability (n,)."""
+    """The votes of one camera's person rays (h, w) bool: votes (n, 3) in the common frame, area (n,), probability
+    (n,).
+    """
 
     found: np.ndarray
     pelvis_m: np.ndarray
@@ -114,7 +120,7 @@ def _votes(said: Described | None, depth_m: np.ndarray | None, pose: np.ndarray)
 
 
 def _rays(mine: np.ndarray, votes: Sequence[_Votes | None]) -> tuple[np.ndarray | None, ...]:
-    """Per camera the rays (h, w) bool of the votes (n,) of all cameras that are a person's."""
+    """Return, per camera, the rays (h, w) bool of those votes (n,) of all cameras that are ``mine``."""
     rays, first = list[np.ndarray | None](), 0
     for one in votes:
         if one is None:
@@ -128,7 +134,7 @@ def _rays(mine: np.ndarray, votes: Sequence[_Votes | None]) -> tuple[np.ndarray 
 
 
 def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(p, 3) the places that votes (n, 3) gather at, the heaviest first."""
+    """Return the places (p, 3) where votes (n, 3) gather, the heaviest first."""
     step = 1 + len(votes_m) // MOST_VOTES
     votes_m, weight = votes_m[::step], weight[::step] * step
     left, found = np.ones(len(votes_m), dtype=bool), list[np.ndarray]()
@@ -143,7 +149,9 @@ def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(3,) the place with most weight about it: the best of some votes, moved to the mean around it until it stays."""
+    """Return the place (3,) with most weight around it: the best of some votes, moved to the local mean until it
+    stays.
+    """
     some = votes_m[:: max(1, len(votes_m) // 200)]
     centre = some[int(np.argmax(_weight_near(some, votes_m, weight, NEAR_M)))]
     for _ in range(10):
@@ -157,7 +165,7 @@ def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _weight_near(places_m: np.ndarray, votes_m: np.ndarray, weight: np.ndarray, reach_m: float) -> np.ndarray:
-    """(k,) weight of the votes within reach of each of some places (k, 3)."""
+    """Return the weight (k,) of the votes within reach of each place (k, 3)."""
     found = np.zeros(len(places_m))
     for k in range(len(places_m)):
         x, y, z = places_m[k]

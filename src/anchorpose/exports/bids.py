@@ -1,4 +1,5 @@
-"""BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8): a dataset of one subject with one recording.
+"""Write BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8): a dataset of one subject with one
+recording.
 
 Each column of motion.tsv is a channel; contacts and episodes are BIDS events beside the motion.
 """
@@ -40,13 +41,13 @@ class Channel:
 
     @property
     def row(self) -> tuple[str, ...]:
-        """As in channels.tsv."""
+        """Return the channel's row in channels.tsv."""
         frame = WORLD if self.kind == "POS" else "n/a"
         return self.name, self.component, self.kind, self.tracked_point, self.units, frame, self.description
 
 
 def channels_of(samples: Samples) -> list[Channel]:
-    """Latency, then joints, angles, and the sigma and state code of each."""
+    """Return the latency, then joints, angles, and the sigma and state code of each."""
     since_s = samples.time_s - samples.time_s[0]
     latency = Channel("latency", "n/a", "LATENCY", "n/a", "s", "time since the first frame", since_s)
     places = [
@@ -76,7 +77,7 @@ def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, state_code: 
 
 
 def motion_rows(channels: Sequence[Channel]) -> Iterator[tuple[str, ...]]:
-    """The lines of motion.tsv: a cell per channel."""
+    """Yield the lines of motion.tsv: a cell per channel."""
     for rows in blocks(len(channels[0].values)):
         columns = (channel.values[rows].tolist() for channel in channels)
         yield from zip(*([rounded_text(value, 6, MISSING) for value in column] for column in columns), strict=True)
@@ -86,7 +87,7 @@ EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "part", "person", "st
 
 
 def events_of(folder: Path, start_s: float) -> list[tuple[str, ...]]:
-    """Rows in order of onset, in seconds since ``start_s``; none where the results have neither table."""
+    """Return the rows in order of onset, in seconds since ``start_s``; none where the results have neither table."""
     found: list[tuple[float, float, str, str, str, str]] = []
     if (folder / CONTACTS_FILE).exists():
         found += [
@@ -105,7 +106,7 @@ def events_of(folder: Path, start_s: float) -> list[tuple[str, ...]]:
 
 
 def events_sidecar() -> dict[str, Any]:
-    """The meaning of the columns that BIDS does not define."""
+    """Return the meaning of the columns that BIDS does not define."""
     return {
         "trial_type": {
             "Levels": {
@@ -144,7 +145,7 @@ Research use only; not a medical device.
 
 
 def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """A dataset folder: description, participants, and motion of the subject, times as recorded."""
+    """Write a dataset folder: description, participants, and motion of the subject, with times as recorded."""
     channels = channels_of(source.samples)
     _dataset(folder, config)
     entities = [f"sub-{config.subject}", *([f"ses-{config.session}"] if config.session else [])]
@@ -172,7 +173,7 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _events(stem: Path, source: Source) -> None:
-    """Writes no file where there are no events, as BIDS requires."""
+    """Write the events; no file where there are none, as BIDS requires."""
     events = events_of(source.folder, float(source.samples.time_s[0]))
     if events:
         write_rows(stem.with_suffix(".tsv"), "\t", [EVENT_COLUMNS], events)

@@ -23,8 +23,8 @@ from anchorpose.rotations import unit
 
 ROOT: Final = "SpineBase"
 
-# Node: the node above it, the joint that it stands at, the joint that it points to. Where several bones leave a joint,
-# each has a node of its own there, so that every bone keeps its direction.
+# Node: its parent node, the joint where it stands, the joint that it points to. Where several bones leave a joint, each
+# has its own node there, so that every bone keeps its direction.
 _TREE: Final = {
     "LowerSpine": ("SpineBase", "SpineBase", "SpineMid"),
     "SpineMid": ("LowerSpine", "SpineMid", "SpineShoulder"),
@@ -64,17 +64,17 @@ class Node:
 
 
 def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
-    """Nodes from joint centres (n, 21, 3). Offsets have median bone lengths.
+    """Build the nodes from joint centres (n, 21, 3). Offsets have median bone lengths.
 
-    A bone rotates on its parent by the shortest way, so no rotation about its long axis is invented; hips and shoulders
-    rotate pelvis and chest.
+    A bone's rotation relative to its parent is the shortest one, so no rotation about its long axis is invented; hips
+    and shoulders rotate pelvis and chest.
     """
     rest = shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None]
     nodes, index = [Node(ROOT, -1, np.zeros(3), np.zeros(3), pelvis_axes(position_m))], {ROOT: 0}
     for name, (above, at, to) in _TREE.items():
         parent, points = nodes[index[above]], _along(rest, at, to)[0]
         start = torso_axes(position_m) if name == "SpineMid" else parent.axes
-        # the shortest way from the parent's direction
+        # the shortest rotation from the parent's direction
         axes = _swing(start @ points, _along(position_m, at, to)) @ start
         nodes.append(Node(name, index[above], parent.end_m, points * _length(position_m, at, to), axes))
         index[name] = len(index)
@@ -92,7 +92,7 @@ def _length(position_m: np.ndarray, start: str, end: str) -> float:
 
 
 def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) the shortest rotation of unit vectors ``start`` to ``end``; NaN where there is none."""
+    """Return the shortest rotations (n, 3, 3) of unit vectors ``start`` to ``end``; NaN where there is none."""
     cross = np.cross(start, end)
     angle = np.arctan2(np.linalg.norm(cross, axis=1), np.sum(start * end, axis=1))
     axis = np.where((angle == 0.0)[:, None], 0.0, unit(cross))
@@ -102,7 +102,7 @@ def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return turn
 
 
-# The joints that the last bones of the limbs point to.
+# The joints to which the last bones of the limbs point.
 _ENDS: Final = {
     "Head": "Head",
     "LeftHand": "HandLeft",
@@ -115,7 +115,8 @@ _ENDS: Final = {
 def skeleton_of_poses(
     path: Path, recorded: Samples, frame: np.ndarray, interpolation: Interpolation
 ) -> tuple[list[Node], np.ndarray]:
-    """Nodes named as the body's bones, which are those of the CMU collection, and the root's path (g, 3), metres.
+    """Build nodes named as the body's bones, which are those of the CMU collection, and the root's path (g, 3),
+    metres.
 
     Offsets come from recorded frames; where the grid lies between these, a rotation is the normalised mean of its
     neighbours. Raises InputError where poses.parquet has other frames than the joints, ``frame`` (n,).
@@ -137,7 +138,7 @@ def skeleton_of_poses(
 
 
 def _parent(name: str) -> int:
-    """Index in ``MOVING_BONES`` of the next moving bone above; -1 for the root."""
+    """Return the index in ``MOVING_BONES`` of the next moving bone above; -1 for the root."""
     asset = load_body_asset()
     above = int(asset.bone_parents[asset.bone(name)])
     while above >= 0 and asset.bone_names[above] not in MOVING_BONES:
@@ -146,7 +147,7 @@ def _parent(name: str) -> int:
 
 
 def _mixed(quaternion: np.ndarray, interpolation: Interpolation) -> np.ndarray:
-    """(g, 4) of quaternions (n, 4); NaN where lost or in a gap."""
+    """Interpolate quaternions (n, 4) to (g, 4); NaN where lost or in a gap."""
     left, right = (quaternion[interpolation.before + step].astype(np.float64) for step in (0, 1))
     same_side = np.where(np.sum(left * right, axis=-1, keepdims=True) < 0, -1.0, 1.0)
     share = interpolation.share[:, None]
@@ -157,7 +158,7 @@ def _mixed(quaternion: np.ndarray, interpolation: Interpolation) -> np.ndarray:
 
 
 def _matrices(quaternion: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) of quaternions (n, 4) with the real part first; NaN stays NaN."""
+    """Convert quaternions (n, 4), real part first, to (n, 3, 3); NaN stays NaN."""
     axes = np.full((len(quaternion), 3, 3), np.nan)
     known = np.isfinite(quaternion).all(axis=-1)
     axes[known] = Rotation.from_quat(quaternion[known], scalar_first=True).as_matrix()
@@ -165,7 +166,7 @@ def _matrices(quaternion: np.ndarray) -> np.ndarray:
 
 
 def _middle(quaternion: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
-    """(3,) median over the frames (n) of a world vector in the axes of a bone; NaN where there is no frame."""
+    """Return the median (3,) over the frames (n) of a world vector in a bone's axes; NaN where there is no frame."""
     inside = np.einsum("nji,nj->ni", _matrices(quaternion.astype(np.float64)), vector_m)
     known = inside[np.isfinite(inside).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(3, np.nan)
@@ -177,7 +178,9 @@ _PLACE, _TURN = "Xposition Yposition Zposition", "Zrotation Xrotation Yrotation"
 
 
 def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """motion.bvh, or one file for each stretch without a gap; raises AnchorposeError where there is no such stretch."""
+    """Write motion.bvh, or one file for each stretch without a gap; raises AnchorposeError where there is no such
+    stretch.
+    """
     regular = regular_samples(source.samples)
     from_poses = (source.folder / POSES_FILE).exists()
     nodes, root_m = _skeleton(source, regular, from_poses)
@@ -220,7 +223,7 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
 def write_bvh_file(
     path: Path, nodes: list[Node], kept: list[int], root_m: np.ndarray, rows: slice, rate_hz: float
 ) -> None:
-    """Writes the file of some ``rows``; kept: indices of the nodes to write, the root first; root_m (n, 3)."""
+    """Write the file of some ``rows``; kept: indices of the nodes to write, the root first; root_m (n, 3)."""
     order, lines = _hierarchy(nodes, kept)
     values = np.empty((rows.stop - rows.start, 3 + 3 * len(order)))
     values[:, :3] = 100.0 * root_m[rows]
@@ -232,7 +235,7 @@ def write_bvh_file(
 
 
 def _turns_deg(nodes: list[Node], place: int, rows: slice) -> np.ndarray:
-    """(r, 3) about Z, X and Y, in the axes of the parent, without jumps by 360 degrees."""
+    """Return the turns (r, 3) about Z, X and Y, degrees, in the parent's axes, without jumps by 360 degrees."""
     node, axes = nodes[place], nodes[place].axes[rows]
     if node.parent >= 0:
         axes = np.einsum("nji,njk->nik", nodes[node.parent].axes[rows], axes)
@@ -247,7 +250,7 @@ def _skeleton(source: Source, regular: RegularSamples, from_poses: bool) -> tupl
 
 
 def _hierarchy(nodes: list[Node], kept: list[int]) -> tuple[list[int], list[str]]:
-    """Indices of the nodes in the order of the file, parents before children, and the lines of the hierarchy."""
+    """Return the indices of the nodes in file order, parents before children, and the lines of the hierarchy."""
     order, lines = list[int](), list[str]()
 
     def visit(place: int, depth: int) -> None:

@@ -33,14 +33,16 @@ from anchorpose.results.records import (
 
 STEM: Final = "joints"
 LARGEST_FRAMES: Final = 65535
-"""The format counts frames in 16 bits; a longer recording goes into several files."""
+"""The format counts frames in 16 bits; a longer recording is split into several files."""
 
 LARGEST_RESIDUAL: Final = 255.0  # a byte in the file
-NOT_GIVEN: Final = -1.0  # of sigma where there is no value: an analog channel cannot say that it is missing
+NOT_GIVEN: Final = -1.0  # sigma where there is no value: an analog channel cannot mark it as missing
 
 
 def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """joints.c3d, or joints_001.c3d and so on where the recording is too long for one; MissingPackage without ezc3d."""
+    """Write joints.c3d, or joints_001.c3d and so on where the recording is too long for one; MissingPackage without
+    ezc3d.
+    """
     regular = regular_samples(source.samples)
     samples = regular.samples
     starts = range(0, len(samples.time_s), LARGEST_FRAMES)
@@ -79,7 +81,7 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _write_file(path: Path, samples: Samples, rate_hz: float, events: tuple[Event, ...]) -> int:
-    """Writes one C3D; returns how many of the events it holds."""
+    """Write one C3D; return its number of events."""
     file = _new_file()
     _describe_points(file, samples.angles, rate_hz)
     _describe_channels(file, samples.angles, rate_hz)
@@ -122,7 +124,7 @@ def _add(file: Any, group: str, **values: Any) -> None:
 
 
 def _add_frames(file: Any, samples: Samples) -> None:
-    """Gives the file its frames, points and channels in the order of their labels."""
+    """Add frames, points and channels to the file in the order of their labels."""
     angles = np.zeros((*samples.degrees.shape, 3))
     angles[..., 0] = samples.degrees
     places = np.concatenate([1000.0 * samples.position_m, angles], axis=1)
@@ -146,7 +148,7 @@ def _about(file: Any, samples: Samples) -> None:
 
 
 MOST_EVENTS: Final = 255
-"""A dimension of a parameter is one byte."""
+"""Limit of the events: a parameter's dimension is one byte."""
 
 GENERAL: Final = "General"
 
@@ -166,7 +168,7 @@ _NAMES: Final = {
 
 @dataclass(frozen=True, slots=True, order=True)
 class Event:
-    """A moment on the clock of the results; description: the joints' state, or who touched."""
+    """A moment on the clock of the results; description: the joints' state, or the person who touched."""
 
     time_s: float
     context: str
@@ -175,7 +177,9 @@ class Event:
 
 
 def read_events(folder: Path) -> tuple[Event, ...]:
-    """Beginnings and ends of a results folder's episodes and contacts, in the order of time; none without tables."""
+    """Return beginnings and ends of a results folder's episodes and contacts, in the order of time; none without
+    tables.
+    """
     return tuple(sorted([*_of_episodes(folder / EPISODES_FILE), *_of_contacts(folder / CONTACTS_FILE)]))
 
 
@@ -194,7 +198,7 @@ def _of_contacts(path: Path) -> Iterator[Event]:
 
 
 def add_events(file: Any, events: tuple[Event, ...], time_s: np.ndarray) -> int:
-    """Adds the group to an ezc3d file with frames at time_s (n,); returns how many events it holds.
+    """Add the group of events to an ezc3d file with frames at time_s (n,); return their number.
 
     Events outside of the file's time are left out; of more than ``MOST_EVENTS``, those of contacts and posture first.
     """

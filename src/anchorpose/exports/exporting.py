@@ -1,7 +1,7 @@
-"""Export a results folder: every format into a folder of its own, all of them or none; CSV is written here.
+"""Export a results folder: every format into its own folder, all or none; CSV is written here.
 
-CSV has every table of the results as it is, wide tables of joints and angles, a long table of the measures of all
-trials, and a dictionary of all columns.
+CSV has every table of the results, wide tables of joints and angles, a long table of the measures of all trials, and a
+dictionary of all columns.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from anchorpose.results.trial_table import FIXED, TRIALS_FILE, read_trial_table
 _MEANING: Final = {
     row["column"]: (row["unit"], row["meaning"]) for row in read_words("anchorpose.exports", "columns.csv")
 }
-"""Unit and meaning of each column, the same in every table that has it."""
+"""Unit and meaning of each column, which are the same in every table."""
 
 DICTIONARY_FILE: Final = "data_dictionary.csv"
 DICTIONARY_HEAD: Final = ("file", "column", "type", "unit", "meaning", "missing")
@@ -56,8 +56,9 @@ TRIAL_MEASURE: Final = tuple(field.name for field in MEASURES.schema if field.na
 def _described(
     file: str, name: str, kind: str, column: str, thing: str = "", own: Mapping[str, TrialColumn] | None = None
 ) -> tuple[str, ...]:
-    """A row of the dictionary. An unknown column has no unit and no meaning; thing: what a wide one is about; own: the
-    user's columns of trials, by name."""
+    """Return a row of the dictionary. An unknown column has no unit and no meaning; thing: subject of a wide column;
+    own: the user's columns of trials, by name.
+    """
     unit, meaning = _MEANING.get(column, ("", ""))
     if own and column in own:
         unit, meaning = own[column].unit or "", own[column].description or "as given in the events file"
@@ -65,7 +66,7 @@ def _described(
 
 
 def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """A CSV for each table without images, joints_wide.csv, angles_wide.csv and data_dictionary.csv.
+    """Write a CSV for each table without images, joints_wide.csv, angles_wide.csv and data_dictionary.csv.
 
     Where there are trials, measures_by_trial.csv has a row per trial and measure.
     """
@@ -108,7 +109,7 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _write_by_trial(path: Path, source: Source, trials: Trials) -> list[tuple[str, ...]]:
-    """A row per trial and measure with all that is known of the trial, for mixed models; returns the dictionary."""
+    """Write a row per trial and measure with all data of the trial, for mixed models; return the dictionary."""
     names = [*TRIAL_HEAD, *(column.name for column in trials.columns), *TRIAL_MEASURE]
     by_number = {trial.number: trial for trial in trials.rows}
     measures = [row for row in read_trial_measures(source.folder / MEASURES_FILE) if row.trial in by_number]
@@ -125,7 +126,7 @@ def _by_trial_row(trial: Trial, measure: Measure) -> list[str]:
 
 
 def _metadata(name: str, schema: pa.Schema) -> list[str]:
-    """The metadata of the table, such as how it was smoothed, for which a CSV has no place."""
+    """Return the metadata of the table, such as its smoothing, for which a CSV has no place."""
     texts = {key.decode(): value.decode(errors="replace") for key, value in (schema.metadata or {}).items()}
     return [f"{name}, {key}: {value}" for key, value in texts.items() if key != "pandas"]
 
@@ -153,7 +154,7 @@ def _cell(value: Any) -> str:
 
 
 def _rows(path: Path) -> Iterator[tuple[str, ...]]:
-    """The rows of a table; raises InputError where it cannot be read."""
+    """Yield the rows of a table; raises InputError where it cannot be read."""
     with opened_parquet(path) as file:
         for piece in pieces(file):
             yield from zip(*(_cells(column) for column in piece.columns), strict=True)
@@ -162,7 +163,7 @@ def _rows(path: Path) -> Iterator[tuple[str, ...]]:
 def _write_wide(
     path: Path, source: Source, things: Sequence[str], parts: dict[str, np.ndarray]
 ) -> list[tuple[str, ...]]:
-    """A row per frame with the parts (n, things) of each thing; returns the dictionary of the columns."""
+    """Write a row per frame with the parts (n, things) of each thing; return the dictionary of the columns."""
     columns = {"frame": source.frame, "time_s": source.samples.time_s}
     dictionary = [_described(path.name, "frame", "whole number", "frame")]
     dictionary.append(_described(path.name, "time_s", "number", "time_s"))
@@ -176,7 +177,7 @@ def _write_wide(
 
 
 def _wide_rows(columns: Sequence[np.ndarray]) -> Iterator[tuple[str, ...]]:
-    """Of columns (n,): numbers, and state codes (int8), which become their texts."""
+    """Yield rows of columns (n,): numbers, and state codes (int8), which become their texts."""
     for rows in blocks(len(columns[0])):
         some = (values[rows] for values in columns)
         texts = ([STATES[v] if each.dtype == np.int8 else _cell(v) for v in each.tolist()] for each in some)
@@ -207,7 +208,7 @@ _WRITERS: Final[dict[Format, Callable[[Path, Source, ExportConfig], Product]]] =
 def export_results(
     results: Path, formats: Sequence[Format], config: ExportConfig, out: Path | None = None, overwrite: bool = False
 ) -> tuple[tuple[Path, Product], ...]:
-    """Writes ``out``/trc, ``out``/csv and so on, each with its export.json; returns each folder with its product.
+    """Write ``out``/trc, ``out``/csv and so on, each with its export.json; return each folder with its product.
 
     out: by default the folder ``exports`` in the results. Folders of earlier exports are replaced with ``overwrite``
     only; other folders and files are never touched. Raises InputError or MissingPackage, and then nothing was written.
@@ -232,7 +233,7 @@ def export_results(
 
 
 def parse_formats(text: str) -> tuple[Format, ...]:
-    """``trc,csv`` as formats, each once; raises AnchorposeError for an unknown name."""
+    """Parse ``trc,csv`` as formats, each once; raises AnchorposeError for an unknown name."""
     names = [name.strip().lower() for name in text.split(",")]
     for name in names:
         if name not in tuple(Format):
@@ -243,14 +244,14 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 
 def _own_files(folder: Path) -> tuple[str, ...]:
-    """The files of an earlier export in this folder, which may be replaced; none where there is none."""
+    """Return the files of an earlier export in this folder, which may be replaced; empty where there are none."""
     record = folder / RECORD_FILE
     files = read_json(record).get("files", []) if record.is_file() else []
     return (RECORD_FILE, *(escape(str(file)) for file in files)) if files else ()
 
 
 def _write_record(folder: Path, kind: Format, sha256: tuple[tuple[str, str], ...], product: Product) -> None:
-    """sha256: name and hash of each table of the results, in order of name."""
+    """Write export.json; sha256: name and hash of each table of the results, in order of name."""
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     document: dict[str, Any] = {
         "format": "anchorpose-export",

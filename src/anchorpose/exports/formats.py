@@ -1,4 +1,4 @@
-"""State what a format's writer is given (a results folder and what the user chooses), and what it returns."""
+"""Define the input of a format's writer (a results folder and the user's choices), and its result."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointTable, read
 from anchorpose.results.verify import require_own
 
 STATES: Final = tuple(str(state) for state in JointState)
-"""In the order of the state codes 0 (observed) to 6 (lost) that formats without texts write."""
+"""States in the order of their codes 0 (observed) to 6 (lost), for formats without texts."""
 
 
 class Format(StrEnum):
@@ -53,7 +53,7 @@ class Samples:
     angle_state_code: np.ndarray
 
     def rows(self, rows: slice) -> Samples:
-        """The samples of some frames."""
+        """Return the samples of some frames."""
         arrays = {name: getattr(self, name)[rows] for name in self.__slots__ if name != "angles"}
         return replace(self, **arrays)
 
@@ -68,7 +68,7 @@ class Source:
 
 
 def read_source(folder: Path, kind: Format) -> Source:
-    """Joints, and angles where there are any and the format has them.
+    """Read the joints, and the angles if there are any and the format has them.
 
     Raises InputError for tables that cannot be read.
     """
@@ -88,7 +88,9 @@ def _no_angles(joints: JointTable) -> _Angles:
 
 
 def _angles(path: Path, joints: JointTable) -> _Angles:
-    """Names in the order of the table, and (n, a) degrees, sigma and state_code on the frames of the joints."""
+    """Read the names in the order of the table, and degrees, sigma and state_code (n, a) at the frames of the
+    joints.
+    """
     if not path.exists():
         return _no_angles(joints)
     angles = read_angles(path)
@@ -107,10 +109,10 @@ def _angles(path: Path, joints: JointTable) -> _Angles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
-    """What a format's writer reports, for export.json: axes and units in words.
+    """The report of a format's writer, for export.json: axes and units in words.
 
-    time: what was done to the times; missing: what stands for a missing value; counts: figures to check, such as the
-    frames written; notes: what else people must know.
+    time: how the times were changed; missing: the mark of a missing value; counts: figures to check, such as the frames
+    written; notes: further information for people.
     """
 
     axes: str
@@ -123,14 +125,14 @@ class Product:
 
 
 def number_text(value: float) -> str:
-    """The shortest decimal that reads back as the same double; empty for NaN."""
+    """Return the shortest decimal that reads back as the same double; empty for NaN."""
     if math.isnan(value):
         return ""
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(float(value))
 
 
 def rounded_text(value: float, digits: int, missing: str) -> str:
-    """With so many digits after the point, without needless zeros; ``missing`` for NaN."""
+    """Format a number with this many digits after the point, without trailing zeros; ``missing`` for NaN."""
     if math.isnan(value):
         return missing
     text = f"{value:.{digits}f}"
@@ -145,7 +147,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_rows(path: Path, separator: str, *parts: Iterable[Iterable[str]]) -> None:
-    """Writes the rows of all parts as lines of cells, each ended by a line feed, as they come."""
+    """Write rows as lines of cells, each ended by a line feed, as they come."""
     with path.open("w", encoding="utf-8", newline="\n") as stream:
         for rows in parts:
             stream.writelines(separator.join(row) + "\n" for row in rows)

@@ -1,4 +1,4 @@
-"""Joint coordinates as OpenSim's models of the whole body name, sign and zero them, from joint centres.
+"""Compute joint coordinates with the names, signs and zeros of OpenSim's whole-body models, from joint centres.
 
 Axes are X forward, Y up, Z right, as OpenSim's bodies have them. Joint centres do not determine the rotation of thigh,
 upper arm and forearm about their long axes; the knee and elbow axes of the learnt body do.
@@ -30,18 +30,21 @@ SIDES: Final = (("Right", "r", 1), ("Left", "l", -1))
 
 LOWER_SPINE_LEAN_DEG: Final = 4.4
 UPPER_SPINE_LEAN_DEG: Final = 5.2
-"""In the mean body that stands upright, the line from the hips to SpineMid leans back by the first, and the line from
-SpineMid to SpineShoulder forward by the second. They set the zeros of pelvis and lumbar coordinates, as
-``SOLE_SLOPE_DEG`` sets that of the ankle; a test compares them with the body asset."""
+"""Leans, in degrees, of the mean body that stands upright: the line from the hips to SpineMid leans back by the first,
+and the line from SpineMid to SpineShoulder forward by the second. They set the zeros of pelvis and lumbar coordinates,
+as ``SOLE_SLOPE_DEG`` sets that of the ankle; a test compares them with the body asset.
+"""
 
 
 def joint(position_m: np.ndarray, name: str) -> np.ndarray:
-    """(n, 3) positions of one joint."""
+    """Return the positions (n, 3) of one joint."""
     return position_m[:, JOINT_INDEX[name]]
 
 
 def pelvis_axes(position_m: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) columns X, Y, Z in the world; Z along the hips, Y towards SpineMid; NaN where a joint is missing."""
+    """Return the axes (n, 3, 3), columns X, Y, Z in the world; Z along the hips, Y towards SpineMid; NaN where a joint
+    is missing.
+    """
     right = joint(position_m, "HipRight") - joint(position_m, "HipLeft")
     middle = 0.5 * (joint(position_m, "HipRight") + joint(position_m, "HipLeft"))
     up = joint(position_m, "SpineMid") - middle
@@ -51,7 +54,9 @@ def pelvis_axes(position_m: np.ndarray) -> np.ndarray:
 
 
 def torso_axes(position_m: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) columns X, Y, Z in the world; Y by the upper spine, rotated about it by the shoulders."""
+    """Return the axes (n, 3, 3), columns X, Y, Z in the world; Y along the upper spine, turned about it by the
+    shoulders.
+    """
     right = joint(position_m, "ShoulderRight") - joint(position_m, "ShoulderLeft")
     y = unit(joint(position_m, "SpineShoulder") - joint(position_m, "SpineMid"))
     x = unit(np.cross(y, right))
@@ -59,12 +64,14 @@ def torso_axes(position_m: np.ndarray) -> np.ndarray:
 
 
 def in_axes(axes: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """(n, 3) world vectors in the axes (n, 3, 3)."""
+    """Return world vectors (n, 3) in the axes (n, 3, 3)."""
     return np.einsum("nji,nj->ni", axes, vector)
 
 
 def rotations_deg(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """OpenSim's three rotations of a pelvis or trunk: ``axes = Rz(first) Rx(second) Ry(third)``, each (n,) degrees."""
+    """Return OpenSim's three rotations of a pelvis or trunk: ``axes = Rz(first) Rx(second) Ry(third)``, each (n,)
+    degrees.
+    """
     second = np.arcsin(np.clip(axes[:, 2, 1], -1.0, 1.0))
     first = np.arctan2(-axes[:, 0, 1], axes[:, 1, 1])
     third = np.arctan2(-axes[:, 2, 0], axes[:, 2, 2])
@@ -72,7 +79,8 @@ def rotations_deg(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def limb_angles_deg(direction: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Flexion and adduction (n,) of a limb that hangs along -Y at zero; direction (n, 3) in the axes above it.
+    """Return flexion and adduction (n,) of a limb that hangs along -Y at zero; direction (n, 3) in the axes of the body
+    above it.
 
     side: 1 right, -1 left; adduction is towards the middle on both.
     """
@@ -82,13 +90,15 @@ def limb_angles_deg(direction: np.ndarray, side: int) -> tuple[np.ndarray, np.nd
 
 
 def bend_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(n,) angle between two vectors, exact for small ones too; NaN where one is missing or has no length."""
+    """Return the angle (n,) between two vectors, exact for small ones too; NaN where one is missing or has no
+    length.
+    """
     along = np.sum(unit(first) * unit(second), axis=-1)
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(unit(first), unit(second)), axis=-1), along))
 
 
 def _about_z(axes: np.ndarray, degrees: float) -> np.ndarray:
-    """The axes rotated about their own Z."""
+    """Return the axes rotated about their own Z."""
     cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return axes @ np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
@@ -106,7 +116,9 @@ class HingeAxes:
 
 
 def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
-    """From poses.parquet; None where there is none. Raises InputError where its frames are not ``frame`` (n,)."""
+    """Read the axes from poses.parquet; None where there is none. Raises InputError where its frames are not ``frame``
+    (n,).
+    """
     if not path.exists():
         return None
     poses = read_poses(path)
@@ -114,14 +126,14 @@ def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
         raise InputError(path, "has other frames than joints.parquet", "track the recording again")
     knee, elbow = np.empty((len(frame), len(SIDES), 3)), np.empty((len(frame), len(SIDES), 3))
     for index, (side, _, _) in enumerate(SIDES):
-        # our knee bends about an axis to the left, OpenSim's about one to the right
+        # our knee bends about an axis to the left, OpenSim's about an axis to the right
         knee[:, index] = -_axis(poses, f"{side}UpLeg", f"{side}Leg")
         elbow[:, index] = _axis(poses, f"{side}Arm", f"{side}ForeArm")
     return HingeAxes(knee, elbow)
 
 
 def _axis(poses: PoseTable, upper: str, lower: str) -> np.ndarray:
-    """(n, 3) the axis about which the lower bone bends, carried by the upper."""
+    """Return the axis (n, 3) about which the lower bone bends, carried by the upper."""
     hinge, _ = hinge_axes(load_body_asset(), lower)
     quaternion = poses.quaternion[:, MOVING_BONES.index(upper)].astype(np.float64)
     axis = np.full((len(quaternion), 3), np.nan)
@@ -136,19 +148,21 @@ SHIFTS: Final = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
-    """values (n, c): degrees for rotations and metres for ``SHIFTS``; NaN where a joint is missing."""
+    """Coordinates over time. values (n, c): degrees for rotations and metres for ``SHIFTS``; NaN where a joint is
+    missing.
+    """
 
     names: tuple[str, ...]
     values: np.ndarray
 
 
 def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None) -> Coordinates:
-    """Coordinates of the joints (n, 21, 3), world, metres; what joint centres do not determine is left out.
+    """Compute the coordinates of the joints (n, 21, 3), world, metres; undetermined ones are left out.
 
-    hinges: the knee and elbow axes of the learnt body; with them hip_rotation and arm_rot are included.
-    The model that ``osim_model`` writes has the same axes and zeros: played on it, these put its markers where the
-    joints are. Names, axes and signs: Rajagopal et al. 2016 (doi:10.1109/TBME.2016.2586891), Delp et al. 1990
-    (doi:10.1109/10.102791) for gait2392, in which a bent knee is negative.
+    hinges: the knee and elbow axes of the learnt body; with them hip_rotation and arm_rot are included. The model that
+    ``opensim_model`` writes has the same axes and zeros: with these coordinates its markers are at the joints. Names,
+    axes and signs: Rajagopal et al. 2016 (doi:10.1109/TBME.2016.2586891), Delp et al. 1990 (doi:10.1109/10.102791) for
+    gait2392, in which a bent knee is negative.
     """
     pelvis, torso = pelvis_axes(position_m), torso_axes(position_m)
     place, back = joint(position_m, "SpineBase"), np.einsum("nji,njk->nik", pelvis, torso)
@@ -180,7 +194,9 @@ def _leg(
 
 
 def _knee_deg(position_m: np.ndarray, side: str) -> np.ndarray:
-    """(n,) as in angles.parquet, signed where the knee is nearly straight: a model can bend it backwards too."""
+    """Return the angle (n,) as in angles.parquet, signed where the knee is nearly straight: a model can also overextend
+    it.
+    """
     names = (f"Hip{side}", f"Knee{side}", f"Ankle{side}", "HipLeft", "HipRight")
     ((radians, lever),) = knee_flexion({name: joint(position_m, name).T for name in names}, side)
     return np.where(np.greater(lever, 0.0), np.degrees(radians), np.nan)
@@ -197,7 +213,9 @@ def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: i
 
 
 def _axial_rotation_deg(above: np.ndarray, along: np.ndarray, hinge: np.ndarray, side: int) -> np.ndarray:
-    """(n,) degrees inwards of a limb about its long axis, from the axis of the hinge at its end."""
+    """Return the inward rotation (n,), degrees, of a limb about its long axis, from the axis of the hinge at its
+    end.
+    """
     y = -unit(along)
     x = unit(np.cross(y, hinge))
     limb = np.stack([x, y, np.cross(x, y)], axis=-1)
@@ -205,11 +223,13 @@ def _axial_rotation_deg(above: np.ndarray, along: np.ndarray, hinge: np.ndarray,
 
 
 STEM: Final = "motion"
-DIGITS: Final = 6  # after the point: micrometres, and millionths of a degree
+DIGITS: Final = 6  # digits after the point: micrometres, and millionths of a degree
 
 
 def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """motion.mot, or one file for each stretch without a gap; raises AnchorposeError where there is no such stretch."""
+    """Write motion.mot, or one file for each stretch without a gap; raises AnchorposeError where there is no such
+    stretch.
+    """
     hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)
     coordinates = opensim_coordinates(source.samples.position_m, config.model, hinges)
     stretches = stretches_of(np.isfinite(coordinates.values), near_in_time(source.samples.time_s))
@@ -239,9 +259,9 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
-    """Values (n, c) in which no angle jumps by 360 degrees, as it would where a patient turns past -X.
+    """Return the values (n, c) without jumps of angles by 360 degrees, as occur where a patient turns past -X.
 
-    Interpolation and filters would go the long way round. Lengths stay as they are.
+    Interpolation and filters would otherwise go the long way round. Lengths stay unchanged.
     """
     unwrapped = values.copy()
     for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one by one: all together take four times the memory
@@ -250,7 +270,7 @@ def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
 
 
 def write_mot_file(path: Path, time_s: np.ndarray, names: tuple[str, ...], values: np.ndarray) -> None:
-    """Writes the file; values (n, c) without NaN."""
+    """Write the file; values (n, c) without NaN."""
     head = [path.stem, "version=1", f"nRows={len(time_s)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "endheader"]
     body = (
         [repr(float(time)), *(rounded_text(value, DIGITS, "") for value in row.tolist())]

@@ -15,7 +15,7 @@ from anchorpose.options import CoordinateModel
 from anchorpose.results.joint_angles import SOLE_SLOPE_DEG
 
 Places = Mapping[str, np.ndarray]
-"""(3,) metres, by joint: its place in the body that carries it, from that body's own joint. Limbs hang down."""
+"""Places (3,), metres, by joint: in the body that carries the joint, from that body's own joint, with hanging limbs."""
 
 _IN_TRUNK: Final = {
     "SpineMid": ("pelvis", "SpineBase"),
@@ -37,7 +37,7 @@ _LIMBS: Final = {
 
 
 def measure_body(position_m: np.ndarray) -> Places | None:
-    """Medians over the frames (n, 21, 3); None where the two ends of a bone are never known together."""
+    """Return the medians over the frames (n, 21, 3); None where the two ends of a bone are never known together."""
     axes = {"pelvis": pelvis_axes(position_m), "torso": torso_axes(position_m)}
 
     def away(start: str, end: str) -> np.ndarray:
@@ -60,7 +60,7 @@ def measure_body(position_m: np.ndarray) -> Places | None:
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """(k,) over the rows (n, k) without NaN; NaN where there is none."""
+    """Return the median (k,) over the rows (n, k) without NaN; NaN where there is none."""
     known = values[np.isfinite(values).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(values.shape[1], np.nan)
 
@@ -68,8 +68,8 @@ def _median(values: np.ndarray) -> np.ndarray:
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 Axis = tuple[float, float, float]
 
-# Segment masses as shares of the body's (de Leva 1996, doi:10.1016/0021-9290(95)00178-6, men; pelvis is the lower
-# trunk, torso the upper and middle trunk, the forearm has the hand with it).
+# Segment masses as shares of the body's (de Leva 1996, doi:10.1016/0021-9290(95)00178-6, men). The pelvis is the lower
+# trunk, the torso the upper and middle trunk; the forearm includes the hand.
 MASS_SHARE: Final = {
     "pelvis": 0.1117,
     "torso": 0.3229,
@@ -100,25 +100,25 @@ class OsimBody:
     name: str
     parent: str
     joint: str
-    place_m: np.ndarray  # of the joint in the parent
+    place_m: np.ndarray  # place of the joint in the parent
     coordinates: tuple[OsimCoordinate, ...]
     markers: Places
     rods: tuple[tuple[np.ndarray, np.ndarray], ...]  # drawn as cylinders from end to end
 
 
 def segments(body: Places, model: CoordinateModel) -> tuple[OsimBody, ...]:
-    """All bodies, parents first. Coordinates have the names and signs of ``model``."""
+    """Return all bodies, parents first. Coordinates have the names and signs of ``model``."""
     sided = [part for side in SIDES for part in (*_leg(body, *side, model), *_arm(body, *side))]
     return (_pelvis(body), *_trunk(body), *sided)
 
 
 def _some(body: Places, *names: str) -> Places:
-    """Markers at these joints."""
+    """Return the markers at these joints."""
     return {name: body[name] for name in names}
 
 
 def _pelvis(body: Places) -> OsimBody:
-    turns = tuple(  # so wide that a patient who turns round reaches no limit, where inverse kinematics would stop
+    turns = tuple(  # wide enough that a turning patient reaches no limit, where inverse kinematics would stop
         OsimCoordinate(f"pelvis_{name}", axis, (-4.0 * np.pi, 4.0 * np.pi))
         for name, axis in (("tilt", Z), ("list", X), ("rotation", Y))
     )
@@ -181,7 +181,9 @@ def _arm(body: Places, side: str, end: str, sign: int) -> tuple[OsimBody, OsimBo
 def _ball(
     names: tuple[str, str, str], end: str, sign: int, limits_deg: tuple[float, float, float, float]
 ) -> tuple[OsimCoordinate, ...]:
-    """Flexion, adduction and rotation inwards, mirrored on the left; limits: least and most flexion, then +- each."""
+    """Return flexion, adduction and inward rotation, mirrored on the left; limits: least and greatest flexion, then +-
+    each.
+    """
     least, most, aside, about = np.radians(limits_deg)
     ranges = ((least, most), (-aside, aside), (-about, about))
     axes: tuple[Axis, ...] = (Z, (float(sign), 0.0, 0.0), (0.0, float(sign), 0.0))
@@ -190,15 +192,15 @@ def _ball(
     )
 
 
-OSIM_VERSION: Final = "40000"  # of the file format; every OpenSim 4 reads it
+OSIM_VERSION: Final = "40000"  # version of the file format; every OpenSim 4 reads it
 NOMINAL_MASS_KG: Final = 75.0
-"""An adult's: the patient's is unknown, OpenSim needs one to load the model, and kinematics do not use it."""
+"""An adult's mass: the patient's is unknown, OpenSim needs one to load the model, and kinematics do not use it."""
 
 ROD_RADIUS_M: Final = 0.012
 
 
 def xml(tag: str, *content: str | ElementTree.Element, **attributes: str) -> ElementTree.Element:
-    """An element with a text, or with elements in it."""
+    """Return an element with a text, or with elements in it."""
     element = ElementTree.Element(tag, attributes)
     for part in content:
         if isinstance(part, str):
@@ -209,24 +211,24 @@ def xml(tag: str, *content: str | ElementTree.Element, **attributes: str) -> Ele
 
 
 def xml_texts(**texts: str) -> list[ElementTree.Element]:
-    """An element with a text for each tag."""
+    """Return an element with a text for each tag."""
     return [xml(tag, text) for tag, text in texts.items()]
 
 
 def xml_set(tag: str, name: str, elements: Iterable[ElementTree.Element]) -> ElementTree.Element:
-    """A set of OpenSim's objects."""
+    """Return a set of OpenSim's objects."""
     return xml(tag, xml("objects", *elements), name=name)
 
 
 def document(root: ElementTree.Element) -> str:
-    """An indented XML file of OpenSim."""
+    """Return an indented XML file of OpenSim."""
     whole = xml("OpenSimDocument", root, Version=OSIM_VERSION)
     ElementTree.indent(whole, "\t")
     return f'<?xml version="1.0" encoding="UTF-8" ?>\n{ElementTree.tostring(whole, encoding="unicode")}\n'
 
 
 def model_xml(body: Places, model: CoordinateModel) -> str:
-    """The document; bodies stand upright with arms down where all coordinates are zero."""
+    """Return the model as XML; bodies stand upright with arms down where all coordinates are zero."""
     parts = segments(body, model)
     markers = (_marker(part, *marker) for part in parts for marker in part.markers.items())
     head = xml_texts(
@@ -263,12 +265,12 @@ def _body(part: OsimBody) -> ElementTree.Element:
 
 
 def _rod(name: str, start: np.ndarray, end: np.ndarray) -> ElementTree.Element:
-    """A cylinder from point to point; OpenSim's cylinder is along Y."""
+    """Return a cylinder from point to point; OpenSim's cylinder is along Y."""
     along = end - start
     length = float(np.linalg.norm(along))
     sizes = xml_texts(radius=_numbers([ROD_RADIUS_M]), half_height=_numbers([length / 2.0]))
     shape = xml("attached_geometry", xml("Cylinder", *sizes, name=f"{name}_shape"))
-    # body-fixed X then Z (OpenSim's X-Y-Z without a rotation about Y) that bring Y along the rod
+    # body-fixed X then Z rotation (OpenSim's X-Y-Z without a rotation about Y) that brings Y along the rod
     along = along / length if length else np.array(Y)
     turn = (np.arctan2(along[2], along[1]), 0.0, np.arcsin(np.clip(-along[0], -1.0, 1.0)))
     return _offset_frame(name, "..", (start + end) / 2.0, _numbers(turn), shape)
@@ -304,7 +306,7 @@ def _coordinate(coordinate: OsimCoordinate) -> ElementTree.Element:
 
 
 def _transform(coordinates: tuple[OsimCoordinate, ...]) -> ElementTree.Element:
-    """Six axes: three rotations, then three translations; those without a coordinate are constant."""
+    """Return six axes: three rotations, then three translations; axes without a coordinate are constant."""
     transform = xml("SpatialTransform")
     for kind, moves in (("rotation", False), ("translation", True)):
         used = [coordinate for coordinate in coordinates if coordinate.moves is moves]

@@ -19,12 +19,13 @@ from anchorpose.options import CoordinateModel, ExportConfig
 TRC_FILE: Final = "joints.trc"
 
 MISSING: Final = "NaN"
-"""As OpenSim writes it. Its reader refuses an empty cell at the end of a line, and takes zeros for a marker at the
-origin."""
+"""OpenSim's own mark. Its reader refuses an empty cell at the end of a line, and takes zeros for a marker at the
+origin.
+"""
 
 
 def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """joints.trc, and beside it the files with which OpenSim works on it."""
+    """Write joints.trc, and beside it the files that OpenSim needs to process it."""
     regular = regular_samples(source.samples)
     samples = regular.samples
     write_rows(folder / TRC_FILE, "\t", trc_head(regular), trc_body(samples))
@@ -47,7 +48,7 @@ _ORIGINAL: Final = ("OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")
 
 
 def trc_head(regular: RegularSamples) -> list[list[str]]:
-    """The lines before the frames."""
+    """Return the lines before the frames."""
     rate, count = number_text(regular.rate_hz), len(regular.samples.time_s)
     markers = range(1, len(JOINT_NAMES) + 1)
     return [
@@ -61,7 +62,7 @@ def trc_head(regular: RegularSamples) -> list[list[str]]:
 
 
 def trc_body(samples: Samples) -> Iterator[list[str]]:
-    """One line per frame, times as recorded where they are regular."""
+    """Yield one line per frame, with recorded times if they are regular."""
     for number, (time_s, place) in enumerate(zip(samples.time_s.tolist(), samples.position_m, strict=True), 1):
         yield [str(number), repr(time_s), *(rounded_text(x, DIGITS, MISSING) for x in place.ravel().tolist())]
 
@@ -73,9 +74,9 @@ _MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 
 # The rotation of a straight limb about its long axis, which markers do not determine, stays near zero.
 _FREE: Final = ("hip_rotation", "arm_rot")
-_FREE_WEIGHT: Final = 1e-4  # too weak to shift what markers determine
+_FREE_WEIGHT: Final = 1e-4  # too weak to shift coordinates that markers determine
 
-# Name: the two markers whose distance is measured, the body that it scales, and along which of its axes.
+# Name: the two markers whose distance is measured, the body that it scales, and the scaled axes.
 _MEASUREMENTS: Final = {
     "pelvis_width": (("HipLeft", "HipRight"), "pelvis", "Z"),
     "lower_spine": (("SpineBase", "SpineMid"), "pelvis", "X Y"),
@@ -100,7 +101,7 @@ MODEL_FILE, SCALE_FILE = "model.osim", "scale_setup.xml"
 
 
 def ik_setup_xml(name: str, result: str, markers: Sequence[str], period_s: Iterable[float]) -> str:
-    """A set-up file of OpenSim's inverse kinematics tool for a stretch of frames; markers: those that are used.
+    """Return a set-up file of OpenSim's inverse kinematics tool for a stretch of frames; markers: those used.
 
     result: the motion, written beside the set-up file; OpenSim writes marker errors to name_ik_marker_errors.sto.
     period_s: the first and the last time.
@@ -127,10 +128,10 @@ def ik_setup_xml(name: str, result: str, markers: Sequence[str], period_s: Itera
 
 
 def scale_setup_xml(time_s: np.ndarray) -> str:
-    """Scales a model whose markers are named like our joints, by the distances between them in the first of
-    ``time_s`` (n,), a second at most, in which all of them are known.
+    """Return a set-up file that scales a model, with markers named like our joints, by distances between markers in the
+    first second, at most, of ``time_s`` (n,) in which all of them are known.
 
-    The model beside it has the patient's lengths already, so its factors come out near one; name another model in
+    The model beside it has the patient's lengths already, so its factors are near one; name another model in
     ``model_file`` to scale that.
     """
     files = xml_texts(
@@ -168,7 +169,7 @@ _MAY_BE_MISSING: Final = ("Head", "Shoulder", "Elbow", "Wrist", "Hand")
 
 
 def write_osim_files(folder: Path, samples: Samples, model: CoordinateModel) -> tuple[str, ...]:
-    """Writes model.osim, ik_setup.xml and scale_setup.xml as far as the joints allow; returns notes for people.
+    """Write model.osim, ik_setup.xml and scale_setup.xml as far as the joints allow; return notes for people.
 
     Where trunk or legs are missing for a while there are several set-ups: ik_setup_001.xml and so on.
     """
@@ -211,7 +212,9 @@ def _write_ik(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
 
 
 def _write_scale(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
-    """Uses a second in which all markers are known: where one is not, OpenSim skips its measurements with a warning."""
+    """Write the scale set-up from a second in which all markers are known: if one is unknown, OpenSim skips its
+    measurements with a warning.
+    """
     runs = runs_where(np.asarray(known.all(axis=1)))
     if not runs:
         return [f"No {SCALE_FILE}: all joints are nowhere known together for two frames."]

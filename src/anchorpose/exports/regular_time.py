@@ -1,6 +1,6 @@
 """Bring samples to a fixed frame rate, and find stretches without a gap, for formats that need them.
 
-Measured samples stay as they are wherever their times allow it.
+Measured samples stay unchanged wherever their times allow it.
 """
 
 from __future__ import annotations
@@ -17,16 +17,17 @@ from anchorpose.joints import LOST
 from anchorpose.results.frame_time import LONGEST_STEP, runs_of
 
 NEAR_SHARE: Final = 0.01
-"""Share of the time between frames: a sample so near to its place on the grid is used there as it is. At 30 frames per
-second that is 0.3 ms, in which a hand at 3 m/s moves by 1 mm."""
+"""Share of the time between frames: a sample this near to its place on the grid is used there unchanged. At 30 frames
+per second that is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
+"""
 
 
 MOST_ROWS: Final = 20
-"""More grid frames than so many times the recorded ones mean that recording paused."""
+"""Ratio of grid frames to recorded ones above which the recording was paused."""
 
 
 class TimeBase(StrEnum):
-    """What was done to the times."""
+    """The way in which times were changed."""
 
     AS_RECORDED = "as recorded"
     GAPS_FILLED_UP = "as recorded; frames that were not recorded are there without values"
@@ -38,7 +39,7 @@ class Interpolation:
     """The recorded samples on both sides of each grid time.
 
     before (g,): index of the sample before each grid time; share (g,): of the way to the next one, 0 or 1 where a
-    sample is used as it is; bridged (g,) bool: False in a gap.
+    sample is used unchanged; bridged (g,) bool: False in a gap.
     """
 
     before: np.ndarray
@@ -47,13 +48,13 @@ class Interpolation:
 
     @property
     def recorded(self) -> np.ndarray:
-        """(g,) bool: the grid frame is a recorded sample, unchanged."""
+        """Return (g,) bool: grid frames that are unchanged recorded samples."""
         return self.bridged & ((self.share == 0.0) | (self.share == 1.0))
 
     def values(self, values: np.ndarray, turn: float = np.inf) -> np.ndarray:
-        """(g, ...) linear, NaN in a gap and where a sample that has a weight is NaN.
+        """Interpolate values linearly to (g, ...), NaN in a gap and where a sample with a weight is NaN.
 
-        turn: a full turn, where values are angles: these go the short way round.
+        turn: a full turn, where values are angles, which go the short way round.
         """
         fit = (slice(None), *[None] * (values.ndim - 1))
         share, left, right = self.share[fit], values[self.before], values[self.before + 1]
@@ -64,7 +65,7 @@ class Interpolation:
         return np.where(self.bridged[fit], mixed, np.nan)
 
     def worse_state(self, state_code: np.ndarray) -> np.ndarray:
-        """(g, ...) the worse state of the two ends; lost in a gap."""
+        """Return (g, ...) the worse state of the two neighbours; lost in a gap."""
         share, left, right = self.share[:, None], state_code[self.before], state_code[self.before + 1]
         worst = np.where(share == 0.0, left, np.where(share == 1.0, right, np.maximum(left, right)))
         return np.where(self.bridged[:, None], worst, LOST).astype(np.int8)
@@ -81,11 +82,11 @@ class RegularSamples:
 
 
 def regular_samples(samples: Samples) -> RegularSamples:
-    """The samples at a fixed rate, NaN and lost where there are none.
+    """Bring the samples to a fixed rate, NaN and lost where there are none.
 
     Times that lie on a grid stay bit for bit, and grid frames that were not recorded are added without values.
-    Otherwise all is resampled: linear between the two neighbours where they are near in time and both have the value;
-    the state is the worse of the two, and sigma is interpolated too, as if their errors were the same.
+    Otherwise all samples are resampled: linearly between the two neighbours where they are near in time and both have
+    the value; the state is the worse of the two, and sigma is interpolated too, as if their errors were the same.
     Raises AnchorposeError where there is one frame only, or where recording paused for long.
     """
     time_s = samples.time_s
@@ -101,23 +102,24 @@ def regular_samples(samples: Samples) -> RegularSamples:
 
 
 def nominal_rate_hz(time_s: np.ndarray) -> float:
-    """The rate of times (n,), as round as they allow; raises AnchorposeError for one frame."""
+    """Return the rate of times (n,), as round as they allow; raises AnchorposeError for one frame."""
     return _grid(time_s)[0]
 
 
 def near_in_time(time_s: np.ndarray) -> np.ndarray:
-    """(n - 1,) bool: whether each frame and the next are no further apart than ``LONGEST_STEP``; raises
-    AnchorposeError for one frame."""
+    """Return (n - 1,) bool: whether each frame and the next are at most ``LONGEST_STEP`` apart; raises AnchorposeError
+    for one frame.
+    """
     return np.asarray(np.diff(time_s) <= LONGEST_STEP / nominal_rate_hz(time_s))
 
 
 def without_gaps(time_s: np.ndarray) -> bool:
-    """Whether no two neighbours are further apart than ``LONGEST_STEP``."""
+    """Return whether no two neighbours are further apart than ``LONGEST_STEP``."""
     return bool(near_in_time(time_s).all())
 
 
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
-    """The roundest rate that fits, each sample's index on its grid, and whether all samples lie on that grid."""
+    """Return the roundest rate that fits, each sample's index on its grid, and whether all samples lie on the grid."""
     if len(time_s) < 2:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
     steps_s = np.diff(time_s)
@@ -137,13 +139,13 @@ def _lies_on_grid(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> bool:
 
 
 def _round_rate(rate_hz: float) -> float:
-    """Cameras run at round rates: within a hundredth of one, it is that rate."""
+    """Round the rate to a usual camera rate within a hundredth of it."""
     whole = round(rate_hz)
     return float(whole) if whole and abs(rate_hz - whole) <= NEAR_SHARE * rate_hz else round(rate_hz, 3)
 
 
 def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Interpolation]:
-    """Each sample at its own place; the places between are empty."""
+    """Place each sample on the grid; places between are empty."""
     count = int(slot[-1]) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
     grid_s[slot] = time_s
@@ -157,7 +159,7 @@ def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.n
 
 
 def _resampling(time_s: np.ndarray, rate_hz: float) -> tuple[np.ndarray, Interpolation]:
-    """Grid times from the first sample to the last, and where each falls."""
+    """Return grid times from the first sample to the last, and the samples around each."""
     count = int(np.floor((time_s[-1] - time_s[0]) * rate_hz + NEAR_SHARE)) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
     before = np.clip(np.searchsorted(time_s, grid_s, side="right") - 1, 0, len(time_s) - 2)
@@ -182,28 +184,30 @@ def _at(samples: Samples, grid_s: np.ndarray, interpolation: Interpolation) -> S
 
 
 KEPT_SHARE: Final = 0.5
-"""Columns known in a smaller share of the frames are left out: they would cost the others too many frames."""
+"""Share of the frames; columns known in fewer are left out: they would cost the others too many frames."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretches:
-    """kept (c,) bool: columns to write; runs: first and one past the last frame of each stretch with all of them."""
+    """The written columns and stretches. kept (c,) bool: columns to write; runs: first and one past the last frame of
+    each stretch with all of them.
+    """
 
     kept: np.ndarray
     runs: tuple[tuple[int, int], ...]
 
 
 def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretches:
-    """known (n, c) bool: columns with a value in each frame; joined as in ``runs_where``.
+    """Find the stretches. known (n, c) bool: columns with a value in each frame; joined as in ``runs_where``.
 
-    No run where no column is known in half of the frames.
+    There is no run where no column is known in half of the frames.
     """
     kept = known.mean(axis=0) >= KEPT_SHARE
     return Stretches(kept, runs_where(np.asarray(known[:, kept].all(axis=1)), joined) if kept.any() else ())
 
 
 def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tuple[int, int], ...]:
-    """First and one past the last frame of each run of two or more in ``whole`` (n,) bool.
+    """Return the first and one past the last frame of each run of two or more in ``whole`` (n,) bool.
 
     joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None where all are.
     """
@@ -211,5 +215,5 @@ def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tup
 
 
 def stretch_name(stem: str, suffix: str, number: int, count: int) -> str:
-    """``motion.mot``, or ``motion_001.mot`` where there are several stretches."""
+    """Return ``motion.mot``, or ``motion_001.mot`` where there are several stretches."""
     return f"{stem}{suffix}" if count == 1 else f"{stem}_{number + 1:03d}{suffix}"

@@ -1,9 +1,9 @@
 """Find and name the anchors: head, hands and feet as extrema of geodesic distance (paper, Definition 2, Section III).
 
-Three kinds of evidence vote. Where the extremum is: how far from the centre, how high above the middle of the body and
-how far to its left. How its path to the centre runs: where it enters the trunk, and how far it is from the head along
-the paths; both hold in any pose. And how near it is to where the anchor is expected; this vote is bounded, so that it
-decides where the others cannot, and yet a wrong prediction does not prove itself.
+Three kinds of evidence vote. (1) The place of the extremum: distance from the centre, height above the middle of the
+body, and distance to its left. (2) Its path to the centre: where it enters the trunk, and the distance from the head
+along the paths; both hold in any pose. (3) The distance to the expected anchor; this vote is bounded, so that it
+decides only where the others cannot, and a wrong prediction does not confirm itself.
 
 The anchor descriptor f (paper, Definition 3): every node's geodesic distance to every anchor.
 """
@@ -25,10 +25,11 @@ from anchorpose.settings import Positive, settings
 from anchorpose.surface.surface import Surface
 
 HEAD: Final = 0
-LIMBS: Final = 4  # hands and feet, after it
+LIMBS: Final = 4  # hands and feet, which follow the head
 
 PLACES: Final = np.array(
-    # from the centre along the surface; above the middle, to its left; the same of where the path enters the trunk
+    # distance from the centre along the surface; height above the middle, distance to its left; the same two where the
+    # path enters the trunk
     [
         [0.42, 0.38, 0.00, 0.19, 0.00],
         [0.55, 0.05, 0.22, 0.15, 0.09],
@@ -51,24 +52,24 @@ TOLERANCES: Final = np.array(
 """Spread of each value in ``PLACES``, over the body height: arms move a lot, head and feet hardly."""
 
 FROM_HEAD: Final = np.array([0.47, 0.47, 0.92, 0.92])
-"""How far hands and feet are from the head along their paths, over the body height; 0.25 for a hand above the head."""
+"""Distances of hands and feet from the head along their paths, over the body height; 0.25 for a hand above the head."""
 
 FROM_HEAD_TOLERANCE: Final = 0.20
 # Costs, in tolerances
-MISSED: Final = 4.0  # of an anchor that no extremum is: what would cost more is missed
-PREDICTION: Final = 1.5  # added at most where the anchor is not at its predicted place
-UNPREDICTED: Final = 1.0  # added where nothing is predicted, so that an anchor is at most 3 tolerances off
-AT_PREDICTION: Final = 3.5  # the most at the predicted place, so that an end there is the anchor in any pose
-CLEAR: Final = 2.0  # farther off than so, nothing is named in spite of its prediction
-FARTHEST_OFF: Final = 3.0  # tolerances; what is farther off, one crossed arm or one wrong path, weighs no more
-HEADLESS: Final = 1.5  # tolerances: added for hands and feet where no head is found to measure from
-ENTRY: Final = 0.20  # of the height, from the centre: shoulders, neck and groin; there a path enters the trunk
-STEP: Final = 0.05  # of the height, between the places of a path that are compared
+MISSED: Final = 4.0  # cost of an anchor that is no extremum; a more expensive assignment is missed
+PREDICTION: Final = 1.5  # largest cost of an anchor that is not at its predicted place
+UNPREDICTED: Final = 1.0  # cost without a prediction, so that an anchor is at most 3 tolerances off
+AT_PREDICTION: Final = 3.5  # largest cost at the predicted place, so that an end there is the anchor in any pose
+CLEAR: Final = 2.0  # tolerances; beyond them nothing is named away from its prediction
+FARTHEST_OFF: Final = 3.0  # limit of each measure: one crossed arm or one wrong path counts no more
+HEADLESS: Final = 1.5  # added for hands and feet where no head is found to measure from
+ENTRY: Final = 0.20  # of the height, from the centre: shoulders, neck and groin, where a path enters the trunk
+STEP: Final = 0.05  # of the height, between the compared places of a path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """The axes and the length that places are measured by: up, left (3,) unit, world; height_m the subject's."""
+    """The axes and the unit of length of places: up, left (3,) unit, world; height_m: the subject's."""
 
     up: np.ndarray
     left: np.ndarray
@@ -76,10 +77,11 @@ class Frame:
 
 
 def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """How many tolerances each extremum is off from each anchor's usual place, and how far it is from each other one.
+    """Return by how many tolerances each extremum is off each anchor's usual place, and its distance from each other
+    extremum.
 
-    Returns squared tolerances (k, 5), the sum over five measures of which each is bounded, and distances (k, k) over
-    the body height along the paths to the centre and across the trunk between them.
+    Returns squared tolerances (k, 5), the sum of five bounded measures, and distances (k, k) over the body height,
+    along the paths to the centre and across the trunk between them.
     """
     middle, height = seen_mean(surface), frame.height_m
     reach = np.array([cap.reach_m for cap in caps])
@@ -93,7 +95,9 @@ def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Fr
 
 
 def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: float, reach_m: float) -> np.ndarray:
-    """(k, l) int: the nodes of each extremum's path at every step from the centre; the extremum itself beyond it."""
+    """Return (k, l) int: the nodes of each extremum's path at every step from the centre; beyond the path, the
+    extremum.
+    """
     levels = (step_m * np.arange(max(reach_m / step_m, ENTRY / STEP + 1.0))).astype(np.float32)
     nodes = np.empty((len(tips), len(levels)), np.int64)
     for row, tip in enumerate(tips):
@@ -103,7 +107,9 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
-    """(k, k): how far extrema are apart over any two places (k, l, 3) of their paths and straight between these."""
+    """Return the distance (k, k) between extrema along their paths (k, l, 3) and straight between two places of
+    these.
+    """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)
     apart: np.ndarray = (left_m[:, None, :, None] + left_m[None, :, None, :] + straight).min(axis=(2, 3))
@@ -111,13 +117,14 @@ def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray)
 
 
 def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded: np.ndarray) -> np.ndarray:
-    """(5,) int: the extremum that each anchor is, -1 where it is missed; the least total cost over all five.
+    """Return (5,) int: the extremum of each anchor, -1 where missed, by the least total cost over all five.
 
-    off2 (k, 5), apart (k, k): of ``place_costs``. away (k, 5): distance from the anchor's prediction in gates, NaN
-    where nothing is predicted. excluded (k, 5) bool: what cannot be that anchor. An anchor costs the root of its
-    squared tolerances, for hands and feet with that of the distance from the head, plus at most ``PREDICTION`` for the
-    prediction; a missed one costs ``MISSED``. What is not at its predicted place is named only where it is clear: few
-    tolerances off, and more off from every other name. Every extremum is tried as the head, and none.
+    off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance from the anchor's prediction in gates, NaN
+    without prediction. excluded (k, 5) bool: extrema that cannot be the anchor. An anchor costs the root of its squared
+    tolerances (for hands and feet including the distance from the head), plus at most ``PREDICTION`` for the
+    prediction; a missed anchor costs ``MISSED``. An extremum away from the predicted place is named only where it is
+    clear: few tolerances off, and farther off every other name. Each extremum is tried as the head, and so is no
+    extremum.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -135,7 +142,7 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
 
 def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """(k, 5): the cost of being so many tolerances (k, 5) and gates (k, 5) off."""
+    """Return the cost (k, 5) of tolerances ``off`` (k, 5) and gates ``away`` (k, 5)."""
     cost = off + np.where(np.isnan(away), UNPREDICTED, PREDICTION * np.minimum(away, 1.0))
     cost = np.where(away < 1.0, np.minimum(cost, AT_PREDICTION), cost)
     unclear = (off > CLEAR) | (off > off.min(axis=1, keepdims=True))
@@ -143,13 +150,15 @@ def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
 
 
 def _off_head2(apart: np.ndarray) -> np.ndarray:
-    """(k, 4) squared tolerances of the distance (k,) from the head."""
+    """Return (k, 4) squared tolerances of the distance (k,) from the head."""
     off: np.ndarray = np.minimum(((apart[:, None] - FROM_HEAD) / FROM_HEAD_TOLERANCE) ** 2, FARTHEST_OFF**2)
     return off
 
 
 def _assign(cost: np.ndarray) -> np.ndarray:
-    """(m,) int: row of cost (k, m) that each column takes, -1 = none, at the least total; no pair above ``MISSED``."""
+    """Return (m,) int: the row of cost (k, m) assigned to each column, -1 = none, at the least total; no pair above
+    ``MISSED``.
+    """
     bounded = np.minimum(cost, MISSED)
     chosen = np.full(cost.shape[1], -1)
     for row, column in zip(*linear_sum_assignment(bounded), strict=True):
@@ -163,10 +172,10 @@ class Anchors:
     """The five identified anchors of a surface; a missed one is marked as missed, never guessed.
 
     node (5,) int32: index into the surface, -1 where missed. position_m (5, 3) float64 world: centre of the extremal
-    cap, NaN where missed; sigma_m (5,) float64: one standard deviation of it on an axis, NaN where missed. The node is
-    the cap's nearest to that centre: from frame to frame it moves half as much as the extremum itself, and so do the
-    distances measured from it. free: ends of limbs (neither cut off nor continued by hidden skin) that got no name, the
-    farthest from the centre first.
+    cap, NaN where missed; sigma_m (5,) float64: its standard deviation per axis, NaN where missed. The node is the
+    cap's nearest to this centre: from frame to frame it moves half as much as the extremum itself, and so do distances
+    measured from it. free: unnamed ends of limbs (neither cut off nor continued by hidden skin), the farthest from the
+    centre first.
     """
 
     node: np.ndarray
@@ -176,21 +185,23 @@ class Anchors:
 
     @property
     def found(self) -> np.ndarray:
-        """(5,) bool."""
+        """Return (5,) bool: anchors that were found."""
         return self.node >= 0
 
 
 @settings
 class AnchorConfig:
-    """Lengths are fractions of the subject's height, so that they adapt to it (paper, Section V)."""
+    """Settings of the anchors. Lengths are fractions of the subject's height (paper, Section V)."""
 
     radius: Positive = 0.5 / 1.75  # r: 0.5 m on a person of 1.75 m
     cap: Positive = 0.06 / 1.75  # how far below its tip the extremal cap reaches: 6 cm, about a fist
     gate: Positive = 0.25 / 1.75  # so near its prediction, an end is the anchor in any pose: half a forearm
 
 
-HEAD_GATE: Final = 0.18 / 1.75  # of the height; a head moves less, and a neck without its head is 20 cm away
-END_GATE: Final = 0.09 / 1.75  # an end so near its prediction is one, even if hidden skin seems to continue
+# of the height; a head moves less than a hand, and a neck without its head is 20 cm away
+HEAD_GATE: Final = 0.18 / 1.75
+# of the height; an end this near its prediction is an end, even if hidden skin seems to continue
+END_GATE: Final = 0.09 / 1.75
 
 
 def find_anchors(
@@ -203,17 +214,17 @@ def find_anchors(
     config: AnchorConfig | None = None,
     missing: np.ndarray | None = None,
 ) -> Anchors:
-    """The identified anchors: which extremum is the head, which the hands and feet, and which is none of them.
+    """Find the anchors: assign head, hands and feet to the extrema; other extrema remain unnamed.
 
     up, facing (3,) unit, world: against gravity, and the way the patient faces; height_m: the subject's. cut (n,) bool:
     nodes at an edge that something else cut (``surface.border``); an extremum there is a stump, not an anchor, unless
-    another camera sees its end. predicted_m (5, 3) world: where each anchor is expected, NaN for one without
-    expectation, None for none. missing (5,) bool: anchors of limbs that the patient lacks. The names are the assignment
-    of least total cost, of which the prediction is a bounded part (``naming``); an anchor is missed where every
-    extremum costs too much, and so are all anchors of a surface without seen nodes.
+    another camera sees its end. predicted_m (5, 3) world: each anchor's expected place, NaN where unknown, None: no
+    expectation. missing (5,) bool: anchors of limbs that the patient lacks. The names are the assignment of least total
+    cost (``name_extrema``), in which the prediction's part is bounded; an anchor is missed where every extremum costs
+    too much, and so are all anchors of a surface without seen nodes.
 
-    Left and right are those of ``facing``, whatever the prediction says of single hands or feet. Where facing is wrong
-    by half a turn, they are exchanged consistently, with nothing in the anchors to show it.
+    Left and right follow ``facing``, whatever the prediction of single hands or feet. If facing is wrong by half a
+    turn, all sides are exchanged consistently, and the anchors do not show it.
     """
     config = config or AnchorConfig()
     if surface.seen_count == 0:
@@ -235,7 +246,7 @@ def find_anchors(
 
 
 def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.ndarray:
-    """(k, 5) metres: how far each extremum is from where each anchor is predicted, NaN for one without prediction."""
+    """Return the distance (k, 5), metres, of each extremum from each anchor's prediction, NaN without prediction."""
     if predicted_m is None:
         return np.full((len(caps), len(ANCHOR_NAMES)), np.nan)
     centers = np.array([cap.center_m for cap in caps])
@@ -246,7 +257,8 @@ def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.n
 def anchor_descriptor(
     surface: Surface, anchors: Anchors, distance: Callable[[Surface, np.ndarray], np.ndarray] = geodesic_distance
 ) -> np.ndarray:
-    """(n, 5) float32 metres, columns in the order of ``ANCHOR_NAMES``.
+    """Return the distances (n, 5) float32, metres, from each node to each anchor, columns in the order of
+    ``ANCHOR_NAMES``.
 
     NaN in the column of a missed anchor; inf where the node lies on a piece of surface the anchor does not reach.
     """
@@ -256,7 +268,7 @@ def anchor_descriptor(
 
 
 def _named(surface: Surface, caps: Sequence[Cap], chosen: np.ndarray, free: tuple[Cap, ...]) -> Anchors:
-    """The anchors at the chosen caps: chosen (5,) int, -1 = missed."""
+    """Return the anchors at the chosen caps: chosen (5,) int, -1 = missed."""
     anchors = replace(no_anchors(), free=free)
     for name, number in enumerate(chosen):
         if number >= 0:
@@ -267,16 +279,16 @@ def _named(surface: Surface, caps: Sequence[Cap], chosen: np.ndarray, free: tupl
 
 
 def no_anchors() -> Anchors:
-    """All five missed."""
+    """Return anchors that are all missed."""
     count = len(ANCHOR_NAMES)
     return Anchors(np.full(count, -1, np.int32), np.full((count, 3), np.nan), np.full(count, np.nan))
 
 
 def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap]) -> np.ndarray:
-    """(k, 5) bool: caps that cannot be that anchor.
+    """Return (k, 5) bool: caps that cannot be the anchor of a column.
 
-    Where hidden skin is a part of their piece, it shows whether a hand or foot continues, better than an edge in the
-    depth frame does; the head is then judged by its place.
+    Where hidden skin is part of their piece, it shows whether a hand or foot continues, better than an edge in the
+    depth frame does; the head is then identified by its place.
     """
     hidden = np.unique(field.piece[surface.seen_count :])
     closed = np.isin(field.piece[[cap.tip for cap in caps]], hidden)
@@ -292,7 +304,7 @@ def _nearest(surface: Surface, nodes: np.ndarray, point_m: np.ndarray) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenAnchors:
-    """The patient's surface in one frame with its anchors; whole: with the hidden skin, which is inferred and last."""
+    """The patient's surface in one frame with its anchors; whole: including hidden skin, which is inferred and last."""
 
     whole: Surface
     anchors: Anchors

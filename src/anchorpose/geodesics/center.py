@@ -1,8 +1,8 @@
 """Compute the geodesic distance field from the body's centre, and follow it from limb ends to the trunk.
 
-The paper measures from one node, V_c (Section IV-B); what hangs on nothing then has no distance and no extremum. Here a
-piece that is cut off is measured from where it comes nearest to the rest: the limb's end is farthest from there, not
-the edge at which it was cut.
+The paper measures from one node, V_c (Section IV-B); unconnected pieces then have no distance and no extremum. Here a
+piece that is cut off is measured from where it comes nearest to the rest, so that the limb's end is farthest, not the
+edge of the cut.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from anchorpose.geodesics.paths import apart
 from anchorpose.surface.links import pieces
 from anchorpose.surface.surface import MeshArrays, Surface
 
-LEAST_AREA_M2: Final = 0.0020  # of a piece that is measured: half a palm, as ``SurfaceConfig.min_piece_m2``
+LEAST_AREA_M2: Final = 0.0020  # of a measured piece: half a palm, as ``SurfaceConfig.min_piece_m2``
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CenterField:
-    """Distance from the centre, and the pieces that it was measured on.
+    """Distance from the centre, and the connected pieces on which it was measured.
 
     distance_m (n,) float32: inf on pieces that are too small. piece (n,) int32: number of each node's piece, as in
     ``surface.links.pieces``. root (p,) int32: the node that each piece is measured from, V_c on the main piece, -1 on
@@ -41,18 +41,18 @@ class CenterField:
 
     @property
     def center(self) -> int:
-        """V_c."""
+        """Return the centre node V_c."""
         return int(self.root[(self.root >= 0) & (self.before < 0)][0])
 
 
 def center_field(surface: Surface) -> CenterField:
-    """The field of geodesic distance from the centre, finite on every piece with enough seen skin.
+    """Return the field of geodesic distance from the centre, finite on every piece with enough seen skin.
 
     The main piece has the most seen nodes; V_c is its node nearest to the average position of all seen nodes. The other
-    pieces are joined to it one after the other, always the one with the narrowest gap to those already joined
-    (Euclidean distance of their nodes, hidden skin included). On such a piece the distance is that along the piece from
-    its side of the gap, plus the gap, plus the distance at the gap's other side. A piece that shows less than
-    ``LEAST_AREA_M2`` is left out. Raises DegenerateGeometry on a surface without seen nodes.
+    pieces are joined to it one by one, each time the one with the narrowest gap to the joined pieces (Euclidean
+    distance of nodes, hidden skin included). The distance on such a piece is that along the piece from its side of the
+    gap, plus the gap, plus the distance at the gap's other side. A piece that shows less than ``LEAST_AREA_M2`` is left
+    out. Raises DegenerateGeometry on a surface without seen nodes.
     """
     if surface.seen_count == 0:
         raise DegenerateGeometry("a surface without seen nodes has no centre")
@@ -65,7 +65,7 @@ def center_field(surface: Surface) -> CenterField:
 
 
 def _over_gaps(surface: Surface, center: int, field: np.ndarray) -> CenterField:
-    """``center_field`` of a surface in pieces; field (n,): the distance on the piece of the given centre."""
+    """Compute ``center_field`` of a surface in pieces; field (n,): the distance on the piece of the given centre."""
     piece = pieces(surface)
     seen = np.bincount(piece[: surface.seen_count], minlength=piece.max() + 1)
     main = int(seen.argmax())
@@ -87,7 +87,7 @@ def _over_gaps(surface: Surface, center: int, field: np.ndarray) -> CenterField:
 def _join(
     points_m: np.ndarray, piece: np.ndarray, main: int, others: np.ndarray, root: np.ndarray, before: np.ndarray
 ) -> list[int]:
-    """Fill in root and before of the other pieces; returns these in the order in which they are joined (Prim's)."""
+    """Fill in root and before of the other pieces; return these in the order in which they are joined (Prim's)."""
     if len(others) == 0:
         return []
     nodes = {number: np.flatnonzero(piece == number) for number in (main, *others.tolist())}
@@ -108,11 +108,11 @@ def _join(
 
 
 def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
-    """(k,) int32 nodes from ``end`` to the centre, along which the distance from the centre falls.
+    """Return the nodes (k,) int32 from ``end`` to the centre, along which the distance from the centre falls.
 
-    At every node the path goes on to the neighbour, on the grid or across a link, over which the distance is least; at
-    the edge of a piece that is cut off it continues at the gap's other side. It has the nodes of the surface only, so
-    it is a zigzag of up to 8 % more length than the geodesic. Raises ValueError where the centre is not reached.
+    At every node the path continues to the neighbour, on the grid or across a link, over which the distance is least;
+    at the edge of a separate piece it continues at the gap's other side. It consists of nodes, so it is a zigzag up to
+    8 % longer than the geodesic. Raises ValueError where the centre is not reached.
     """
     if not (0 <= end < len(surface) and np.isfinite(field.distance_m[end])):
         raise ValueError(f"node {end} of {len(surface)} has no distance from the centre")
@@ -126,7 +126,7 @@ def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _descend(mesh: MeshArrays, distance: np.ndarray, start: int) -> np.ndarray:
-    """(k,) int32: from a node to the one of its piece that has no nearer neighbour."""
+    """Return the path (k,) int32 from a node to the node of its piece that has no nearer neighbour."""
     points, ring, link_start, link_node = mesh.points_m, mesh.ring, mesh.link_start, mesh.link_node
     path = np.empty(len(ring), np.int32)
     count, node = 0, np.int64(start)

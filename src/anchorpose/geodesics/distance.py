@@ -4,12 +4,12 @@ The result is 3 to 9 mm off on average. A front leaves the source and reaches th
 takes its distance from the triangle of two reached neighbours by laying both and their distances flat, which is exact
 where the surface is flat; across a link it takes the link's length; see ``fans``.
 
-A heap fixes one node after the other, and nothing in that order can be computed side by side. Here every node that
-fell below the round's threshold computes candidate distances for its ring, eight abreast in the processor's vector
-registers; a node that gets nearer by one waits for a later round, again if it was active before. The band is narrower
-than an edge, so that hardly 2 nodes in 100 are active twice. Within a round no node sees another's new distance, which
-makes the result independent of the order of the nodes.
-Source: the rounds after Kim 2001 (doi:10.1137/S1064827500367130); the candidate distances are those of ``fans``.
+With a heap, nodes are fixed one after the other and nothing can be computed in parallel. Here every node below the
+round's threshold computes candidate distances for its ring, eight at a time in the processor's vector registers; a node
+whose distance is reduced waits for a later round, also if it was active before. The band is narrower than an edge, so
+that hardly 2 nodes in 100 are active twice. Within a round no node sees another's new distance, so the result does not
+depend on the order of the nodes. Source: the rounds after Kim 2001 (doi:10.1137/S1064827500367130); the candidate
+distances are those of ``fans``.
 """
 
 from __future__ import annotations
@@ -38,12 +38,13 @@ from anchorpose.geodesics.fans import (
 from anchorpose.surface.surface import MeshArrays, Surface
 
 _BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
-SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)  # (256, 8): lanes of set bits first
-SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): how many
+# (256, 8): lanes of set bits first, per byte
+SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)
+SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set bits per byte
 
 
 class Front(NamedTuple):
-    """What a front has reached, and the memory that it works in.
+    """The nodes that a front has reached, and its working memory.
 
     distance (n + 1,) float32, ``AWAY`` where not reached; bend (n + 1,) float32: the distance at which the front last
     turned around the surface's rim. queued (n + 1,) uint8: 1 for the nodes that wait; waiting (n + 9,) uint32: these
@@ -61,8 +62,9 @@ class Front(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """Where a front stops: beyond ``reach`` metres, or at the first node within it, other than the sources, where field
-    (n,) float32 is ``level`` or more; a field of length 0 stops it nowhere."""
+    """The condition at which a front stops: beyond ``reach`` metres, or at the first node within it, other than the
+    sources, where field (n,) float32 is at least ``level``; a field of length 0 stops it nowhere.
+    """
 
     reach: float
     field: np.ndarray
@@ -71,7 +73,7 @@ class Stop(NamedTuple):
 
 @njit(cache=True)
 def new_front(count: int) -> Front:
-    """A front on a surface of count nodes that has reached nothing."""
+    """Return a front on a surface of count nodes that has reached no node."""
     distance, bend = np.full(count + 1, AWAY, np.float32), np.zeros(count + 1, np.float32)
     queued, waiting = np.zeros(count + 1, np.uint8), np.empty(count + LANES + 1, np.uint32)
     size, active = np.zeros(1, np.int64), np.empty(count, np.uint32)
@@ -80,7 +82,7 @@ def new_front(count: int) -> Front:
 
 @njit(cache=True)
 def start_at(front: Front, sources: np.ndarray) -> None:
-    """Forget what was reached; the sources (s,) int32 wait at distance 0."""
+    """Reset the front; the sources (s,) int32 wait at distance 0."""
     front.distance[:] = AWAY
     front.bend[:] = 0.0
     front.queued[:] = 0
@@ -93,7 +95,7 @@ def start_at(front: Front, sources: np.ndarray) -> None:
 
 @njit(cache=True)
 def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
-    """March until every node within reach has its distance, or a node of the stop's level is met; whether one was.
+    """March until every node within reach has its distance, or the stop's level is met; return whether it was met.
 
     band: width in metres of the band of nodes that are active at once.
     """
@@ -115,7 +117,7 @@ def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
 
 @njit(cache=True)
 def _next_round(front: Front, band: float) -> tuple:
-    """Make the waiting nodes within the band above the nearest active; their number, and the nearest distance."""
+    """Activate the waiting nodes within the band above the nearest; return their number, and the nearest distance."""
     distance, waiting = front.distance, front.waiting
     low, waits = AWAY, front.size[0]
     for k in range(waits):
@@ -145,9 +147,9 @@ def _meets(stop: Stop, distance: np.ndarray, active: np.ndarray) -> bool:
 
 @njit(cache=True)
 def _update_rings(front: Front, active: np.ndarray) -> None:
-    """Give the candidate distances to the rings; a node that gets nearer waits.
+    """Pass candidate distances to the rings; a node that gets nearer waits for a later round.
 
-    No branches: the processor would guess every second one wrong.
+    There are no branches: every second one would be mispredicted.
     """
     distance, bend, queued, table = front.distance, front.bend, front.queued, front.rows.table
     end = front.size[0]
@@ -169,7 +171,7 @@ def _update_rings(front: Front, active: np.ndarray) -> None:
 
 @njit(cache=True)
 def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
-    """Along a link the path is as long as the link."""
+    """Pass distances along links, whose path is as long as the link."""
     distance, bend, table = front.distance, front.bend, front.rows.table
     for k in range(len(active)):
         node, own, turned = active[k], table[k, OWN], table[k, OWN_BEND]
@@ -184,12 +186,13 @@ def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
                     front.size[0] += 1
 
 
-BAND: Final = 0.7  # of the mean edge: narrower has more rounds, wider more nodes active twice; flat in between
-SAMPLED_EDGES: Final = 128  # for the mean edge, which affects speed only
+# width over the mean edge: narrower has more rounds, wider more nodes active twice; nearly equal in between
+BAND: Final = 0.7
+SAMPLED_EDGES: Final = 128  # edges sampled for the mean edge, which affects speed only
 
 
 def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """One distance field per source.
+    """Return a distance field from each source.
 
     sources (s,) int: nodes. Returns (s, n) float32 metres; inf where the source's piece of surface does not reach, or
     beyond ``max_distance_m``. An isolated source is at 0 and everything else at inf.
@@ -202,7 +205,7 @@ def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: flo
 
 
 def geodesic_distance_to_set(surface: Surface, sources: np.ndarray) -> np.ndarray:
-    """Return (n,) float32 distance in metres to the nearest of the sources (s,), inf without any; else as above."""
+    """Return the distance (n,) float32 in metres to the nearest of the sources (s,), inf without any; else as above."""
     nodes = check_sources(surface, sources, np.inf)
     mesh = surface.arrays
     field: np.ndarray = _fields(mesh, nodes.reshape(1, -1), np.float32(np.inf), band_of(mesh))[0]
@@ -210,7 +213,7 @@ def geodesic_distance_to_set(surface: Surface, sources: np.ndarray) -> np.ndarra
 
 
 def check_sources(surface: Surface, sources: np.ndarray, max_distance_m: float) -> np.ndarray:
-    """(s,) int32 sources; raises ValueError as ``geodesic_distance``."""
+    """Return the sources (s,) int32; raises ValueError as ``geodesic_distance``."""
     nodes = np.atleast_1d(np.asarray(sources))
     if nodes.ndim != 1 or (nodes.dtype.kind not in "iu" and len(nodes)):
         raise ValueError(f"sources must be a list of node numbers, got {nodes.dtype} of shape {nodes.shape}")
@@ -224,12 +227,12 @@ def check_sources(surface: Surface, sources: np.ndarray, max_distance_m: float) 
 
 
 def band_of(mesh: MeshArrays) -> float:
-    """Width in metres of the band of nodes that ``march_on`` takes at once."""
+    """Return the width in metres of the band of nodes that ``march_on`` activates at once."""
     return BAND * mean_edge_m(mesh)
 
 
 def mean_edge_m(mesh: MeshArrays) -> float:
-    """Mean distance of neighbours on the grid, from a sample of them; 1 / ``BAND`` where there are none."""
+    """Return the mean distance of neighbours on the grid, from a sample; 1 / ``BAND`` where there are none."""
     points, some = mesh.points_m, np.arange(0, len(mesh.points_m), max(1, len(mesh.points_m) // SAMPLED_EDGES))
     other = mesh.ring[some][:, [0, 2]]
     length = np.linalg.norm(points[other] - points[some][:, None], axis=2)[other >= 0]
@@ -238,7 +241,9 @@ def mean_edge_m(mesh: MeshArrays) -> float:
 
 @njit(cache=True)
 def _fields(mesh: MeshArrays, sets: np.ndarray, max_distance: np.float32, band: float) -> np.ndarray:
-    """(s, n) float32: one field per row of sets (s, k) int32, its sources. Fans are filled once and serve all."""
+    """Return one field (s, n) float32 per row of sets (s, k) int32, its sources. Fans are filled once for all
+    fields.
+    """
     count = len(mesh.points_m)
     fields, front = np.empty((len(sets), count), np.float32), new_front(count)
     everywhere = Stop(np.float64(max_distance), np.empty(0, np.float32), 0.0)

@@ -1,7 +1,7 @@
-"""The centre of the surface, its geodesic extrema (paper, Section IV-B, after Definition 2), and their caps.
+"""Find the centre of the surface, its geodesic extrema (paper, Section IV-B, after Definition 2), and their caps.
 
-The extremum itself is one node, the farthest of many that are almost as far. Its cap, what the surface is around it,
-has a steadier centre, and shows whether the limb really ends there.
+The extremum itself is one node, the farthest of many that are almost as far. Its cap, the surface around it, has a more
+stable centre, and shows whether the limb really ends there.
 """
 
 from __future__ import annotations
@@ -16,20 +16,21 @@ from anchorpose.errors import DegenerateGeometry
 from anchorpose.geodesics.distance import Stop, band_of, geodesic_distance, march_on, new_front, start_at
 from anchorpose.surface.surface import MeshArrays, Surface
 
-FARTHEST: Final = 10  # nodes whose mean distance is the end: the single farthest is noise by half a centimetre
-STUMP_SHARE: Final = 0.5  # of a cap's outer half: beside a bar all of it is cut, beside one wrong reading little
-LONGER: Final = 1.5  # cap depths, 9 cm: fingers that the sensor lost are shorter, a hand from the wrist on is not
-LONGER_AT_CUT: Final = 1.0  # where something stands in front of the end: a wrist behind a bar
-HIDDEN_AREA: Final = 3.0  # of a seen node's: skin points are 2.2 cm apart, nodes 1.3 cm
-LEAST_SIGMA_M: Final = 0.003  # a quarter of the nodes' distance: a cap of one node has no radius
-SPREAD: Final = 0.20  # of a cap's radius: by how much its centre moves from frame to frame
+FARTHEST: Final = 10  # nodes whose mean distance defines the end: the single farthest has half a centimetre of noise
+# share of a cap's outer half that is cut: beside a bar all of it is, beside one wrong reading little
+STUMP_SHARE: Final = 0.5
+LONGER: Final = 1.5  # cap depths, 9 cm: fingers lost by the sensor are shorter, a hand from the wrist on is longer
+LONGER_AT_CUT: Final = 1.0  # cap depths where an object is in front of the end: a wrist behind a bar
+HIDDEN_AREA: Final = 3.0  # of a hidden node over that of a seen node: skin points are 2.2 cm apart, nodes 1.3 cm
+LEAST_SIGMA_M: Final = 0.003  # a quarter of the nodes' spacing: a cap of one node has no radius
+SPREAD: Final = 0.20  # share of a cap's radius by which its centre moves from frame to frame
 
 
 def surface_center(surface: Surface, among: np.ndarray | None = None) -> int:
-    """V_c: the seen node closest to the average position of all seen nodes.
+    """Return V_c, the seen node closest to the average position of all seen nodes.
 
-    A hole at the centre leaves the nearest node of its rim. among (n,) bool: the nodes it may be, None for all; at
-    least one of them is seen. Raises DegenerateGeometry on a surface without seen nodes.
+    With a hole at the centre it is the nearest node of the rim. among (n,) bool: allowed nodes, None for all; at least
+    one of them is seen. Raises DegenerateGeometry on a surface without seen nodes.
     """
     if surface.seen_count == 0:
         raise DegenerateGeometry("a surface without seen nodes has no centre")
@@ -39,16 +40,16 @@ def surface_center(surface: Surface, among: np.ndarray | None = None) -> int:
 
 
 def seen_mean(surface: Surface) -> np.ndarray:
-    """(3,) float64: the average position of all seen nodes, NaN without any."""
+    """Return the average position (3,) float64 of all seen nodes, NaN without any."""
     return _mean(surface.points_m, surface.seen_count)
 
 
 def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np.ndarray:
-    """Seen nodes farther from the centre than every other seen one within ``radius_m`` of them, the farthest first.
+    """Return seen nodes farther from the centre than all other seen nodes within ``radius_m``, the farthest first.
 
-    field (n,) float32: geodesic distance from the centre; inf (unreachable) nodes are never extrema. radius_m: r of
-    the paper, geodesic, over hidden skin as well. Returns (k,) int32. The rule is exact: nodes that no direct neighbour
-    exceeds are marched from until a node as far from the centre turns up.
+    field (n,) float32: geodesic distance from the centre; inf (unreachable) nodes are never extrema. radius_m: r of the
+    paper, geodesic, over hidden skin as well. Returns (k,) int32. The rule is exact: from each node that no direct
+    neighbour exceeds, a front marches until it meets a node as far from the centre.
     """
     if field.shape != (len(surface),):
         raise ValueError(f"field is {field.shape}, the surface has {len(surface)} nodes")
@@ -64,7 +65,7 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
 
 @njit(cache=True, error_model="numpy")
 def _mean(points: np.ndarray, count: int) -> np.ndarray:
-    """(3,) float64 of the first count points (n, 3), summed in double precision without a copy of them."""
+    """Return the mean (3,) float64 of the first count points (n, 3), summed in double precision without a copy."""
     total = np.zeros(3)
     for k in range(count):
         for axis in range(3):
@@ -73,7 +74,7 @@ def _mean(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
-    """(k,) int32 nodes that exceed all their neighbours on the grid and across links."""
+    """Return the nodes (k,) int32 that exceed all their neighbours on the grid and across links."""
     ring, highest = surface.ring, np.isfinite(field)
     highest &= ((ring < 0) | (field[ring] < field[:, None])).all(axis=1)
     source = np.repeat(np.arange(len(field)), np.diff(surface.link_start))
@@ -83,7 +84,7 @@ def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, radius: float, band: float) -> np.ndarray:
-    """Fast marching from each candidate that ends at the first node as far from the centre."""
+    """Test each candidate by fast marching that ends at the first node as far from the centre."""
     stands = np.empty(len(candidates), np.bool_)
     front = new_front(len(mesh.points_m))
     for k in range(len(candidates)):
@@ -94,11 +95,11 @@ def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, ra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cap:
-    """Around one extremum: what is seen of the surface within some depth of it.
+    """The cap of one extremum: the seen surface within some depth of it.
 
-    tip: the extremum. nodes (m,) int: seen nodes; center_m (3,): their mean, the outermost counting most. reach_m: how
-    far from the centre of the surface the extremum lies. sigma_m: one standard deviation of center_m on an axis. stump:
-    it ends because something else is in front; continues: hidden skin leads much farther.
+    tip: the extremum. nodes (m,) int: seen nodes; center_m (3,): their mean, the outermost with most weight. reach_m:
+    distance of the extremum from the centre of the surface. sigma_m: standard deviation of center_m per axis. stump:
+    the surface ends because an object is in front; continues: hidden skin leads much farther.
     """
 
     tip: int
@@ -113,9 +114,9 @@ class Cap:
 def find_caps(
     surface: Surface, field: np.ndarray, extrema: np.ndarray, depth_m: float, cut: np.ndarray | None = None
 ) -> list[Cap]:
-    """The caps of the extrema (k,), seen nodes, in their order.
+    """Return the caps of the extrema (k,), seen nodes, in their order.
 
-    field (n,) float32: distance from the centre; a cap holds what is at most ``depth_m`` nearer to the centre than the
+    field (n,) float32: distance from the centre; a cap holds nodes at most ``depth_m`` nearer to the centre than the
     mean of its ten farthest nodes. cut (n,) bool: nodes at an edge that something else cut (``surface.border``).
     """
     if len(extrema) == 0:
@@ -152,7 +153,7 @@ def _cap(
 
 
 def _is_stump(surface: Surface, field: np.ndarray, nodes: np.ndarray, cut: np.ndarray) -> bool:
-    """Whether most of what every camera sees of the outer half of a cap lies at a cut."""
+    """Return whether most of the seen nodes in a cap's outer half lie at a cut, in every camera that sees the cap."""
     outer = nodes[field[nodes] >= (field[nodes].max() + field[nodes].min()) / 2.0]
     seen = np.bincount(surface.camera[outer])
     at_cut = np.bincount(surface.camera[outer], weights=cut[outer])

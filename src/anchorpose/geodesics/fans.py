@@ -1,9 +1,9 @@
-"""What a marching front needs to know of a node's ring, and the distances that the node can pass on to it.
+"""Prepare a node's ring for a marching front, and compute the distances that the node can pass on to it.
 
-Eight edges and sixteen triangles, side by side in the processor's vector registers. Lanes: the ring places E N W S NE
-NW SW SE, the four sides of the grid first, because every triangle through which a node passes on a distance has its
-third corner on such a side: to NE it is the triangle with E or with N, to E the one with N or with S, whose right angle
-is at the node. So each lane has a triangle to its left, counter-clockwise, and one to its right.
+Eight edges and sixteen triangles are computed side by side in the processor's vector registers. Lanes: the ring places
+E N W S NE NW SW SE, the four sides of the grid first, because every triangle through which a node passes a distance has
+its third corner on such a side: to NE it is the triangle with E or with N, to E the triangle with N or with S, whose
+right angle is at the node. So each lane has a triangle to its left, counter-clockwise, and a triangle to its right.
 Sources: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431) with the point source of Novotni and Klein 2002.
 """
 
@@ -18,29 +18,31 @@ from anchorpose.surface.surface import MeshArrays
 
 LANES: Final = 8
 PLACE: Final = np.array([0, 2, 4, 6, 1, 3, 5, 7])  # ring place of each lane
-LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # lane of the side that the triangle to the left stands on
+LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # lane of the side that the left triangle stands on
 RIGHT: Final = np.array([3, 0, 1, 2, 0, 1, 2, 3])
-EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24  # columns of a fan: squared edges, dot products with the sides; width
+# columns of a fan: squared edges, dot products with the sides; last, the fan's width
+EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24
 
-# columns of a row of ``Rows``: the fan; the sides' squared edges, distances and bends, those to the right from two
-# before the end of those to the left; the ring's distances; the candidates and their bends; the node's own values
+# columns of a row of ``Rows``: the fan; the sides' squared edges, distances and bends, of which the right ones begin
+# two before the end of the left ones; the ring's distances; the candidates and their bends; the node's own values
 SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = (np.int64(c) for c in (24, 30, 38, 44, 52, 58))
 BEFORE, CANDIDATE, CANDIDATE_BEND, OWN, OWN_BEND, OWN_RIM, UPDATED, ROW = 66, 74, 82, 90, 91, 92, 93, 96
-WIDE: Final = 4  # columns that are copied as one number
+WIDE: Final = 4  # columns copied as one number
 
-AWAY: Any = np.float32(1e6)  # metres; farther than anything, yet its square is a float32
-SMALLEST: Any = np.float32(1e-12)  # square metres; nodes that coincide count as a micrometre apart: no division by 0
+AWAY: Any = np.float32(1e6)  # metres; larger than any distance, yet its square fits into a float32
+# square metres; coinciding nodes count as a micrometre apart, to avoid a division by 0
+SMALLEST: Any = np.float32(1e-12)
 NOT_FILLED: Any = np.uint8(2)
 
 ZERO: Any
 ONE: Any
 TWO: Any
-ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)  # a literal would make everything float64
+ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)  # a literal would make all numbers float64
 
 FULL_TURN: Any = np.float32(1.0 / (1.0 - np.cos(np.radians(4.0))))
-"""Over how sharp a turn at the surface's rim the front starts again there: one that pixels do not make by chance."""
+"""Sharpness of a turn at the surface's rim from which the front starts again there: pixels do not make it by chance."""
 
-FUSED: Final = {"contract", "nsz", "arcp"}  # fused and reordered products, but NaN stays NaN
+FUSED: Final = {"contract", "nsz", "arcp"}  # fused and reordered products are allowed, but NaN stays NaN
 
 
 class Fans(NamedTuple):
@@ -48,7 +50,7 @@ class Fans(NamedTuple):
 
     near (n, 8) uint32: the neighbour in each lane, n where there is none; fan (n, 24) float32: the columns above; rim
     (n,) uint8: 1 where the surface ends, ``NOT_FILLED`` at first; edge (8, 3) float32: scratch; wide (n, 6) complex128:
-    the memory of fan, four columns a number.
+    the memory of fan, four columns per number.
     """
 
     near: np.ndarray
@@ -59,7 +61,9 @@ class Fans(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Workspace of a round, a row per active node: table (n, 96) float32; flat and wide (n, 24) complex128: views."""
+    """Workspace of a round, one row per active node: table (n, 96) float32; flat and wide (n, 24) complex128: views of
+    it.
+    """
 
     table: np.ndarray
     flat: np.ndarray
@@ -68,21 +72,21 @@ class Rows(NamedTuple):
 
 @njit(cache=True)
 def empty_fans(count: int) -> Fans:
-    """Fans of a surface of count nodes, none of them filled."""
+    """Return fans for a surface of count nodes, none of them filled."""
     near, fan = np.empty((count, LANES), np.uint32), np.empty((count, FAN), np.float32)
     return Fans(near, fan, np.full(count, NOT_FILLED), np.empty((LANES, 3), np.float32), fan.view(np.complex128))
 
 
 @njit(cache=True)
 def empty_rows(count: int) -> Rows:
-    """Room for all count nodes, of which a round uses a few rows."""
+    """Return rows for all count nodes, of which a round uses only a few."""
     table = np.empty((count, ROW), np.float32)
     return Rows(table, table.ravel(), table.view(np.complex128))
 
 
 @njit(cache=True)
 def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
-    """Fill those of the active nodes that no earlier round filled, so that a march that stops early costs less."""
+    """Fill the fans of active nodes that no earlier round filled, so that a march that stops early costs less."""
     for k in range(len(active)):
         node = active[k]
         if fans.rim[node] == NOT_FILLED:
@@ -91,10 +95,10 @@ def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
-    """Fill in the neighbours and edges of one node; whether the surface ends at it.
+    """Fill in the neighbours and edges of one node; return whether the surface ends at it.
 
-    A triangle exists when all its three edges do: the dot product of any other is NaN, which no comparison lets pass.
-    A missing neighbour is ``AWAY``. Inlined, since a call would count the references to eleven arrays.
+    A triangle exists when its three edges exist: otherwise its dot product is NaN, which fails every comparison. A
+    missing neighbour is ``AWAY``. The function is inlined, since a call would count the references to eleven arrays.
     """
     points, ring = mesh.points_m, mesh.ring
     near, fan, edge = fans.near, fans.fan, fans.edge
@@ -122,9 +126,9 @@ def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
 
 @njit(cache=True)
 def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarray, rows: Rows) -> None:
-    """Copy what the active nodes (k,) uint32 need into the first k rows, before any distance changes.
+    """Copy the inputs of the active nodes (k,) uint32 into the first k rows, before any distance changes.
 
-    distance, bend (n + 1,) float32 of ``front.Front``.
+    distance, bend (n + 1,) float32: of ``Front``.
     """
     near, fan, table = fans.near, fans.fan, rows.table
     for k in range(len(active)):
@@ -151,9 +155,10 @@ def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, 
 
 @njit(cache=True, error_model="numpy", fastmath=FUSED)
 def find_candidates(table: np.ndarray, count: int) -> None:
-    """The candidate distances of the first rows of ``Rows.flat``, and which neighbours may be updated by them.
+    """Compute the candidate distances of the first rows of ``Rows.flat``, and which neighbours may be updated by
+    them.
 
-    The inner loop has no branch and one array, so that it becomes vector instructions.
+    The inner loop has no branch and one array, so that it is vectorised.
     """
     for k in range(count):
         row = k * ROW
@@ -184,7 +189,8 @@ def find_candidates(table: np.ndarray, count: int) -> None:
 def _through(
     own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
 ) -> tuple:
-    """Candidate distance through one triangle; its bend; how much the path turns at the node if it cannot cross.
+    """Return the candidate distance through one triangle, its bend, and how far the path turns at the node if it cannot
+    cross.
 
     The triangle is laid flat, the node at the origin and the side at (c, 0): the point from which the front seems to
     come is (x, -y), with ``towards`` = 2 c x and ``beside`` = 2 c y; the neighbour's height over the edge times c is

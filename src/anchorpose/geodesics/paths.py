@@ -1,4 +1,4 @@
-"""Where each node's shortest path comes from, read off a field of distances, which may come from any solver."""
+"""Find where each node's shortest path comes from in a field of distances, which may come from any solver."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ def came_from(
     distance: np.ndarray,
     node: int,
 ) -> tuple[int, int, float]:
-    """Where a node's path comes from: the point (1 - share) a + share b on an edge of its ring, or a node, a = b.
+    """Return where a node's path comes from: the point (1 - share) a + share b on an edge of its ring, or a node (a =
+    b).
 
-    points (n, 3 or more) float32: places first; ring to link_length: fields of ``MeshArrays``, not as a bundle, since
+    points (n, 3 or more) float32: places first; ring to link_length: fields of ``MeshArrays``, passed separately, since
     this is called for every node; distance (n,) float32: the field.
     """
     one: Any
     other: Any
     best, share = np.inf, 0.0
-    one, other = np.int64(-1), np.int64(-1)  # of the type that they get: otherwise callees are compiled for both
+    one, other = np.int64(-1), np.int64(-1)  # of their final type: otherwise callees are compiled for both types
     for k in range(8):
         a, b = np.int64(ring[node, k]), np.int64(ring[node, (k + 1) % 8])
         if b < 0 and _across(ring, node, k):
@@ -50,7 +51,9 @@ def came_from(
 
 @njit(cache=True, error_model="numpy")
 def unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any) -> tuple[float, float]:
-    """Distance by way of edge a-b laid flat, and the share of the edge where the ray crosses; inf where it misses."""
+    """Return the distance by way of edge a-b laid flat, and the share of the edge where the ray crosses; inf if it
+    misses.
+    """
     c2, p2, dot = 0.0, 0.0, 0.0
     for axis in range(3):
         edge = np.float64(points[b, axis]) - points[a, axis]
@@ -76,7 +79,7 @@ def unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any
 
 @njit(cache=True, error_model="numpy")
 def apart(points: np.ndarray, a: Any, b: Any) -> float:
-    """Straight distance between two nodes."""
+    """Return the straight distance between two nodes."""
     total = 0.0
     for axis in range(3):
         total += (np.float64(points[a, axis]) - points[b, axis]) ** 2
@@ -85,7 +88,7 @@ def apart(points: np.ndarray, a: Any, b: Any) -> float:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def adjoin(ring: np.ndarray, node: Any, other: int) -> bool:
-    """Whether two nodes are neighbours on the grid."""
+    """Return whether two nodes are neighbours on the grid."""
     for k in range(8):  # noqa: SIM110
         if ring[node, k] == other:
             return True
@@ -94,10 +97,10 @@ def adjoin(ring: np.ndarray, node: Any, other: int) -> bool:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
-    """Whether no triangle holds the edge to a neighbour."""
+    """Return whether the edge to a neighbour belongs to no triangle."""
     for k in range(8):
         if ring[node, k] == other:
-            for way in (1, 2, 6, 7):  # a neighbour of both, one or two places around the ring
+            for way in (1, 2, 6, 7):  # a common neighbour is one or two places around the ring
                 third = np.int64(ring[node, (k + way) % 8])
                 if third >= 0 and adjoin(ring, third, other):
                     return False
@@ -107,7 +110,9 @@ def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def open_nodes(ring: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """(n,) bool: rim nodes around which the triangles do not close; a corner that a triangle cuts off is closed."""
+    """Return (n,) bool: rim nodes whose triangles do not close around them; a corner that a triangle cuts off is
+    closed.
+    """
     is_open = np.zeros(len(ring), np.bool_)
     for node in range(len(ring)):
         if rim[node]:
@@ -119,7 +124,9 @@ def open_nodes(ring: np.ndarray, rim: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _across(ring: np.ndarray, node: int, k: int) -> bool:
-    """Whether the ring's neighbours before and after a missing diagonal one are neighbours: a triangle of the node."""
+    """Return whether the ring's neighbours on both sides of a missing diagonal one are neighbours: a triangle with the
+    node.
+    """
     if k % 2 == 1 or ring[node, k] < 0 or ring[node, (k + 2) % 8] < 0 or ring[node, (k + 1) % 8] >= 0:
         return False
     return ring[ring[node, k], (k + 3) % 8] == ring[node, (k + 2) % 8]
@@ -127,7 +134,7 @@ def _across(ring: np.ndarray, node: int, k: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def by_distance(distance: np.ndarray) -> np.ndarray:
-    """The nodes at a finite distance, nearest first: sorted into as many bins as nodes, then within each."""
+    """Return the nodes at a finite distance, nearest first, sorted into as many bins as nodes, then within each bin."""
     farthest, count = 0.0, 0
     for value in distance:
         if np.isfinite(value):

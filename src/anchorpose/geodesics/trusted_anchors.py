@@ -1,4 +1,4 @@
-"""Decide which anchor distances of a node can be trusted: holes that cast a shadow lengthen the paths behind them.
+"""Decide which anchor distances of a node can be trusted: holes cast a shadow, in which paths are too long.
 
 A node behind a bend of the path lies in the shadow of the hole's rim. In the plane of the bend, the path begins at the
 anchor, which is the origin, and runs along the first axis. If the hole were filled flat, the shortest path would be
@@ -23,21 +23,21 @@ from anchorpose.surface.surface import MeshArrays, Surface
 POINT, NORMAL, SKIN = 0, 3, 6  # columns of skin: place, normal; width
 PLACE, HEADING, SIDE, BEND = 0, 2, 5, 6  # columns of bend: below; width
 CORNER, ROOT, CHAIN = 0, 1, 2  # columns of chain: below; width
-"""What the kernels know of the n nodes, in arrays of many columns instead of bundles of arrays.
+"""Layout of the arrays, of many columns, that hold what the kernels know of the n nodes.
 
-What is called for every node takes plain arrays and is inlined: counting the references to the arrays of a bundle at
-every call took four fifths of the time.
+Functions that are called for every node take plain arrays and are inlined: counting the references to a bundle's arrays
+at every call took four fifths of the time.
 
 skin (n, 6) float32: point and normal. bend (n, 6) float64: how the paths of one field bend around rims. Place: where a
-shadow node is in the plane that its path is laid out in, the anchor at the origin and the path's first piece along the
-first axis; heading: direction of the path's last piece; side: 1 or -1, to which side a rim node bends paths. chain
-(n, 2) int32. Corner: the rim node around which the path bends last, -1 in the light, -2 so deep in the shadow that it
-is not computed; root: the one around which it bends first, which names the plane.
+shadow node is in the plane in which its path is laid out, with the anchor at the origin and the path's first piece
+along the first axis; heading: direction of the path's last piece; side: 1 or -1, to which side a rim node bends paths.
+chain (n, 2) int32. Corner: the rim node at which the path bends last, -1 outside shadows, -2 so deep in a shadow that
+it is not computed; root: the rim node at which it bends first, which identifies the plane.
 """
 
 
 def hole_directions(surface: Surface, is_open: np.ndarray) -> np.ndarray:
-    """(n, 3) float64: at an open node, away from the neighbours it has."""
+    """Return (n, 3) float64: at an open node, the direction away from its neighbours."""
     points, hole = surface.points_m, np.zeros((len(surface), 3))
     nodes = np.flatnonzero(is_open)
     for k in range(8):
@@ -60,10 +60,10 @@ def cast_shadow(
     node: int,
     edge: tuple[int, int, float, bool],
 ) -> None:
-    """Find where the node lies in the plane of its path, if that bends; the path comes from between an edge's ends.
+    """Find where the node lies in the plane of its path, if the path bends; it comes from between an edge's ends.
 
-    edge: its ends a and b, the share of the way from a to b, and whether it is a link; is_open
-    (n,) bool: rim nodes around which the triangles do not close; hole (n, 3) float64: the way out from them.
+    edge: its ends a and b, the share of the way from a to b, and whether it is a link; is_open (n,) bool: rim nodes
+    whose triangles do not close around them; hole (n, 3) float64: the direction out of the surface there.
     """
     a, b, share, linked = edge
     if chain[a, CORNER] == -2 or chain[b, CORNER] == -2:
@@ -84,7 +84,7 @@ def cast_shadow(
         b, share = a, 0.0
     if chain[a, CORNER] < 0 and chain[b, CORNER] < 0:
         return
-    if chain[a, CORNER] < 0:  # a is the one in the shadow
+    if chain[a, CORNER] < 0:  # a is the end in the shadow
         a, b, share = b, a, 1.0 - share
     last = np.int64(chain[a, CORNER])
     if chain[b, CORNER] >= 0 and chain[b, ROOT] == chain[a, ROOT] and distance[chain[b, CORNER]] > distance[last]:
@@ -111,9 +111,9 @@ def _behind(
     at_x: float,
     at_y: float,
 ) -> None:
-    """The path comes from behind the last corner, or behind the one before it that it still bends around.
+    """Continue a path from behind the last corner, or from behind the corner before at which it still bends.
 
-    at_x, at_y: where the path leads through, seen from the corners; first: the corner around which it bends first.
+    at_x, at_y: a place on the path, seen from the corners; first: the corner at which it bends first.
     """
     while last >= 0:
         x, y = at_x - bend[last, PLACE], at_y - bend[last, PLACE + 1]
@@ -130,7 +130,7 @@ def _behind(
 
 @njit(cache=True, error_model="numpy")
 def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, turn: float, node: int) -> None:
-    """The path bends at a rim node by ``turn`` and reaches the node from there."""
+    """Bend the path at a rim node by ``turn``, from where it reaches the node."""
     x, y = _arrival(at, bend, chain)
     reach = distance[node] - distance[at]
     bend[node, PLACE] = bend[at, PLACE] + reach * (x * np.cos(turn) - y * np.sin(turn))
@@ -141,7 +141,7 @@ def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, 
 
 @njit(cache=True, error_model="numpy")
 def _arrival(at: Any, bend: np.ndarray, chain: np.ndarray) -> tuple[float, float]:
-    """The direction in which the path comes to a rim node, in the plane."""
+    """Return the direction in which the path reaches a rim node, in the plane."""
     before = chain[at, CORNER]
     if before < 0:
         return 1.0, 0.0
@@ -154,7 +154,7 @@ def _arrival(at: Any, bend: np.ndarray, chain: np.ndarray) -> tuple[float, float
 def _third_corner(
     a_x: float, a_y: float, b_x: float, b_y: float, from_a: float, from_b: float, side: float
 ) -> tuple[float, float]:
-    """The point at two distances from a and b; left of the way from a to b for side 1, right of it for -1."""
+    """Return the point at given distances from a and b; left of the line from a to b for side 1, right of it for -1."""
     x, y = b_x - a_x, b_y - a_y
     length = max(np.sqrt(x * x + y * y), 1e-9)
     along = (from_a * from_a - from_b * from_b + length * length) / (2.0 * length)
@@ -164,7 +164,9 @@ def _third_corner(
 
 @njit(cache=True, error_model="numpy")
 def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: int) -> float:
-    """The angle between the path's pieces to and from a rim node, seen along the normal; 0 unless towards the hole."""
+    """Return the angle between the path's pieces to and from a rim node, seen along the normal; 0 unless towards the
+    hole.
+    """
     cosine, sine, side, up_in, up_out = 0.0, 0.0, 0.0, 0.0, 0.0
     for axis in range(3):
         out = np.float64(skin[node, POINT + axis]) - skin[at, POINT + axis]
@@ -185,20 +187,20 @@ def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: i
 
 
 TOLERANCE_M: Final = 0.010
-"""A detour that tracking may ignore: half of what the gate allows for the anchors' jitter."""
+"""Length in metres of a detour that tracking may ignore: half of what the gate allows for the anchors' jitter."""
 
 
 def trusted_anchors(
     surface: Surface, descriptor: np.ndarray, rim: np.ndarray, tolerance_m: float = TOLERANCE_M
 ) -> np.ndarray:
-    """(n, k) bool: whether a node's distance to an anchor is what it would be without the occlusions.
+    """Return (n, k) bool: whether a node's distance to an anchor is what it would be without occlusions.
 
     descriptor (n, k) metres, from ``anchor_descriptor``: the distances as they are on this surface. rim (n,) bool:
     nodes where something else ends the surface, ``surface.border.border(...) == Border.CUT``; a band of some nodes
-    around it does no harm, since only nodes whose own ring of neighbours is open can be bent around. The body's own
-    outline is not a rim: it is there in every frame. Links across what hides the skin lead straight on. Anchors missed
-    (NaN) or not reached (inf) are not trusted. Where the outline bends a path shortly before a rim does (a hole beside
-    the armpit), too few are: the path through the hole would have been bent as well.
+    around it does no harm, since paths bend only at nodes with an open ring of neighbours. The body's own outline is
+    not a rim: it is the same in every frame. Links across hidden skin lead straight on. Missed (NaN) or unreached (inf)
+    anchors are not trusted. Where the outline bends a path shortly before a rim does (a hole beside the armpit), too
+    few are trusted: the path through the hole would have bent as well.
     """
     if not tolerance_m >= 0:
         raise ValueError(f"tolerance_m must not be negative, got {tolerance_m}")
@@ -207,12 +209,12 @@ def trusted_anchors(
 
 
 def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: float = np.inf) -> np.ndarray:
-    """(n, k) float32 metres: by how much occlusions lengthen each distance, were they filled flat.
+    """Return (n, k) float32 metres: by how much each distance is longer than if the occluded holes were filled flat.
 
-    Arguments as in ``trusted_anchors``. NaN where the distance is not finite. A detour only grows along a path, so what
-    lies behind nodes of more than ``enough_m`` is given a lower bound of its own, which saves half the time; inf where
-    the path squeezes through a strip without triangles beside the occlusion, whose bends are unknown. The direction of
-    each path at a rim comes from the field's own triangles, so that any solver's distances will do.
+    Arguments as in ``trusted_anchors``. It is NaN where the distance is not finite. A detour only grows along a path,
+    so nodes behind a detour of more than ``enough_m`` get a lower bound, which saves half the time. It is inf where the
+    path passes a strip without triangles beside the occlusion, whose bends are unknown. The direction of each path at a
+    rim comes from the field's own triangles, so that any solver's distances will do.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:
         raise ValueError(
@@ -227,8 +229,9 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
 
 @njit(cache=True, error_model="numpy")
 def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np.ndarray, enough: float) -> np.ndarray:
-    """(n, k) float32 for fields (k, n). Node by node in the order of distance; only rim nodes and what lies behind them
-    need more than a glance. is_open (n,) bool, hole (n, 3): see ``shadows.cast_shadow``."""
+    """Return detours (n, k) float32 for fields (k, n), node by node in the order of distance. is_open (n,) bool, hole
+    (n, 3): as in ``cast_shadow``.
+    """
     count, skin = len(mesh.points_m), _skin(mesh)
     ring, link_start, link_node, link_length = mesh.ring, mesh.link_start, mesh.link_node, mesh.link_length_m
     every = np.full((len(fields), count), np.nan, np.float32)
@@ -268,7 +271,7 @@ def _skin(mesh: MeshArrays) -> np.ndarray:
     """Return points and normals side by side, (n, 6) float32."""
     skin = np.empty((len(mesh.points_m), SKIN), np.float32)
     for node in range(len(skin)):
-        for axis in range(3):  # slices would compile numba's texts of errors: four seconds
+        for axis in range(3):  # slices would compile numba's error texts: four seconds
             skin[node, POINT + axis] = mesh.points_m[node, axis]
             skin[node, NORMAL + axis] = mesh.normals[node, axis]
     return skin
@@ -278,9 +281,9 @@ def _skin(mesh: MeshArrays) -> np.ndarray:
 def _set_heading(
     skin: np.ndarray, bend: np.ndarray, node: int, edge: tuple[int, int], share: float, known: bool
 ) -> None:
-    """The direction of a path's last piece, which comes from between the ends of an edge.
+    """Set the direction of a path's last piece, which comes from between the ends of an edge.
 
-    It stays 0 behind a link: a path that comes across the hole does not bend around it.
+    It stays 0 behind a link: a path across the hole does not bend around it.
     """
     a, b = edge
     for axis in range(3):
@@ -294,7 +297,7 @@ def _set_heading(
 def _detour_of(
     distance: np.ndarray, found: np.ndarray, bend: np.ndarray, chain: np.ndarray, node: int, before: int
 ) -> np.float32:
-    """The detour of one node, whose path is laid out, from that of the nearer node before it."""
+    """Return the detour of a node whose path is laid out, from that of the nearer node before it."""
     if chain[node, CORNER] >= 0:
         chord = np.sqrt(bend[node, PLACE] ** 2 + bend[node, PLACE + 1] ** 2)
         return np.float32(max(distance[node] - chord, 0.0))
@@ -305,7 +308,7 @@ def _detour_of(
 def _least_before(
     ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray, distance: np.ndarray, found: np.ndarray, node: int
 ) -> float:
-    """The least detour among the nearer neighbours; the node's path passes between two of them."""
+    """Return the least detour among the nearer neighbours; the node's path passes between two of them."""
     least = np.inf
     for k in range(8):
         other = ring[node, k]

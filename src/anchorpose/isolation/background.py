@@ -1,4 +1,6 @@
-"""The empty room and the equipment chi_0 as each camera sees them, and what stands in front (paper, Section III)."""
+"""Describe the empty room and equipment chi_0 as each camera sees them, and find the foreground (paper, Section
+III).
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,15 @@ from anchorpose.isolation.components import JUMP_GATE, without_flying_pixels
 from anchorpose.isolation.depth_noise import Sensor
 from anchorpose.recording.equipment import EquipmentModel
 
-BACKGROUND_GATE: Final = 2.0  # sigmas of a pixel, for a 3x3 median, whose deviation is 0.4 of that: five of its own
+# sigmas of a pixel, for a 3x3 median, whose own deviation is 0.4 of a pixel's: five of its own sigmas
+BACKGROUND_GATE: Final = 2.0
 EQUIPMENT_GATE: Final = 3.0  # sigmas of a single pixel, not of a median: thin bars are 3 pixels wide
-EQUIPMENT_TOLERANCE_M: Final = 0.01  # the equipment was measured by hand, and its pose was estimated
+EQUIPMENT_TOLERANCE_M: Final = 0.01  # error of the equipment, which was measured by hand and whose pose was estimated
 _SQUARE: Final = np.ones((3, 3), np.uint8)
 
 
 class BackgroundSource(StrEnum):
-    """Where the background came from; the run's notes quote it."""
+    """Source of the background; the run's notes quote it."""
 
     PICTURE = "the given picture of the empty room"
     RECORDING = "what stays in place in the recording"
@@ -32,9 +35,9 @@ class BackgroundSource(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestingLayer:
-    """An object before the room, at rest from from_s until until_s (reference clock): later or earlier it is elsewhere.
+    """An object before the room, at rest from from_s until until_s (reference clock), and elsewhere at other times.
 
-    depth_m (height, width) float32 metres, 0 = not here; sigma_m (height, width) float32: deviation of a reading of it.
+    depth_m (height, width) float32 metres, 0 = not here; sigma_m (height, width) float32: deviation of its readings.
     """
 
     depth_m: np.ndarray
@@ -48,9 +51,8 @@ class BackgroundModel:
     """One camera's empty room.
 
     depth_m (height, width) float32 metres, 0 = nothing known. sigma_m (height, width) float32: deviation of a live
-    reading from depth_m where nobody stands.
-    layers: objects that are moved, each while it rests. usual_share: of the known pixels that read the room in a usual
-    frame (``other_place``); 0 where that is not known.
+    reading from depth_m where nobody stands. layers: movable objects, each for the time that it rests. usual_share:
+    share of the known pixels that read the room in a usual frame (``other_place``); 0 where unknown.
     """
 
     depth_m: np.ndarray
@@ -62,9 +64,9 @@ class BackgroundModel:
 
 
 def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """(depth_m, sigma_m), (height, width) float32 each, of what each reading is compared with at a time.
+    """Return (depth_m, sigma_m), (height, width) float32 each, that each reading is compared with at a time.
 
-    That is the room, or a layer that holds then where the reading is not behind it. time_s None: the room.
+    It is the room, or a layer that is present at the time, where the reading is not behind that. time_s None: the room.
     """
     room, sigma = model.depth_m, model.sigma_m
     for layer in model.layers:
@@ -75,14 +77,15 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
 
 
 def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None = None) -> np.ndarray:
-    """(height, width) bool: pixels nearer than the room by more than the noise explains, flying pixels left out.
+    """Return (height, width) bool: pixels nearer than the room by more than the noise explains, without flying
+    pixels.
 
-    time_s: of the frame, reference clock; None: nothing rests before the room.
+    time_s: the frame's, reference clock; None: no layers.
 
     The test is on the 3x3 median of the difference in sigmas, so it reaches down to a sole on the floor: the margin is
     two sigmas along the ray, at grazing incidence a centimetre of height. A pixel that is clearly nearer needs no
     median: fingers and corners of the outline are smaller than that. Where the background is unknown, a reading counts
-    as foreground; what belongs to no person is removed later.
+    as foreground; pixels that belong to no person are removed later.
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)
@@ -91,7 +94,9 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
 
 @njit(cache=True, nogil=True)
 def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """How many sigmas each reading is before the room; 1e3 where the room is unknown, -1e3 without a reading."""
+    """Return how many sigmas each reading lies in front of the room; 1e3 where the room is unknown, -1e3 without a
+    reading.
+    """
     nearer = np.empty_like(depth)
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):
@@ -106,11 +111,11 @@ def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedEquipment:
-    """What one camera would see if nothing but the equipment were there.
+    """The view of one camera if only the equipment were there.
 
     depth_m (height, width) float32 metres, 0 = no equipment on this ray. A reading between low_m and high_m, (height,
-    width) float32, is the equipment; where there is none near, low_m is inf. measured (height, width) bool: pixels
-    around which the background frame shows nothing but equipment, where it is drawn.
+    width) float32, is the equipment; away from equipment low_m is inf. measured (height, width) bool: pixels of the
+    drawn equipment around which the background frame shows only equipment.
     """
 
     depth_m: np.ndarray
@@ -120,7 +125,9 @@ class ExpectedEquipment:
 
 
 def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
-    """(height, width) float32 depth of the equipment alone, 0 = none; raises ValueError where the pose is unknown."""
+    """Return the depth (height, width) float32 of the equipment alone, 0 = none; raises ValueError where the pose is
+    unknown.
+    """
     depth = np.zeros((camera.height, camera.width), np.float32)
     rendering = EquipmentCaster(equipment).render(camera, invert_rigid(camera.require_pose()))
     if rendering is not None:
@@ -129,7 +136,7 @@ def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
 
 
 def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> ExpectedEquipment:
-    """Which readings are the equipment, once per camera, since it does not move.
+    """Compute which readings are the equipment, once per camera, since it does not move.
 
     drawn_m: ``equipment_depth``. The silhouette is one pixel wider than drawn: a pixel that is half bar reads as bar.
     """
@@ -144,11 +151,12 @@ def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> Expect
 
 
 def equipment_mask(depth_m: np.ndarray, nearer: np.ndarray, expected: ExpectedEquipment) -> np.ndarray:
-    """(height, width) bool: pixels whose view ends at the equipment, so that the patient may be behind it.
+    """Return (height, width) bool: pixels whose view ends at the equipment, so that the patient may be behind it.
 
-    Those that read as the equipment, and those that read nothing where it is drawn; what is nearer is in front of it.
-    nearer (height, width) bool: ``background.foreground``. Where the empty equipment was measured, that decides alone:
-    fingers around a bar stand out from it by less than a model measured by hand may be off, and than one pixel's noise.
+    These are pixels that read the equipment, and pixels without reading where it is drawn; nearer readings are in front
+    of it. nearer (height, width) bool: ``background.foreground``. Where the background frame shows the empty equipment,
+    ``nearer`` decides alone: fingers around a bar stand out from it by less than the error of a model measured by hand,
+    and less than one pixel's noise.
     """
     on_it = (depth_m >= expected.low_m) & (depth_m <= expected.high_m) & ~(expected.measured & nearer)
     mask: np.ndarray = on_it | ((depth_m <= 0) & (expected.depth_m > 0))

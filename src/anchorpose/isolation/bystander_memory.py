@@ -1,4 +1,4 @@
-"""Everybody in the room from frame to frame: where their skin was last seen, and so is likely to be again."""
+"""Remember the skin of all people from frame to frame, to predict where it is in the next frame."""
 
 from __future__ import annotations
 
@@ -14,22 +14,24 @@ from anchorpose.isolation.ownership import OwnershipLikelihood
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
-SAMPLE_PX: Final = 3  # of the pixels' rows and columns: two centimetres at 2.5 m
-CELL_M: Final = 0.05  # skin that is seen again replaces what is remembered within it
-MEMORY_S: Final = 1.0  # for which hidden skin is remembered: somebody crosses in front of it
-SIGMA_M: Final = 0.012  # noise and half the spacing of remembered points
-SPEED_M_S: Final = 0.30  # of skin between frames: people who hold or stand; those who walk are reached by growing
-CLUSTER_GAP_M: Final = 0.10  # a bar with its margins: a head over a rail still belongs to its body
-CLUSTER_AREA_M2: Final = 0.25  # of a person's skin, seen by all cameras together: more than an arm, 0.15
-CUBES_PER_FACE: Final = 1.5  # cubes that a plane passes through per face of its size: mean over all slants
+SAMPLE_PX: Final = 3  # rows and columns between sampled pixels: two centimetres at 2.5 m
+CELL_M: Final = 0.05  # newly seen skin replaces remembered skin within this distance
+MEMORY_S: Final = 1.0  # time for which hidden skin is remembered: a person crosses in front of it
+SIGMA_M: Final = 0.012  # error of remembered points: noise and half of their spacing
+# speed of skin between frames, of people who hold or stand; walking people are reached by region growing
+SPEED_M_S: Final = 0.30
+# gap within one cluster, a bar with its margins: a head over a rail still belongs to its body
+CLUSTER_GAP_M: Final = 0.10
+CLUSTER_AREA_M2: Final = 0.25  # skin of a person, seen by all cameras together: more than an arm, 0.15
+CUBES_PER_FACE: Final = 1.5  # cubes that a plane passes through, per cube face of its area: mean over all slants
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BystanderMemory:
     """The skin of all people, the patient included, as last seen.
 
-    points_m (n, 3) float32 world; owner (n,) uint8 label; age_s (n,) float32: since it was seen; next_label: the label
-    that a new person gets.
+    points_m (n, 3) float32 world; owner (n,) uint8 label; age_s (n,) float32: time since it was seen; next_label: the
+    label that a new person gets.
     """
 
     points_m: np.ndarray
@@ -39,11 +41,11 @@ class BystanderMemory:
 
     @property
     def without_patient(self) -> BystanderMemory:
-        """Everybody but the patient."""
+        """Return the memory without the patient."""
         return self.without(np.array([PixelLabel.PATIENT]))
 
     def without(self, labels: np.ndarray) -> BystanderMemory:
-        """Everybody but the people with the labels (k,)."""
+        """Return the memory without the people with these labels (k,)."""
         return self._of(~np.isin(self.owner, labels))
 
     def _of(self, kept: np.ndarray) -> BystanderMemory:
@@ -51,7 +53,7 @@ class BystanderMemory:
 
     @property
     def seen_last(self) -> dict[int, np.ndarray]:
-        """Label to the points (n, 3) of each person that the last frame showed."""
+        """Return, per label, the points (n, 3) of each person in the last frame."""
         seen = self.age_s == 0.0
         return {
             int(label): self.points_m[seen & (self.owner == label)]
@@ -59,7 +61,7 @@ class BystanderMemory:
         }
 
     def moved(self, steps: Mapping[int, np.ndarray]) -> BystanderMemory:
-        """With what the last frame showed of people moved by a step (3,) each."""
+        """Return the memory with each person's points of the last frame moved by a step (3,)."""
         if not steps:
             return self
         points = self.points_m.copy()
@@ -68,16 +70,16 @@ class BystanderMemory:
         return replace(self, points_m=points)
 
     def likelihood(self, elapsed_s: float, doubt_m: float = 0.0) -> OwnershipLikelihood:
-        """Where skin is likely ``elapsed_s`` after the last frame: it moves, and what was hidden longest most.
+        """Predict skin ``elapsed_s`` after the last frame: its uncertainty grows with the time since it was seen.
 
-        doubt_m: added to its deviation, since who was seen there may have been mistaken.
+        doubt_m: added to its deviation, since its person label may be wrong.
         """
         spread = np.hypot(np.hypot(SIGMA_M, doubt_m), SPEED_M_S * (self.age_s + abs(elapsed_s)))
         return OwnershipLikelihood(self.points_m, self.owner, spread.astype(np.float32))
 
 
 def empty_memory() -> BystanderMemory:
-    """An empty room."""
+    """Return the memory of an empty room."""
     return BystanderMemory(
         np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.float32), PixelLabel.OTHER_PERSON
     )
@@ -90,11 +92,11 @@ def update_memory(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> BystanderMemory:
-    """The memory after one more frame.
+    """Update the memory by one more frame.
 
-    Skin that no camera can see now, because something stands before it, is remembered for ``MEMORY_S``; where a camera
-    looks past it, it has gone. Clusters too small to be a person are left out: an arm of the patient that was once
-    taken for another person's, or a head taken for the patient's, must not keep its wrong owner.
+    Skin that is hidden from all cameras is remembered for ``MEMORY_S``; where a camera looks past it, it has gone.
+    Clusters too small to be a person are dropped, so that an arm or head that was once given to the wrong person does
+    not keep its wrong owner.
     """
     points, owner = _seen_now(pieces, views)
     kept = _hidden_since(before, points, pieces, cameras, elapsed_s)
@@ -108,7 +110,7 @@ def update_memory(
 
 
 def _seen_now(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> tuple[np.ndarray, np.ndarray]:
-    """points_m (n, 3) and owner (n,) of every third row's and column's pixels of people."""
+    """Return points_m (n, 3) and owner (n,) of the people's pixels in every third row and column."""
     points, owners = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
     for pixels, view in zip(pieces, views, strict=True):
         if pixels is None or view is None:
@@ -129,7 +131,7 @@ def _hidden_since(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> BystanderMemory:
-    """What was seen before, is not seen now, and may still be where it was."""
+    """Return the skin that was seen before, is not seen now, and may still be at its place."""
     age = before.age_s + np.float32(abs(elapsed_s))
     kept = np.flatnonzero((age < MEMORY_S) & ~_near(before.points_m, seen_m))
     points = before.points_m[kept]
@@ -144,7 +146,7 @@ def _hidden_since(
 
 
 def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
-    """(n,) bool: whether any skin was seen in a point's cell or beside it."""
+    """Return (n,) bool: points in whose cell, or beside it, skin is seen now."""
     if not len(points_m) or not len(seen_m):
         return np.zeros(len(points_m), dtype=bool)
     low = np.minimum(points_m.min(axis=0), seen_m.min(axis=0)) - CELL_M
@@ -156,7 +158,7 @@ def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
 
 
 def _in_large_clusters(memory: BystanderMemory) -> np.ndarray:
-    """(n,) bool: points connected to enough skin of the same person to be a person."""
+    """Return (n,) bool: points connected to enough skin with the same label to be a person."""
     large = np.zeros(len(memory.owner), dtype=bool)
     for label in np.flatnonzero(np.bincount(memory.owner)):
         own = np.flatnonzero(memory.owner == label)

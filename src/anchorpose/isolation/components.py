@@ -1,4 +1,4 @@
-"""Connected pieces of a depth frame, cut where the depth jumps."""
+"""Find connected pieces of a depth frame, cut where the depth jumps."""
 
 from __future__ import annotations
 
@@ -8,33 +8,37 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-SUPPORT: Final = 3  # of eight neighbours: what the corner of a convex outline still has
-JUMP_GATE: Final = 4.0  # sigmas: neighbours on one surface differ by noise and by slope, and by no more than this noise
-STEEPEST_SLOPE_RAD: Final = 1.40  # 80 degrees: steeper surfaces give a depth camera no reading
+SUPPORT: Final = 3  # of eight neighbours; the corner of a convex outline still has three
+JUMP_GATE: Final = 4.0  # sigmas by which neighbours on one surface may differ beyond the slope
+STEEPEST_SLOPE_RAD: Final = 1.40  # 80 degrees: steeper surfaces give no reading
 
 
 @dataclass(frozen=True, slots=True)
 class JumpLimit:
-    """How far neighbouring pixels of one surface may differ in depth: ``square z^2 + slope z`` metres at depth z.
+    """Largest depth difference between neighbouring pixels of one surface: ``square z^2 + slope z`` metres at depth
+    z.
 
-    square (1/m): of the noise; slope: of the steepest surface that gives a reading, for one pixel.
+    square (1/m): from the noise; slope: from the steepest surface that gives a reading, per pixel.
     """
 
     square: float
     slope: float
 
     def at(self, depth_m: np.ndarray) -> np.ndarray:
-        """The limit of every pixel, in the shape of ``depth_m``."""
+        """Return the limit of every pixel, in the shape of ``depth_m``."""
         return self.square * depth_m**2 + self.slope * depth_m
 
 
 def jump_limit(noise_per_m: float, focal_px: float) -> JumpLimit:
-    """The limit for a sensor of noise ``noise_per_m z^2``: ``JUMP_GATE`` deviations of a difference above the slope."""
+    """Return the limit for a sensor of noise ``noise_per_m z^2``: ``JUMP_GATE`` deviations of a difference above the
+    slope.
+    """
     return JumpLimit(float(JUMP_GATE * np.sqrt(2.0) * noise_per_m), float(np.tan(STEEPEST_SLOPE_RAD) / focal_px))
 
 
 def label_components(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> tuple[np.ndarray, int]:
-    """Pieces of ``mask`` whose neighbouring pixels (8-neighbourhood) differ in depth by no more than the limit.
+    """Return the pieces of ``mask`` in which neighbouring pixels (8-neighbourhood) differ in depth by at most the
+    limit.
 
     depth_m (height, width) float32 metres; mask (height, width) bool. Of two pixels the farther one's limit counts.
     Returns labels (height, width) int32, 0 = outside the mask, 1... in the order of the first pixel, and their number.
@@ -43,7 +47,8 @@ def label_components(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) ->
 
 
 def without_flying_pixels(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> np.ndarray:
-    """``mask`` without pixels that hang between two surfaces: fewer than three neighbours at their own depth.
+    """Return ``mask`` without pixels that hang between two surfaces: those with fewer than three neighbours at their
+    depth.
 
     Time-of-flight cameras report such mixed depths along every silhouette.
     """
@@ -60,7 +65,7 @@ def _root(parent: np.ndarray, node: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _label(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> tuple[np.ndarray, int]:
-    """Union-find; the smallest index of a piece is its root, so it comes first."""
+    """Label the pieces by union-find; the smallest index of a piece is its root, so it comes first."""
     height, width = depth.shape
     parent = np.empty(height * width, dtype=np.int32)
     for row in range(height):
@@ -118,6 +123,6 @@ def _has_support(depth: np.ndarray, mask: np.ndarray, row: int, column: int, squ
         for c in range(max(column - 1, 0), min(column + 2, width)):
             if mask[r, c] and abs(z - depth[r, c]) <= limit:
                 support += 1
-        if support > SUPPORT:  # the pixel itself is counted
+        if support > SUPPORT:  # the count includes the pixel itself
             return True
     return False

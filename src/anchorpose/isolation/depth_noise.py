@@ -1,10 +1,9 @@
 """Describe one camera's depth images: noise, step between grey values, width of edges, smear between surfaces.
 
-Spatial filters (librealsense's among them) join a person and the wall behind by a slope of a decimetre in width: no
-surface is there.
+Spatial filters (such as librealsense's) join a person and the wall behind by a false slope, a decimetre wide.
 
 A pixel that shows the empty room in two sampled frames differs between them by noise alone. Second differences along a
-row (``first_frames``) leave out what neighbouring pixels have in common: a stereo camera's error comes in patches as
+row (``first_frames``) would miss the error that neighbouring pixels share: a stereo camera's error comes in patches as
 wide as its matching window, so it hardly averages out over a limb.
 """
 
@@ -22,14 +21,15 @@ from anchorpose.calibration.first_frames import step_per_m
 from anchorpose.camera import Camera
 from anchorpose.isolation.components import JumpLimit, jump_limit
 
-LIMB_M: Final = 0.08  # how thick a forearm is, the thinnest limb: 25 cm around
-SHARP_EDGE_PX: Final = 2.0  # a pixel on an edge shows one side or the other, or both mixed
+LIMB_M: Final = 0.08  # thickness of a forearm, the thinnest limb: 25 cm around
+SHARP_EDGE_PX: Final = 2.0  # pixels; a sharp edge has a pixel with either side's depth, or one mixed pixel
 
 
 @dataclass(frozen=True, slots=True)
 class DepthDetail:
-    """edge_px: how wide this camera's depth edges are; focal_px; step_per_m: the step between grey values is
-    ``step_per_m z^2`` (1/m), 0 = not known."""
+    """The edges and steps of one camera's depth. edge_px: width of its depth edges; focal_px; step_per_m: the step
+    between grey values is ``step_per_m z^2`` (1/m), 0 = unknown.
+    """
 
     edge_px: float
     focal_px: float
@@ -37,35 +37,36 @@ class DepthDetail:
 
     @property
     def filtered(self) -> bool:
-        """Whether filters have drawn the edges out."""
+        """Return whether filters have blurred the edges."""
         return self.edge_px > SHARP_EDGE_PX
 
     def edge_m(self, distance_m: float) -> float:
-        """Width of a depth edge at a distance, metres."""
+        """Return the width of a depth edge at a distance, metres."""
         return self.edge_px * distance_m / self.focal_px
 
     def step_m(self, distance_m: float) -> float:
-        """Step between neighbouring readings at a distance, metres."""
+        """Return the step between neighbouring readings at a distance, metres."""
         return self.step_per_m * distance_m**2
 
     @property
     def limbs_until_m(self) -> float:
-        """The distance beyond which edges are wider than a limb: no pixel shows a limb's own depth there."""
+        """Return the distance beyond which edges are wider than a limb, so that no pixel has a limb's own depth."""
         return LIMB_M * self.focal_px / self.edge_px
 
 
-WIDEST_PX: Final = 16  # an edge that is wider is a slanting surface
-JUMP_M: Final = 0.40  # from one side to the other: clothes, arms and seats differ from what is behind them by less
-FLAT: Final = 0.1  # of the jump: how even the four pixels on either side of an edge are
-MIDDLE: Final = (0.2, 0.8)  # of the jump: the ramp's middle, whose width is measured
-LEAST_EDGES: Final = 1000  # in all frames together; real recordings have tens of thousands
-SHARP_PX: Final = 2.0  # the middle of an edge of an unfiltered camera has one pixel or none
-FRAMES: Final = 8  # that are measured
-ON_RAMP: Final = 0.15  # of the jump, from either side
+WIDEST_PX: Final = 16  # a wider edge is a slanting surface
+# depth difference of the two sides of a measured edge: clothes, arms and seats differ less from what is behind them
+JUMP_M: Final = 0.40
+FLAT: Final = 0.1  # share of the jump by which the two pixels on one side of an edge may differ
+MIDDLE: Final = (0.2, 0.8)  # shares of the jump between which the ramp's width is measured
+LEAST_EDGES: Final = 1000  # edges in all frames together; real recordings have tens of thousands
+SHARP_PX: Final = 2.0  # width of the ramp's middle; an unfiltered camera has one pixel or none there
+FRAMES: Final = 8  # frames that are measured
+ON_RAMP: Final = 0.15  # share of the jump from either side beyond which a pixel is on the ramp
 
 
 def smear_px(frames_m: Sequence[np.ndarray]) -> int:
-    """How many pixels wide this camera's depth edges are; 0 where they are sharp, or too few to tell.
+    """Return the width in pixels of this camera's depth edges; 0 where they are sharp, or too few to measure.
 
     frames_m: (height, width) float32 metres, 0 = no reading.
     """
@@ -78,7 +79,7 @@ def smear_px(frames_m: Sequence[np.ndarray]) -> int:
 
 
 def _middles(depth_m: np.ndarray) -> np.ndarray:
-    """(e,) pixels in the middle of each ramp along the rows: between two even sides that differ by a jump."""
+    """Return the widths (e,), in pixels, of the middle of each ramp along the rows, between two even sides."""
     beside, width = 4, depth_m.shape[1]
     span = width - WIDEST_PX - 2 * beside
     if span <= 0:
@@ -95,7 +96,9 @@ def _middles(depth_m: np.ndarray) -> np.ndarray:
 
 
 def smeared(depth_m: np.ndarray, width_px: int) -> np.ndarray:
-    """(height, width) bool: pixels on a ramp between two surfaces that differ by a jump; width_px: ``smear_px``."""
+    """Return (height, width) bool: pixels on a ramp between two surfaces that differ by a jump; width_px:
+    ``smear_px``.
+    """
     square = np.ones((2 * width_px + 1, 2 * width_px + 1), np.uint8)
     seen = depth_m > 0
     near = cv2.erode(np.where(seen, depth_m, np.float32(1e3)), square)
@@ -105,29 +108,30 @@ def smeared(depth_m: np.ndarray, width_px: int) -> np.ndarray:
 
 
 CHANGES: Final = 6  # pairs of frames that are compared: half a million pixels or more
-STILL_GATE: Final = 6.0  # sigmas: readings nearer to the background show it; people stand farther off
-OUTLIER_GATE: Final = 4.0  # sigmas: of a normal distribution, 1 in 16,000 is beyond
-ROUNDS: Final = 3  # of leaving outliers out
-EDGE_PX: Final = 2  # beside a depth edge readings fly; they are counted by themselves
-EDGE_M: Final = 0.10  # from the nearest to the farthest of 5x5 pixels: less is a slanted surface
-BIN_M: Final = 0.5  # of depth
-SLANTS_DEG: Final = (35.0, 60.0)  # between ray and surface normal: facing, slanted, steep
-LEAST_READINGS: Final = 2000  # of one depth and slant: their deviation is then known to a tenth if 40 share an error
-LONGEST_PX: Final = 24  # to which errors of neighbours are compared
-UNRELATED: Final = 0.05  # correlation: less is chance
-SMOOTH_PX: Final = 9  # over which a surface normal is taken
+STILL_GATE: Final = 6.0  # sigmas; nearer readings show the background, people stand farther off
+OUTLIER_GATE: Final = 4.0  # sigmas; 1 in 16,000 of a normal distribution is beyond
+ROUNDS: Final = 3  # rounds in which outliers are left out
+EDGE_PX: Final = 2  # pixels beside a depth edge, where readings fly; they are counted separately
+EDGE_M: Final = 0.10  # depth range of 5x5 pixels that is an edge; a slanted surface has less
+BIN_M: Final = 0.5  # width of a depth bin
+SLANTS_DEG: Final = (35.0, 60.0)  # limits, between ray and surface normal, of facing, slanted and steep surfaces
+# readings per depth and slant: the deviation is then known to a tenth if 40 share an error
+LEAST_READINGS: Final = 2000
+LONGEST_PX: Final = 24  # largest distance at which errors of neighbours are compared
+UNRELATED: Final = 0.05  # correlation; less is chance
+SMOOTH_PX: Final = 9  # window over which a surface normal is computed
 
 
 @dataclass(frozen=True, slots=True)
 class DepthNoise:
     """The random error of one camera's readings along its optical axis.
 
-    at_m, sigma_at_m: one sigma (metres) of a reading on a surface that faces the camera, at depths in rising order.
-    slants: times as much on a slanted (35 to 60 degrees between ray and normal) and on a steep surface, None where not
-    measured. shared_px: how many pixels, on average, have one error in common; 1 = each its own. flying: share of the
-    readings beside depth edges that show neither side; holes: of the pixels on surfaces of the room, how many have no
+    at_m, sigma_at_m: sigma (metres) of a reading on a surface that faces the camera, at depths in rising order. slants:
+    factors of sigma on a slanted (35 to 60 degrees between ray and normal) and on a steep surface, None where not
+    measured. shared_px: how many pixels, on average, share one error; 1 = independent pixels. flying: share of the
+    readings beside depth edges that show neither side; holes: share of the pixels on the room's surfaces without a
     reading; None where not measured. measured is False where no still background was seen: sigma is then that between
-    neighbouring readings, the smallest that it can be.
+    neighbouring readings, a lower bound.
     """
 
     at_m: tuple[float, ...]
@@ -139,7 +143,7 @@ class DepthNoise:
     measured: bool = True
 
     def sigma_m(self, depth_m: np.ndarray, slant_deg: np.ndarray | None = None) -> np.ndarray:
-        """One sigma, metres, at depths of any shape; slant_deg of the same shape, None: of facing surfaces.
+        """Return sigma, metres, at depths of any shape; slant_deg has the same shape, None: facing surfaces.
 
         sigma / z^2 is linear between measured depths and stays as it is beyond them.
         """
@@ -148,7 +152,7 @@ class DepthNoise:
         return np.asarray(per_square * depth**2 * (1.0 if slant_deg is None else self._times(slant_deg)))
 
     def _times(self, slant_deg: np.ndarray) -> np.ndarray:
-        """What was not measured at a slant is taken from the next smaller one."""
+        """Return the factors at a slant; an unmeasured slant takes the factor of the next smaller one."""
         times = [1.0]
         for slant in self.slants:
             times.append(times[-1] if slant is None else slant)
@@ -156,7 +160,9 @@ class DepthNoise:
 
 
 def neighbour_noise(neighbours_per_m: float) -> DepthNoise:
-    """Where no still background is seen: ``noise_per_m z^2`` of ``calibration.first_frames``, every pixel by itself."""
+    """Return the noise where no still background is seen: ``noise_per_m z^2`` of ``calibration.first_frames``,
+    independent pixels.
+    """
     return DepthNoise((1.0,), (neighbours_per_m,), measured=False)
 
 
@@ -164,8 +170,8 @@ def neighbour_noise(neighbours_per_m: float) -> DepthNoise:
 class Sensor(DepthDetail):
     """All that is known of one camera's depth images.
 
-    noise_per_m: deviation between neighbouring readings, ``noise_per_m z^2``: what one surface's depth may jump by;
-    noise: of a reading by itself.
+    noise_per_m: deviation between neighbouring readings is ``noise_per_m z^2``, which limits depth jumps on one
+    surface; noise: that of single readings.
     """
 
     noise_per_m: float
@@ -173,11 +179,11 @@ class Sensor(DepthDetail):
 
     @property
     def jump_limit(self) -> JumpLimit:
-        """How far neighbours on one surface may differ in this camera's frames."""
+        """Return the limit by which neighbours on one surface may differ in this camera's frames."""
         return jump_limit(self.noise_per_m, self.focal_px)
 
     def without_ramps(self, depth_m: np.ndarray) -> np.ndarray:
-        """Take the readings away that filters draw between two surfaces; (height, width) float32, 0 = no reading."""
+        """Remove the false readings that filters draw between two surfaces; (height, width) float32, 0 = no reading."""
         return np.where(smeared(depth_m, int(self.edge_px)), np.float32(0.0), depth_m) if self.filtered else depth_m
 
 
@@ -189,10 +195,10 @@ def measure_detail(frames_m: Sequence[np.ndarray], camera: Camera) -> DepthDetai
 def measure_noise(
     room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera, neighbours_per_m: float
 ) -> DepthNoise:
-    """The noise of a camera from frames (height, width) of one recording, 0 = no reading.
+    """Measure a camera's noise on frames (height, width) of one recording, 0 = no reading.
 
     room_m, sigma_m (height, width): the empty room, 0 = unknown, and the deviation of readings from it
-    (``BackgroundModel``). neighbours_per_m: for where too little of the room is seen twice (``neighbour_noise``).
+    (``BackgroundModel``). neighbours_per_m: used where too little of the room is seen twice (``neighbour_noise``).
     """
     chosen = np.unique(np.linspace(0, len(frames_m) - 1, CHANGES + 1).astype(int))
     frames = [frames_m[k] for k in chosen]
@@ -217,14 +223,16 @@ def measure_noise(
 
 
 def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(height, width) each: nearest and farthest of the room around a pixel; 0 and inf where not all of it is known."""
+    """Return nearest and farthest depth (height, width) of the room around a pixel; 0 and inf if any neighbour is
+    unknown.
+    """
     square = np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
     near, far = cv2.erode(room_m, square), cv2.dilate(room_m, square)
     return near, np.where(near > 0, far, np.float32(np.inf))
 
 
 def _slant_deg(room_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """(height, width) degrees between ray and surface normal of the smoothed room; 0 where that is unknown."""
+    """Return the angle (height, width), degrees, between ray and normal of the smoothed room; 0 where unknown."""
     size = (SMOOTH_PX, SMOOTH_PX)
     share = cv2.blur((room_m > 0).astype(np.float32), size)
     smooth_m = np.where(room_m > 0, cv2.blur(room_m, size) / np.maximum(share, 1e-6), np.float32(0.0))
@@ -236,7 +244,7 @@ def _slant_deg(room_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNoise | None:
-    """Sigma by depth times a factor by slant, fitted to the logarithms of all cells; None without one.
+    """Fit sigma by depth times a factor by slant to the logarithms of all cells; None without a cell.
 
     change_m (n, height, width) with NaN: a reading's noise; slant (height, width): 0 facing, 1 slanted, 2 steep.
     """
@@ -250,14 +258,14 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
     logs, depth_m = np.log(np.array(list(cells.values()))).T
     found = np.linalg.lstsq(matrix, logs, rcond=None)[0]
     by_level, by_slant = found[: len(levels)], dict(zip(slants, found[len(levels) :], strict=True))
-    reference = by_slant[slants[0]]  # facing or, without such surfaces, the least slanted: sigma is then too large
+    reference = by_slant[slants[0]]  # facing or, without such surfaces, the least slanted, whose sigma is too large
     at_m = [float(np.exp(np.mean([d for d, (at, _) in zip(depth_m, cells, strict=True) if at == k]))) for k in levels]
     times = [float(np.exp(by_slant[k] - reference)) if k in by_slant else None for k in (1, 2)]
     return DepthNoise(tuple(at_m), tuple(np.exp(by_level + reference).tolist()), (times[0], times[1]))
 
 
 def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[tuple[int, int], tuple[float, float]]:
-    """Sigma and median depth, metres, of each depth bin and slant that has enough readings and any noise."""
+    """Return sigma and median depth, metres, of each depth bin and slant with enough readings and any noise."""
     _, row, column = np.nonzero(np.isfinite(change_m))
     value, depth_m = change_m[np.isfinite(change_m)], room_m[row, column]
     level, kind = (depth_m / BIN_M).astype(np.int64), slant[row, column]
@@ -271,7 +279,7 @@ def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[
 
 
 def _deviation(values: np.ndarray) -> float:
-    """Root mean square without outliers. Medians would be 0 where most readings of a coarse scale repeat."""
+    """Return the root mean square without outliers. Medians would be 0 where most readings of a coarse scale repeat."""
     sigma = float(np.sqrt(np.mean(values**2)))
     for _ in range(ROUNDS):
         sigma = float(np.sqrt(np.mean(values[np.abs(values) <= OUTLIER_GATE * sigma] ** 2)))
@@ -279,17 +287,19 @@ def _deviation(values: np.ndarray) -> float:
 
 
 def _shared(in_sigmas: np.ndarray) -> float:
-    """How many pixels have one error in common: the sum of a pixel's correlations with all around it, itself included.
+    """Return how many pixels share one error: the sum of a pixel's correlations with all pixels around it, and
+    itself.
 
-    in_sigmas (n, height, width): noise in its own sigmas, NaN where unknown. Summed ring by ring until a ring is
-    ``UNRELATED``; by Fourier transforms, since the correlation may be a narrow peak on a broad hill.
+    in_sigmas (n, height, width): noise in its own sigmas, NaN where unknown. Correlations are summed ring by ring until
+    a ring is ``UNRELATED``. They are computed by Fourier transforms, since the correlation may be a narrow peak on a
+    broad hill.
     """
     seen = np.abs(in_sigmas) < OUTLIER_GATE
     value = np.where(seen, in_sigmas, 0.0).astype(np.float32)
     related = _at_lags(value) / np.maximum(np.rint(_at_lags(seen.astype(np.float32))), 1.0)
     rows, columns = np.ogrid[: related.shape[0], -LONGEST_PX : LONGEST_PX + 1]
     ring = np.rint(np.hypot(rows, columns)).astype(np.int64)
-    twice = np.where((rows > 0) | (columns > 0), 1.0, 0.5) * ((rows > 0) | (columns >= 0))  # of each pair one lag
+    twice = np.where((rows > 0) | (columns > 0), 1.0, 0.5) * ((rows > 0) | (columns >= 0))  # one lag of each pair
     weight = np.bincount(ring.ravel(), twice.ravel())[: LONGEST_PX + 1]
     total = np.bincount(ring.ravel(), (twice * related).ravel())[: LONGEST_PX + 1] / related[0, LONGEST_PX]
     unrelated = np.flatnonzero(total < UNRELATED * weight)
@@ -297,7 +307,7 @@ def _shared(in_sigmas: np.ndarray) -> float:
 
 
 def _at_lags(images: np.ndarray) -> np.ndarray:
-    """(LONGEST_PX + 1, 2 LONGEST_PX + 1) sums of products of pixels so many rows and columns (from minus) apart."""
+    """Return (LONGEST_PX + 1, 2 LONGEST_PX + 1) sums of products of pixels at each lag in rows and (signed) columns."""
     size = tuple(cv2.getOptimalDFTSize(side + LONGEST_PX) for side in images.shape[1:])
     power = sum(np.abs(np.fft.rfft2(image, size)) ** 2 for image in images)
     lags = np.fft.irfft2(power, size)
@@ -307,7 +317,7 @@ def _at_lags(images: np.ndarray) -> np.ndarray:
 def _flying(
     frames_m: Sequence[np.ndarray], near_m: np.ndarray, far_m: np.ndarray, gate_m: np.ndarray, edge: np.ndarray
 ) -> float | None:
-    """Share of the readings beside edges of the room, from its near to its far side, that show neither."""
+    """Return the share of the readings beside edges of the room that show neither its near nor its far side."""
     beside = edge & np.isfinite(far_m) & (far_m - near_m > 2.0 * gate_m + EDGE_M)
     read = [beside & (frame > near_m - gate_m) & (frame < far_m + gate_m) for frame in frames_m]
     between = [(frame > near_m + gate_m) & (frame < far_m - gate_m) for frame in frames_m]
@@ -317,7 +327,7 @@ def _flying(
 
 
 def _holes(frames_m: Sequence[np.ndarray], still: Sequence[np.ndarray], surface: np.ndarray) -> float | None:
-    """Share of the pixels on surfaces of the room without a reading; people in front of them do not count."""
+    """Return the share of the pixels on the room's surfaces without a reading; people in front of them do not count."""
     lost = sum(int(np.count_nonzero(surface & (frame <= 0))) for frame in frames_m)
     count = lost + sum(int(np.count_nonzero(one)) for one in still)
     return lost / count if count >= LEAST_READINGS else None

@@ -1,7 +1,8 @@
-"""The empty room of one camera: from its background frame or, without one, from what stays in place in the recording.
+"""Learn the empty room of one camera from its background frame or, without one, from what stays still in the
+recording.
 
-Static surfaces are the room, except for people who never leave their place. The learnt descriptor recognises these
-people. Behind them, only floor and walls are known.
+Static surfaces are the room, except people who never leave their place; the learnt descriptor recognises them. Behind
+them only floor and walls are known.
 """
 
 from __future__ import annotations
@@ -38,17 +39,17 @@ from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
-BLOCK_PX: Final = 16  # noise changes slowly over the image: it is measured in blocks of this size
-READINGS_NEEDED: Final = 32  # of one block, for a median good to a sixth of itself
-LEAST_READ: Final = 0.15  # of the frames that agree on a depth, for the room to be known there
-OFTEN_READ: Final = 0.5  # of the frames, whether they agree or not: people hide the room, they do not make it readable
-SAME_SIGMAS: Final = 6.0  # beyond ``SAME_M``: readings of one surface differ by less
+BLOCK_PX: Final = 16  # side of the blocks in which noise is measured: it changes slowly over the image
+READINGS_NEEDED: Final = 32  # readings per block: the median is then good to a sixth of itself
+LEAST_READ: Final = 0.15  # share of the frames that must agree on a depth, for the room to be known there
+OFTEN_READ: Final = 0.5  # share of the frames with a reading: people hide the room, they do not make it readable
+SAME_SIGMAS: Final = 6.0  # sigmas beyond ``SAME_M``; readings of one surface differ by less
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room where a pixel is free a fifth of the time
-FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # where these percentiles lie on a normal distribution
+FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # places of these percentiles in a normal distribution
 
-LEAN_M: Final = 0.25  # beyond the outline on the ground: arms over the rails, and the back
+LEAN_M: Final = 0.25  # beyond the equipment's outline on the ground: arms over the rails, and the back
 HEAD_M: Final = 2.3  # above the floor: a raised arm
-SOLE_M: Final = 0.015  # above the floor: what the plane may be off, and a third of a foot's height
+SOLE_M: Final = 0.015  # above the floor: the plane's error, and a third of a foot's height
 
 
 def learn_background(
@@ -58,12 +59,12 @@ def learn_background(
     floor_height_m: float | None,
     equipment: EquipmentModel | None = None,
 ) -> BackgroundModel:
-    """The background of one camera from a frame of the empty room or, without one, from sampled frames.
+    """Learn the background of one camera from a frame of the empty room or, without one, from sampled frames.
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
-    has a pose. Without an empty frame the background is what is farthest most of the time, of what the learnt
-    descriptor does not take for people. floor_height_m: None where no floor is seen; the equipment is not needed beside
-    an empty frame. Raises ValueError without frames.
+    has a pose. Without an empty frame the background is the farthest surface most of the time, without people (by the
+    learnt descriptor). floor_height_m: None where no floor is seen; the equipment is not needed with an empty frame.
+    Raises ValueError without frames.
     """
     if not frames_m:
         raise ValueError("a background needs at least one frame of the recording to measure the noise on")
@@ -78,7 +79,7 @@ def learn_background(
         sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
         return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
-    if len(frames_m) > 1:  # of one frame, room and reading are the same reading, rounded once
+    if len(frames_m) > 1:  # with one frame, room and reading are the same, rounded once
         sigma = _at_least_a_step(sigma, depth, detail.step_per_m)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
     return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.RECORDING)
@@ -95,7 +96,9 @@ def _from_recording(
     equipment: EquipmentModel | None,
     noise: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(depth_m, sigma_m) of what stays in place, without people; behind those who stay, floor and walls are known."""
+    """Return (depth_m, sigma_m) of the still surfaces without people; behind people who stay, floor and walls are
+    known.
+    """
     people = np.stack(each(lambda frame: people_mask(frame, camera), frames_m))
     depth, sigma = _what_stays(np.where(people, np.float32(0.0), np.stack(frames_m)), noise)
     behind, hidden = depth_of_room(depth, camera, noise), people.any(axis=0) & (depth <= 0)
@@ -112,7 +115,7 @@ def _from_recording(
 def in_equipment(
     room_m: np.ndarray, camera: Camera, equipment: EquipmentModel, floor_height_m: float | None, noise_per_m: float
 ) -> np.ndarray:
-    """(height, width) bool: what is above the floor and within the equipment's outline, itself included."""
+    """Return (height, width) bool: pixels above the floor and within the equipment's outline, equipment included."""
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
     lowest = float(equipment.triangles()[0][:, 1].min()) if floor_height_m is None else floor_height_m
     above = points[..., 1] - lowest
@@ -122,7 +125,9 @@ def in_equipment(
 
 
 def _outside_m(points_m: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
-    """(height, width): how far points (height, width, 3) are outside the outline on the ground; negative inside."""
+    """Return (height, width): distance of points (height, width, 3) outside the outline on the ground; negative
+    inside.
+    """
     hull = ConvexHull(equipment.triangles()[0][:, [0, 2]])
     sides = points_m[..., [0, 2]] @ hull.equations[:, :2].T + hull.equations[:, 2]
     distance: np.ndarray = np.where(np.isfinite(points_m[..., 0]), sides.max(axis=-1), np.inf)
@@ -130,17 +135,19 @@ def _outside_m(points_m: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
 
 
 def _fill_specks(depth_m: np.ndarray) -> np.ndarray:
-    """Single lost pixels of the background take the median of their 5x5 surroundings, where most of it was read."""
+    """Fill single lost pixels of the background by the median of their 5x5 surroundings, where most of these were
+    read.
+    """
     seen = (depth_m > 0).astype(np.float32)
     trusted = cv2.blur(seen, (5, 5)) > 0.6
     return np.where((depth_m <= 0) & trusted, cv2.medianBlur(depth_m, 5), depth_m)
 
 
 def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: float) -> np.ndarray:
-    """Deviation of live readings from the background, block by block.
+    """Return the deviation of live readings from the background, block by block.
 
     Only readings *behind* the background are used: nobody can stand there, so they are noise, and the median of their
-    size is that of a half normal distribution. Blocks that are always covered take the picture's typical z^2 law.
+    size is that of a half normal distribution. Blocks that are always covered get the image's typical z^2 law.
     """
     known = depth_m > 0
     behind = np.stack([np.where((frame > depth_m) & known, frame - depth_m, np.nan) for frame in frames_m])
@@ -150,10 +157,10 @@ def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: fl
 
 
 def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """(depth_m, sigma_m) of what is farthest most of the time, from (n, height, width) frames."""
+    """Return (depth_m, sigma_m) of the surface that is farthest most of the time, from (n, height, width) frames."""
     count = (frames_m > 0).sum(axis=0)
     rising = np.sort(frames_m, axis=0)  # lost readings are 0 and come first
-    if len(frames_m) < FRAMES_NEEDED:  # a single reading may be anybody; of several the farthest is the room
+    if len(frames_m) < FRAMES_NEEDED:  # a single reading may be a person; of several the farthest is the room
         depth = np.where(count >= min(2, len(frames_m)), rising[-1], np.float32(0.0))
         return depth, (np.sqrt(2.0) * noise * depth**2).astype(np.float32)
     near, far = (_percentile_of_last(rising, count, percent) for percent in (NEAR_PERCENTILE, FAR_PERCENTILE))
@@ -162,28 +169,30 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
     free = (far - near < same) & (count > 0)  # both percentiles show the room
     spread = (far - near) / ((FAR_SIGMAS - NEAR_SIGMAS) * square)
     sigma = _as_sigma(_block_median(np.where(free, spread, np.nan)[None]), far, floor=noise)
-    # where the room gives no reading, only those who pass are read
+    # where the room gives no reading, only passers-by are read
     agreeing = (np.abs(rising - far) < same).sum(axis=0)
     known = (agreeing >= LEAST_READ * len(frames_m)) | (count >= OFTEN_READ * len(frames_m))
     return np.where(known, np.maximum(far - FAR_SIGMAS * sigma, 0.0), 0.0).astype(np.float32), sigma
 
 
 def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -> np.ndarray:
-    """Percentile along the first axis of the last ``count`` sorted values of each pixel; 0 where count is 0."""
+    """Return the percentile along the first axis of the last ``count`` sorted values of each pixel; 0 where count is
+    0.
+    """
     place = len(rising) - count + np.rint((np.maximum(count, 1) - 1) * percent / 100.0).astype(np.int64)
     return np.take_along_axis(rising, np.minimum(place, len(rising) - 1)[None], axis=0)[0]
 
 
 def _at_least_a_step(sigma_m: np.ndarray, depth_m: np.ndarray, step_per_m: float) -> np.ndarray:
-    """Sigma by which a reading is before the room only when it is more than a step of the grey values nearer.
+    """Raise sigma so that a reading is in front of the room only if nearer by more than one step of the grey values.
 
-    Room and reading are each rounded by half a step: of two neighbouring values neither is nearer.
+    Room and reading are each rounded by half a step: neighbouring grey values are the same depth.
     """
     return np.maximum(sigma_m, np.float32(0.5 * step_per_m) * depth_m**2)
 
 
 def _block_median(values: np.ndarray) -> np.ndarray:
-    """(n, height, width) with NaN to (rows, columns) of block medians; NaN where a block has too few values."""
+    """Reduce (n, height, width) with NaN to (rows, columns) of block medians; NaN where a block has too few values."""
     rows, columns = (-(-size // BLOCK_PX) for size in values.shape[1:])
     medians = np.full((rows, columns), np.nan)
     for row in range(rows):
@@ -196,7 +205,7 @@ def _block_median(values: np.ndarray) -> np.ndarray:
 
 
 def _as_sigma(factor: np.ndarray, depth_m: np.ndarray, floor: float) -> np.ndarray:
-    """Block factors of z^2 to (height, width) sigma in metres, never below the sensor's own noise ``floor``."""
+    """Convert block factors of z^2 to sigma (height, width) in metres, at least the sensor's own noise ``floor``."""
     typical = float(np.nanmedian(factor)) if np.isfinite(factor).any() else floor
     whole = np.maximum(np.where(np.isfinite(factor), factor, typical), floor).astype(np.float32)
     smooth = cv2.resize(whole, depth_m.shape[::-1], interpolation=cv2.INTER_LINEAR)

@@ -1,7 +1,7 @@
-"""Depth images that show another place than the camera's room: it was covered, or knocked over, for a moment.
+"""Find depth images that show another place than the camera's room: it was covered, or knocked over, for a moment.
 
-Such an image is whole and shows surfaces. Yet nobody can stand behind the room, and nobody hides all of it: a camera
-that is where it was sees some of its room in every image.
+Such an image has readings and surfaces. But nobody can stand behind the room, and nobody hides all of it: a camera in
+its place sees some of its room in every image.
 """
 
 from __future__ import annotations
@@ -17,18 +17,22 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet
 
 SENTENCE: Final = "shows another place than usual: it was covered, or moved, for a moment"
-STEP_PX: Final = 4  # every fourth pixel of every fourth row
-SAME_M, SAME_SIGMAS = 0.05, 6.0  # a reading of the room is nearer to it; the room may have been learnt a step off
-FRAMES_NEEDED: Final = 3  # to know how much of the room a usual image shows
-LEAST_KNOWN: Final = 0.2  # of the image: recorders that remove the room leave objects at most
-LEAST_USUAL: Final = 0.2  # of the room's pixels: a camera that sees less of it is not judged by it
-COVERED: Final = 0.05  # of the usual share: a passer-by who fills most of the image leaves half of it
-MOVED: Final = 0.6  # of the usual share, where something is also behind the room
-MOST_BEHIND: Final = 0.05  # of the room's pixels: 0.002 where people walk, 0.04 where furniture is moved
+STEP_PX: Final = 4  # every fourth pixel of every fourth row is tested
+# largest difference between a reading of the room and the room, which may have been learnt a step off
+SAME_M, SAME_SIGMAS = 0.05, 6.0
+FRAMES_NEEDED: Final = 3  # frames that determine how much of the room a usual image shows
+# share of the image where the room must be known: recorders that remove the room leave at most objects
+LEAST_KNOWN: Final = 0.2
+LEAST_USUAL: Final = 0.2  # share of the room's pixels; a camera that sees less of them is not tested
+COVERED: Final = 0.05  # share of the usual share: a passer-by who fills most of the image leaves half of it
+MOVED: Final = 0.6  # share of the usual share, if readings also lie behind the room
+# share of the room's pixels with readings behind: 0.002 where people walk, 0.04 where furniture is moved
+MOST_BEHIND: Final = 0.05
 
 
 def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray]) -> float:
-    """The median share of the room's pixels that read the room, of frames (height, width) float32; 0: not known.
+    """Return the median share of the room's pixels that read the room, over frames (height, width) float32; 0:
+    unknown.
 
     room_m, sigma_m (height, width) float32: as in ``BackgroundModel``.
     """
@@ -38,9 +42,9 @@ def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.n
 
 
 def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
-    """Whether a depth image (height, width) float32 cannot be of the room that the camera saw all the time.
+    """Return whether a depth image (height, width) float32 cannot be of the room that the camera saw all the time.
 
-    False where too little of the room is known, as where a recorder has removed it.
+    It is False where too little of the room is known, for example if a recorder has removed it.
     """
     if model.usual_share < LEAST_USUAL:
         return False
@@ -51,7 +55,7 @@ def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
 
 
 def without_other_places(frame_set: FrameSet, scenes: Sequence[Scene]) -> FrameSet:
-    """The frame set without images of another place, each with a sentence in its problems; scenes: one per camera."""
+    """Remove images of another place from the frame set, and note each as a problem; scenes: one per camera."""
     other = [
         depth is not None and is_of_other_place(depth, scene.background)
         for depth, scene in zip(frame_set.depths_m, scenes, strict=True)
@@ -68,7 +72,7 @@ def without_other_places(frame_set: FrameSet, scenes: Sequence[Scene]) -> FrameS
 
 
 def _shares(depth_m: np.ndarray, room_m: np.ndarray, sigma_m: np.ndarray) -> tuple[float, float]:
-    """Of the pixels at which the room is known: how many read it, and how many read what is behind it."""
+    """Return the shares of the room's known pixels that read the room, and that read a depth behind it."""
     depth, room, sigma = (image[::STEP_PX, ::STEP_PX] for image in (depth_m, room_m, sigma_m))
     known = room > 0
     count = int(np.count_nonzero(known))

@@ -1,4 +1,4 @@
-"""Which person owns a place, by the likelihood that everybody's expected skin gives it."""
+"""Decide which person owns a place, by the likelihood from all people's expected skin."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ import numpy as np
 from numba import njit
 
 NOBODY: Final = 0
-MIXED: Final = 255  # no label: several people
-CELL_M: Final = 0.035  # skin is searched in the cell of a place and the 26 around it: all within this distance counts
-SAMPLING_M: Final = 0.01  # half the spacing of skin points: a place this far from the nearest one is still on the skin
-GATE: Final = 3.0  # sigmas: places farther from expected skin have no owner yet, they are reached by growing
-LEAST_LEAD: Final = 2.0  # squared deviations by which the most likely owner must lead everybody else
+MIXED: Final = 255  # label of a cell with several people
+# skin is searched in the cell of a place and the 26 around it: all skin within this distance is found
+CELL_M: Final = 0.035
+# half the spacing of skin points: a place this far from the nearest one may still be on the skin
+SAMPLING_M: Final = 0.01
+GATE: Final = 3.0  # sigmas; places farther from expected skin have no owner yet, and are reached by region growing
+LEAST_LEAD: Final = 2.0  # squared deviations by which the most likely owner must lead all others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnershipLikelihood:
-    """Where people's skin is expected, sampled, and how precisely.
+    """Samples of people's expected skin, with their uncertainty.
 
     points_m (n, 3) float32 world; owner (n,) uint8 label; sigma_m (n,) float32: standard deviation about the point.
     """
@@ -36,7 +38,7 @@ class LikelihoodGrid(NamedTuple):
     """Expected skin sorted by cells: the points of cell c are start[c] to start[c + 1].
 
     points_m (n, 3) float32, owner (n,) uint8; weight (n,) float32 = 1 / sigma^2; penalty (n,) float32 = 2 log(sigma);
-    origin_m (3,) float32; around (a, b, c) uint8: whose skin is in a cell and the 26 around it, ``NOBODY``, one
+    origin_m (3,) float32; around (a, b, c) uint8: the owner of the skin in a cell and the 26 around it: ``NOBODY``, one
     person's label or ``MIXED``.
     """
 
@@ -50,7 +52,7 @@ class LikelihoodGrid(NamedTuple):
 
 
 def join_likelihoods(parts: Sequence[OwnershipLikelihood]) -> OwnershipLikelihood:
-    """Everybody's expected skin in one."""
+    """Join the expected skin of several sets."""
     if not parts:
         return OwnershipLikelihood(np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.float32))
     return OwnershipLikelihood(
@@ -78,14 +80,14 @@ def sort_likelihood(likelihood: OwnershipLikelihood) -> LikelihoodGrid:
 
 @njit(cache=True, nogil=True)
 def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> None:
-    """Enter every point's owner in its own and the 26 cells around; all points keep one cell off the lower border."""
+    """Enter every point's owner in its own and the 26 cells around; all points keep one cell from the lower border."""
     before = np.full(3, -1, np.int64)
     whose = 0
     for i in range(len(cell)):
         if owner[i] == whose and (cell[i] == before).all():
             continue
         whose = owner[i]
-        for axis in range(3):  # a slice would compile numba's texts of errors: four seconds
+        for axis in range(3):  # slices would compile numba's error texts: four seconds
             before[axis] = cell[i, axis]
         for x in range(cell[i, 0] - 1, cell[i, 0] + 2):
             for y in range(cell[i, 1] - 1, cell[i, 1] + 2):
@@ -99,12 +101,12 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
 def decide_ownership(
     grid: LikelihoodGrid, places_m: np.ndarray, compared: np.ndarray, gate: float = GATE, least_lead: float = LEAST_LEAD
 ) -> np.ndarray:
-    """(m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` where there is none.
+    """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` where there is none.
 
-    Where all skin around is one person's, so is the place. Elsewhere, and only where ``compared`` (m,) bool, the most
-    likely owner wins: the one of least (d / sigma)^2 + 2 log(sigma), d being the distance to the skin, which is the
-    likelihood of a reading that is off the skin by d. It has to lead everybody else's by ``least_lead``; skin farther
-    off than ``gate`` of its sigmas does not count.
+    Where all skin around a place is one person's, that person owns it. Elsewhere, and only where ``compared`` (m,)
+    bool, the most likely owner wins: the one with least (d / sigma)^2 + 2 log(sigma), d being the distance to the skin,
+    from the likelihood of a reading that is off the skin by d. It has to lead all others by ``least_lead``; skin
+    farther away than ``gate`` of its sigmas does not count.
     """
     return _decide(grid, places_m, compared, gate, least_lead)
 

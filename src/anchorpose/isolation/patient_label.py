@@ -1,4 +1,6 @@
-"""Correct the label of the patient's pixels: parts labelled as others, strays of others, and whoever stands apart."""
+"""Correct the label of the patient's pixels: parts labelled as others, stray pieces of others, and whole other
+people.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +21,18 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel
 
 LEAST_CONTACT_M: Final = 0.05  # a wrist's width
-LEAST_CONTACT: Final = 1.0  # of a piece's width: half a head goes on along its longest side, a held forearm does not
-LARGEST_M2: Final = 0.03  # a head; a leg below a bar is larger, and those who kneel before it border on all of it
+# times a piece's width: half a head continues along its longest side, a held forearm does not
+LEAST_CONTACT: Final = 1.0
+LARGEST_M2: Final = 0.03  # a head; a leg below a bar is larger, and people kneeling before it border on all of it
 
 
 def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Owners (n,) uint8 of each camera, with stray pieces of the patient's pixels given to the person they continue.
+    """Return the owners (n,) uint8 of each camera; stray pieces among the patient's pixels go to the person they
+    continue.
 
-    A stray piece is no larger than a head, connected to nothing else of the patient's in this camera, and goes on
-    without a crease as another person's surface: half a therapist's head where the patient's hand was expected. A
-    forearm beyond a bar, which a hand may hold, stays the patient's.
+    A stray piece is no larger than a head, not connected to other pixels of the patient in this camera, and continues
+    another person's surface without a crease: for example half a therapist's head where the patient's hand was
+    expected. A forearm beyond a bar that a hand may hold stays the patient's.
     """
     return [_without_strays(pixels, owner) for pixels, owner in zip(shown, owners, strict=True)]
 
@@ -45,7 +49,7 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
         return owner
     piece = piece_of[pixels.row, pixels.column]
     area = np.bincount(piece[mine], pixels.area_m2[mine], minlength=count + 1)
-    which = np.where(mine, piece, np.where(others, 0, -1))  # 0: anybody else
+    which = np.where(mine, piece, np.where(others, 0, -1))  # 0: another person
     contact_m = smooth_contact_m(pixels, which, count + 1)[0]
     stray = contact_m > np.maximum(LEAST_CONTACT_M, LEAST_CONTACT * np.sqrt(area))
     stray &= area < LARGEST_M2
@@ -55,18 +59,18 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
     return grow_regions(pixels, np.where(mine & stray[piece], np.uint8(NOBODY), owner))
 
 
-OWN_SHARE: Final = 0.5  # of a person among the patient's pixels: with so much on the expected skin, it is the patient
+OWN_SHARE: Final = 0.5  # share of a person's pixels on the expected skin from which on the person is the patient
 OFF_SKIN_M: Final = 0.2  # from the expected skin: an arm moves as far between two frames without a fit
 PART_CONTACT_M: Final = 0.05  # a wrist's width, over which a part of the patient is connected to the rest
-ON_SKIN_M: Final = 0.05  # from the patient's expected skin: its spacing, clothes, and what it moves
+ON_SKIN_M: Final = 0.05  # from the patient's expected skin: its spacing, clothes, and its movement
 LAST_LABEL: Final = 254
 
 
 def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood) -> list[np.ndarray]:
-    """Owners, with the patient's own parts given back that have the label of another person.
+    """Return the owners after the patient's own parts that had another person's label were given back.
 
-    Another person has a body, or is a person by size without what lies on the patient's expected skin. What has
-    neither, and is connected to the patient, is a part of the patient.
+    A label is another person if it has a body, or if its pixels off the patient's expected skin are enough for a
+    person. Otherwise, if connected to the patient, it is a part of the patient.
     """
     bodies = np.unique(expected.owner)
     labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}
@@ -80,8 +84,9 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
 
 def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
-    """Whether a label's pixels lie mostly on the patient's skin (a tree of it), are connected to the patient's, and
-    leave too little elsewhere for a person."""
+    """Return whether a label's pixels lie mostly on the patient's skin (a tree of it), are connected to the patient's,
+    and leave too few elsewhere for a person.
+    """
     on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
     for pixels, owner in zip(shown, owners, strict=True):
         points, _, area = sampled(pixels, owner, owner == label)
@@ -102,12 +107,12 @@ def one_patient(
     expected: OwnershipLikelihood | None,
     free: int,
 ) -> list[np.ndarray]:
-    """Owners with other people who were taken for a part of the patient split off.
+    """Return the owners after other people were split off who had been taken for a part of the patient.
 
-    Asked only where much of the patient lies off the expected skin: the learnt descriptor then says whether several
-    people share the pixels. The patient is the one with most of them, and whoever lies mostly on the expected skin: a
-    patient who bends down has the trunk beside the legs. expected: the likelihood of predicted skin, None where there
-    is none. free: the first unused label.
+    This is tested only where much of the patient lies off the expected skin: the learnt descriptor then shows whether
+    several people share the pixels. The patient is the person with most pixels, together with all that lie mostly on
+    the expected skin, since a patient who bends down has the trunk beside the legs. expected: the likelihood of
+    predicted skin, None without a prediction. free: the first unused label.
     """
     skin = None if expected is None else expected.points_m[expected.owner == PixelLabel.PATIENT]
     tree = None if skin is None or not len(skin) else cKDTree(skin)
@@ -129,7 +134,9 @@ def one_patient(
 
 
 def _off_skin_m2(shown: Sequence[Pieces], owners: Sequence[np.ndarray], skin: cKDTree | None) -> float:
-    """Area of the patient's pixels that are farther than ``OFF_SKIN_M`` from the expected skin; all without one."""
+    """Return the area of the patient's pixels farther than ``OFF_SKIN_M`` from the expected skin; all without a
+    prediction.
+    """
     area_m2 = 0.0
     for pixels, owner in zip(shown, owners, strict=True):
         points, _, area = sampled(pixels, owner, owner == PixelLabel.PATIENT)
@@ -140,14 +147,14 @@ def _off_skin_m2(shown: Sequence[Pieces], owners: Sequence[np.ndarray], skin: cK
 
 
 def _away_m(skin: cKDTree, points_m: np.ndarray, reach_m: float) -> np.ndarray:
-    """(n,) distance of points from the skin, inf beyond the reach."""
+    """Return the distance (n,) of points from the skin, inf beyond the reach."""
     return np.asarray(skin.query(points_m, distance_upper_bound=reach_m)[0])
 
 
 def _share_on_skin(
     theirs: Sequence[Pieces], people: Sequence[np.ndarray | None], skin: cKDTree | None, count: int
 ) -> np.ndarray:
-    """(k,) share of each person's pixels, among the patient's, that lie on the patient's expected skin."""
+    """Return (k,) share of each person's pixels, among the patient's, on the patient's expected skin."""
     own, every = np.zeros(count + 1), np.zeros(count + 1)
     for pixels, of in zip(theirs, people, strict=True):
         if of is None or skin is None or not len(of):
@@ -159,7 +166,9 @@ def _share_on_skin(
 
 
 def _split(pixels: Pieces, owner: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-    """(n,) uint8 owners after the patient's pixels were divided by growth from their seeds, labels or ``NOBODY``."""
+    """Return (n,) uint8 owners after region growing divided the patient's pixels from their seeds, labels or
+    ``NOBODY``.
+    """
     patient = owner == PixelLabel.PATIENT
     grown = grow_regions(pixels.only(patient), seeds.astype(np.uint8))
     split = owner.copy()
@@ -168,7 +177,9 @@ def _split(pixels: Pieces, owner: np.ndarray, seeds: np.ndarray) -> np.ndarray:
 
 
 def sampled(pixels: Pieces, owner: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """points_m (k, 3), owner (k,) and area_m2 (k,) of every third row's and column's ``wanted`` (n,) bool pixels."""
+    """Return points_m (k, 3), owner (k,) and area_m2 (k,) of the ``wanted`` (n,) bool pixels in every third row and
+    column.
+    """
     chosen = pixels.index[::SAMPLE_PX, ::SAMPLE_PX]
     chosen = chosen[chosen >= 0]
     chosen = chosen[wanted[chosen]]

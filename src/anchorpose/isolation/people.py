@@ -18,7 +18,7 @@ from anchorpose.threads import each
 
 @settings
 class IsolationConfig:
-    """How closely people's skin follows its prediction."""
+    """Settings of how closely people's skin follows its prediction."""
 
     skin_sigma_m: Positive = 0.02  # m; deviation of the patient's skin from its prediction, by clothes and shape
 
@@ -29,8 +29,8 @@ EDGE_M: Final = 0.1  # m, largest depth step from a pixel to its nearest ray; de
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """One person: ground_xz_m (2,) float64, the pelvis over the ground; bottom_m, top_m: heights of what is seen;
-    area_m2: of the surface that is seen.
+    """One person: ground_xz_m (2,) float64, the pelvis over the ground; bottom_m, top_m: heights of the seen surface;
+    area_m2: its area.
     """
 
     ground_xz_m: np.ndarray
@@ -43,22 +43,22 @@ class Person:
 class People:
     """The people of one moment.
 
-    of: one per camera, (n,) int32 person of each foreground pixel, -1 = nobody.
+    of: per camera, (n,) int32 person of each foreground pixel, -1 = nobody.
     """
 
     people: tuple[Person, ...]
     of: tuple[np.ndarray | None, ...]
 
     def points_m(self, pieces: Sequence[Pieces | None], number: int) -> np.ndarray:
-        """(n, 3) the places of a person's pixels in all cameras."""
+        """Return the places (n, 3) of a person's pixels in all cameras."""
         shown = [(pixels, own) for pixels, own in zip(pieces, self.of, strict=True) if pixels is not None]
         return np.concatenate([pixels.points_m[own == number] for pixels, own in shown])
 
     def joined(self, owner: np.ndarray) -> People:
-        """Merge people: owner (k,) is the number of the person to whom each belongs, or the person's own."""
+        """Merge people: owner (k,) is the number of the person that each one belongs to, or their own."""
         kept = np.flatnonzero(owner == np.arange(len(owner)))
         members = [[self.people[k] for k in np.flatnonzero(owner == number)] for number in kept]
-        number = np.append(np.searchsorted(kept, owner), -1)  # the last one: nobody
+        number = np.append(np.searchsorted(kept, owner), -1)  # the last entry stands for nobody
         people = [
             Person(
                 self.people[k].ground_xz_m,
@@ -73,10 +73,10 @@ class People:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatientChoice:
-    """Where the patient stands in a frame, (2,) float64 X and Z, and why.
+    """The place (2,) float64, X and Z, of the patient in a frame, and why it was chosen.
 
-    sure: named or in the equipment, and nobody else is nearly as likely. frame: its number, None where it does not
-    matter. rival_xz_m: (2,) where another person stands who may be the patient as well, None without one.
+    sure: named or in the equipment, and nobody else is nearly as likely. frame: the frame's number, None where it does
+    not matter. rival_xz_m: (2,) place of another person who may be the patient, None without one.
     """
 
     ground_xz_m: np.ndarray
@@ -87,7 +87,7 @@ class PatientChoice:
 
 
 def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> People:
-    """Return the people whom the learnt descriptor sees in the foreground of all cameras at one moment.
+    """Find the people in the foreground of all cameras at one moment by the learnt descriptor.
 
     A pixel belongs to the person of the ray nearest to it; -1 where the descriptor sees nobody.
     """
@@ -109,7 +109,7 @@ def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> Pe
 
 
 def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray | None]) -> np.ndarray:
-    """(n,) int32 the person of each foreground pixel, -1 where no person's ray is near it at the same depth."""
+    """Return the person (n,) int32 of each foreground pixel, -1 where no person's ray is near it at the same depth."""
     said = described(pixels.depth_m, camera)
     owner = np.full(said.person.shape, -1, np.int32)
     for number, own in enumerate(rays):
@@ -122,7 +122,7 @@ def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray 
 
 
 def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, np.ndarray]]) -> Person | None:
-    """The person with a number, as the foreground pixels show them; None where too few do."""
+    """Return the person with a number by their foreground pixels; None where these are too few."""
     heights = np.concatenate([pixels.points_m[own == number, 1] for pixels, own in shown])
     area_m2 = sum(float(pixels.area_m2[own == number].sum()) for pixels, own in shown)
     if area_m2 < LEAST_AREA_M2:

@@ -1,4 +1,4 @@
-"""Region growing: pixels without a clear owner join the person they are connected to, up to the nearest crease."""
+"""Grow regions: pixels without a clear owner join the person they are connected to, up to the nearest crease."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from numba import njit
 from anchorpose.isolation.ownership import NOBODY
 from anchorpose.isolation.scene import Pieces
 
-CREASE_COST: Final = 4.0  # steps over the surface for each deviation of the noise that a valley is deep
-CREASE_PX: Final = 3  # creases are searched over three pixels to either side: a finger's width at 2.5 m
-CREASE_SIGMAS: Final = 2.0  # a valley deeper than that many deviations of the noise is a crease
-DEEPEST: Final = 60  # steps that a crease may cost: as many pixels as a forearm is long
+CREASE_COST: Final = 4.0  # steps over the surface that equal a valley's depth of one deviation of the noise
+CREASE_PX: Final = 3  # pixels to either side in which creases are searched: a finger's width at 2.5 m
+CREASE_SIGMAS: Final = 2.0  # deviations of the noise; a deeper valley is a crease
+DEEPEST: Final = 60  # largest cost of a crease in steps: as many pixels as a forearm is long
 
 
 def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_COST) -> np.ndarray:
     """Spread owners over the surface along the cheapest paths, until they meet or the depth jumps.
 
-    owner (n,) uint8 for each foreground pixel: ``NOBODY`` where it is still open. A step costs one, and in a valley
-    more: ``crease_cost`` steps for each deviation of the noise that the surface lies behind its neighbours on both
-    sides. Two bodies that touch meet in such a valley. Returns (n,) uint8; ``NOBODY`` remains where a pixel is
-    connected to none with an owner.
+    owner (n,) uint8 for each foreground pixel: ``NOBODY`` where undecided. A step costs one, and in a valley
+    ``crease_cost`` more for each deviation of the noise by which the surface lies behind its neighbours on both sides.
+    Two bodies that touch meet in such a valley. Returns (n,) uint8; ``NOBODY`` remains where a pixel is connected to no
+    owner.
     """
     limit, noise = pixels.sensor.jump_limit, float(np.sqrt(1.5)) * pixels.sensor.noise_per_m
     surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
@@ -32,10 +32,11 @@ def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_
 
 
 def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarray:
-    """(count, count) metres: how long the border is at which one owner's surface goes on as another's without a crease.
+    """Return (count, count) metres: length of the border at which one owner's surface continues as another's without a
+    crease.
 
-    owner (n,) int: 0 to count - 1 for each foreground pixel, -1 = nobody. Two bodies that touch meet in a crease; one
-    body that was divided goes on.
+    owner (n,) int: 0 to count - 1 for each foreground pixel, -1 = nobody. Two touching bodies meet in a crease; one
+    body that was divided has none.
     """
     limit, noise = pixels.sensor.jump_limit, float(np.sqrt(1.5)) * pixels.sensor.noise_per_m
     surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
@@ -44,7 +45,9 @@ def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarra
 
 
 class _Surface(NamedTuple):
-    """What growing needs of ``Pieces``; number: its index; noise: deviation of a valley's depth at one metre."""
+    """The part of ``Pieces`` that growing needs; number: its index; noise: deviation of a valley's depth at one
+    metre.
+    """
 
     number: np.ndarray
     depth: np.ndarray
@@ -56,9 +59,10 @@ class _Surface(NamedTuple):
 
 
 class _Queue(NamedTuple):
-    """Pixels to give to an owner (``NOBODY``: they have theirs) in a ring of buckets by cost, each a linked list.
+    """Pixels to give to an owner (``NOBODY``: keep theirs) in a ring of buckets by cost, each a linked list.
 
-    head (buckets,): the first entry of each, -1 = none; after, pixel, owner (capacity,): of each entry.
+    head (buckets,): the first entry of each, -1 = none; after, pixel, owner (capacity,): next entry, pixel and owner of
+    each entry.
     """
 
     head: np.ndarray
@@ -69,7 +73,7 @@ class _Queue(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _push(queue: _Queue, used: int, bucket: int, pixel: int, owner: int) -> int:
-    """Add an entry to a bucket; returns how many entries were ever added."""
+    """Add an entry to a bucket; return the number of all entries ever added."""
     queue.pixel[used], queue.owner[used], queue.after[used] = pixel, owner, queue.head[bucket]
     queue.head[bucket] = used
     return used + 1
@@ -77,7 +81,7 @@ def _push(queue: _Queue, used: int, bucket: int, pixel: int, owner: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _grow(surface: _Surface, owner: np.ndarray, crease_cost: float) -> None:
-    """Dijkstra's algorithm with a ring of buckets; costs are whole steps."""
+    """Run Dijkstra's algorithm with a ring of buckets; costs are whole steps."""
     ring = DEEPEST + 2
     owned = 0
     for pixel in range(len(owner)):
@@ -111,7 +115,7 @@ def _grow(surface: _Surface, owner: np.ndarray, crease_cost: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
-    """Whether any of a pixel's four neighbours is foreground without an owner."""
+    """Return whether any of a pixel's four neighbours is foreground without an owner."""
     height, width = surface.number.shape
     for d_r, d_c in ((0, -1), (-1, 0), (0, 1), (1, 0)):
         r, c = surface.row[pixel] + d_r, surface.column[pixel] + d_c
@@ -124,7 +128,7 @@ def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, crease_cost: float) -> tuple[int, int]:
-    """The pixel beside one in a direction, -1 where growing cannot go there, and the cost in steps."""
+    """Return the pixel beside this one in a direction, -1 where growing cannot go there, and the cost in steps."""
     depth = surface.depth
     r, c = surface.row[pixel], surface.column[pixel]
     nr, nc = r + d_r, c + d_c
@@ -142,7 +146,7 @@ def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, 
 
 @njit(cache=True, nogil=True)
 def _valley(index: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c: int) -> float:
-    """How far the surface at a pixel lies behind the middle of its two neighbours along a direction, metres."""
+    """Return how far the surface at a pixel lies behind the mean of its two neighbours along a direction, metres."""
     height, width = index.shape
     r1, c1, r2, c2 = r - CREASE_PX * d_r, c - CREASE_PX * d_c, r + CREASE_PX * d_r, c + CREASE_PX * d_c
     if min(r1, r2, c1, c2) < 0 or max(r1, r2) >= height or max(c1, c2) >= width:
@@ -154,7 +158,7 @@ def _valley(index: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c:
 
 @njit(cache=True, nogil=True)
 def _contacts(surface: _Surface, owner: np.ndarray, size_per_m: np.ndarray, count: int) -> np.ndarray:
-    """See ``smooth_contact_m``; size_per_m (n,): width of a pixel over its depth."""
+    """Compute ``smooth_contact_m``; size_per_m (n,): width of a pixel over its depth."""
     index, depth = surface.number, surface.depth
     length = np.zeros((count, count))
     for pixel in range(len(owner)):

@@ -1,6 +1,6 @@
 """Find the flat pieces of an empty room, and gaps in its walls: doorways, windows or mirrors.
 
-A depth camera measures along the light's way: it shows a mirrored room, and people, beyond the mirror's plane.
+A depth camera measures along the path of light: in a mirror it sees a room, and people, beyond the mirror's plane.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
 
 PLANES: Final = 6  # floor, ceiling and the walls in view
-TRIALS: Final = 200  # a plane with a fifth of the points is drawn once in 125
+TRIALS: Final = 200  # trials; a plane with a fifth of the points is drawn once in 125
 VOTERS: Final = 5000  # points that vote on a plane
-LEAST_SHARE: Final = 0.03  # of the image: a smaller plane is furniture, or a person's back
-MOST_BEYOND: Final = 0.02  # of the readings on the far side: nothing is behind a wall
+LEAST_SHARE: Final = 0.03  # share of the image; a smaller plane is furniture, or a person's back
+MOST_BEYOND: Final = 0.02  # share of the readings on the far side: nothing is behind a wall
 
 
 def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.ndarray:
-    """(height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 where none is met.
+    """Return (height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 where none is met.
 
-    room_m (height, width) float32: what is known of the room, 0 = nothing. Walls are planes with many readings on them
-    and none behind them. A room is convex, so that of several planes the nearest is the one that is seen.
+    room_m (height, width) float32: the known room, 0 = unknown. Walls are planes with many readings on them and none
+    behind them. A room is convex, so the nearest of several planes is the visible one.
     """
     nearest = np.full(room_m.shape, np.inf, np.float32)
     for plane in find_planes(room_m, camera, noise_per_m):
@@ -36,7 +36,9 @@ def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.
 
 
 def depth_of_plane(plane: np.ndarray, camera: Camera) -> np.ndarray:
-    """(height, width) float32 depth of a plane (4,) of ``find_planes`` along each ray; inf where it is not met."""
+    """Return the depth (height, width) float32 of a plane (4,) of ``find_planes`` along each ray; inf where it is not
+    met.
+    """
     rays = np.concatenate([camera.pixel_rays(), np.ones((camera.height, camera.width, 1), np.float32)], axis=-1)
     towards = rays @ plane[:3].astype(np.float32)
     depth = np.where(towards > 1e-3, plane[3] / np.maximum(towards, 1e-3), np.inf)
@@ -46,7 +48,8 @@ def depth_of_plane(plane: np.ndarray, camera: Camera) -> np.ndarray:
 def find_planes(
     room_m: np.ndarray, camera: Camera, noise_per_m: float, most_beyond: float = MOST_BEYOND
 ) -> list[np.ndarray]:
-    """(4,) each, camera frame: unit normal away from the camera and offset, ``normal @ p = offset``; largest first.
+    """Return planes (4,), camera frame, largest first: unit normal away from the camera and offset, ``normal @ p =
+    offset``.
 
     room_m: as in ``depth_of_room``; most_beyond: share of the readings that may be on the far side of a plane.
     """
@@ -61,7 +64,7 @@ def find_planes(
 def _planes(
     points_m: np.ndarray, least: float, noise_per_m: float, most_beyond: float, rng: np.random.Generator
 ) -> list[np.ndarray]:
-    """The planes with more than ``least`` of the points (n, 3)."""
+    """Return the planes with more than ``least`` of the points (n, 3)."""
     found, left = list[np.ndarray](), points_m
     while len(found) < PLANES and len(left) > max(least, 3):
         plane = _best(left, points_m, least, noise_per_m, most_beyond, rng)
@@ -80,7 +83,9 @@ def _best(
     most_beyond: float,
     rng: np.random.Generator,
 ) -> np.ndarray | None:
-    """The plane through three of the points ``left_m`` with most of them on it and few beyond, None if too few."""
+    """Return the plane through three of the points ``left_m`` with most points on it and few beyond, None if too
+    few.
+    """
     normals, offsets = drawn_planes(left_m, TRIALS, rng)
     sign = np.where(offsets < 0, -1.0, 1.0)
     best, best_votes = None, least
@@ -94,12 +99,12 @@ def _best(
 
 
 def off_plane_m(depth_m: np.ndarray, noise_per_m: float) -> np.ndarray:
-    """How far readings at a depth may be from the plane that they show."""
+    """Return how far readings at a depth may be from the plane that they show."""
     return np.asarray(TOLERANCES_M[0] + NOISE_GATE * noise_per_m * depth_m**2)
 
 
 def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np.ndarray:
-    """Least squares on the inliers."""
+    """Refit a plane to its inliers by least squares."""
     own = points_m[np.abs(points_m @ plane[:3] - plane[3]) < gate_m]
     centre = own.mean(axis=0)
     normal = np.linalg.eigh(np.cov((own - centre).T))[1][:, 0]
@@ -107,8 +112,8 @@ def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np
     return np.append(normal, normal @ centre)
 
 
-UPRIGHT: Final = 0.2  # cosine to the vertical: a mirror that leans by 11 degrees
-FRAMED: Final = 0.6  # of a gap's border: a doorway has no frame at the floor
+UPRIGHT: Final = 0.2  # cosine between a mirror's normal and the vertical: a mirror that leans by 11 degrees
+FRAMED: Final = 0.6  # share of a gap's border that is wall: a doorway has no wall at the floor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +122,7 @@ class Wall:
 
     normal (3,): unit, world, away from the camera, with ``normal @ p = offset_m``; depth_m (height, width) float32: of
     the plane along each ray, inf where it is not met; on_it, gap (height, width) bool: pixels of the empty room that
-    show the plane, and those between them that show something beyond it or nothing.
+    show the plane, and pixels between these that show something beyond it, or nothing.
     """
 
     camera: Camera
@@ -128,27 +133,27 @@ class Wall:
     gap: np.ndarray
 
     def beyond_m(self, points_m: np.ndarray) -> np.ndarray:
-        """(...) how far points (..., 3) are beyond the plane, negative on the camera's side."""
+        """Return (...) how far points (..., 3) lie beyond the plane, negative on the camera's side."""
         return np.asarray(points_m @ self.normal - self.offset_m)
 
     def reflected(self, points_m: np.ndarray) -> np.ndarray:
-        """(..., 3) where a mirror in this plane shows points (..., 3)."""
+        """Return (..., 3) where a mirror in this plane shows points (..., 3)."""
         return np.asarray(points_m - 2.0 * self.beyond_m(points_m)[..., None] * self.normal)
 
     def gap_before(self, point_m: np.ndarray) -> np.ndarray | None:
-        """(height, width) bool: the connected gap through which a point (3,) is seen, None where it is in none."""
+        """Return (height, width) bool: the connected gap through which a point (3,) is seen; None if in no gap."""
         _, piece = cv2.connectedComponents(self.gap.astype(np.uint8), connectivity=4)
         _, [own], [inside] = self.camera.look(point_m[None], piece)
         return np.asarray(piece == own) if inside and own else None
 
     def frames(self, gap: np.ndarray) -> bool:
-        """Whether the plane is around a gap (height, width), not only beside it."""
+        """Return whether the plane surrounds a gap (height, width), not only borders on it."""
         border = cv2.dilate(gap.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool) & ~gap
         return bool(border.any() and self.on_it[border].mean() > FRAMED)
 
 
 def find_walls(scene: Scene) -> list[Wall]:
-    """The upright planes of a camera's empty room, largest first; also fronts of furniture."""
+    """Return the upright planes of a camera's empty room, largest first; they include fronts of furniture."""
     camera, room_m, noise = scene.camera, scene.background.depth_m, scene.background.sensor.noise_per_m
     T_world_camera, found = camera.require_pose(), list[Wall]()
     for plane in find_planes(room_m, camera, noise, most_beyond=1.0):
@@ -165,14 +170,14 @@ def find_walls(scene: Scene) -> list[Wall]:
 
 
 def _within(mask: np.ndarray) -> np.ndarray:
-    """(height, width) bool: the convex hull of the pixels of a mask."""
+    """Return (height, width) bool: the convex hull of the pixels of a mask."""
     filled = np.zeros(mask.shape, np.uint8)
     hull = cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32))
     return cv2.fillConvexPoly(filled, hull, 1).astype(bool)
 
 
 def with_wall(scene: Scene, wall: Wall, gap: np.ndarray) -> Scene:
-    """The scene with the wall where the gap (height, width) is: nobody is seen beyond it."""
+    """Return the scene with the wall in place of the gap (height, width): nobody is seen beyond it."""
     model = scene.background
     depth_m = np.where(gap, wall.depth_m, model.depth_m)
     sigma_m = np.where(gap, model.sensor.noise.sigma_m(wall.depth_m).astype(np.float32), model.sigma_m)

@@ -1,4 +1,4 @@
-"""One camera's scene before the first frame, and the people's pixels that are cut out of each frame."""
+"""Describe one camera's scene before the first frame, and cut the people's pixels out of each frame."""
 
 from __future__ import annotations
 
@@ -28,20 +28,21 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 
-SMALLEST_PIECE_M2: Final = 0.0005  # a piece smaller than a fingertip is not a person
-FEET_M: Final = 0.3  # an ankle's height, and what a removed floor takes with it
-LEAST_M2: Final = 0.15  # a smaller patch of a body, cut out by bars, may be flat
+SMALLEST_PIECE_M2: Final = 0.0005  # m2; a piece smaller than a fingertip is not a person
+FEET_M: Final = 0.3  # m above the lowest pixel: an ankle's height, and what is lost with a removed floor
+LEAST_M2: Final = 0.15  # m2; a smaller patch of a body, cut out by bars, may be flat
 FLATTEST: Final = 0.025  # deviation from a plane over the width; trunks bulge by 5 %
-LEAST_FILLED: Final = 0.85  # of the smallest rectangle around it; a trunk with thighs fills less
+LEAST_FILLED: Final = 0.85  # share of the smallest enclosing rectangle; a trunk with thighs fills less
 SAMPLE: Final = 500  # points of a piece that are tested
 
 
 def flat_pieces(
     points_m: np.ndarray, depth_m: np.ndarray, piece: np.ndarray, area_m2: np.ndarray, noise_per_m: float
 ) -> np.ndarray:
-    """(n,) bool: pixels of pieces that are planes within the noise and ``FLATTEST`` of their width, and rectangles.
+    """Return (n,) bool: pixels of pieces that are planes, within the noise and ``FLATTEST`` of their width, and
+    rectangles.
 
-    points_m (n, 3), depth_m (n,), piece (n,) from 1, area_m2 (n,): the foreground pixels of one camera.
+    points_m (n, 3), depth_m (n,), piece (n,) from 1, area_m2 (n,): one camera's foreground pixels.
     """
     area = np.bincount(piece, area_m2, minlength=1)
     flat = np.zeros(len(area), dtype=bool)
@@ -52,18 +53,18 @@ def flat_pieces(
         own -= own.mean(axis=0)
         spread, axes = np.linalg.eigh(own.T @ own / len(own))
         across = np.abs(own @ axes[:, 0])
-        thickness = 1.483 * _median(across)  # of most of it: a hand at the edge may stick out
+        thickness = 1.483 * _median(across)  # thickness of most of it: a hand at the edge may stick out
         noise = noise_per_m * _median(depth_m[mine]) ** 2
         if thickness - noise > FLATTEST * np.sqrt(12.0 * spread[1]):  # a width w has variance w^2 / 12
             continue
         _, sides, _ = cv2.minAreaRect((own @ axes[:, 1:]).astype(np.float32))
-        facing = area[large]  # as if it faced the camera: less than it is, so a slanting board may be missed
+        facing = area[large]  # area as if it faced the camera: less than its own, so a slanting board may be missed
         flat[large] = facing > LEAST_FILLED * sides[0] * sides[1]
     return flat[piece]
 
 
 def _median(values: np.ndarray) -> float:
-    """As ``np.median``, which takes ten times as long for a few hundred values."""
+    """Return the median as ``np.median``, which takes ten times as long for a few hundred values."""
     ordered = np.sort(values)
     half = len(values) // 2
     return float(ordered[half]) if len(values) % 2 else float(ordered[half - 1] + ordered[half]) / 2
@@ -83,10 +84,10 @@ class Scene:
 class Pieces:
     """The people's pixels of one camera's frame, all people together.
 
-    depth_m (height, width) float32; labels (height, width) uint8 of ``PixelLabel``, CLUTTER where someone may be;
-    index (height, width) int32: which foreground pixel this is, -1 = none; row, column, piece (n,) int32: the
-    foreground pixels and the connected piece (from 1) each belongs to; points_m (n, 3) float32 world; area_m2 (n,)
-    float32: surface a pixel covers if it faces the camera.
+    depth_m (height, width) float32; labels (height, width) uint8 of ``PixelLabel``, CLUTTER where a person may be;
+    index (height, width) int32: number of the foreground pixel, -1 = none; row, column, piece (n,) int32: the
+    foreground pixels and the connected piece (from 1) of each; points_m (n, 3) float32 world; area_m2 (n,) float32:
+    surface a pixel covers if it faces the camera.
     """
 
     depth_m: np.ndarray
@@ -101,7 +102,7 @@ class Pieces:
     sensor: Sensor
 
     def only(self, kept: np.ndarray) -> Pieces:
-        """The same frame with some of the foreground pixels, kept (n,) bool."""
+        """Return the frame with only the ``kept`` (n,) bool foreground pixels."""
         index = np.full_like(self.index, -1)
         row, column = self.row[kept], self.column[kept]
         index[row, column] = np.arange(len(row), dtype=np.int32)
@@ -126,7 +127,7 @@ def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentM
 
 
 def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces | None]:
-    """The pieces of all cameras at one moment; None where a camera has no frame."""
+    """Return the pieces of all cameras at one moment; None where a camera has no frame."""
 
     def pieces_of(depth_m: np.ndarray | None, scene: Scene) -> Pieces | None:
         return None if depth_m is None else find_pieces(depth_m, scene, frame_set.time_s)
@@ -135,9 +136,9 @@ def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces
 
 
 def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) -> Pieces:
-    """Take room and equipment away from one frame and cut the rest at its depth jumps; ramps have no reading.
+    """Remove room and equipment from one frame and cut the rest at its depth jumps; ramps have no reading.
 
-    time_s: of the frame, reference clock; None: no object that rests for a time is part of the room.
+    time_s: the frame's, reference clock; None: resting objects are not part of the room.
     """
     model, camera, sensor = scene.background, scene.camera, scene.background.sensor
     depth_m = sensor.without_ramps(depth_m)
@@ -161,7 +162,7 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) 
 def _first_labels(
     depth_m: np.ndarray, time_s: float | None, people: np.ndarray, scene: Scene, equipment: np.ndarray | None
 ) -> np.ndarray:
-    """(height, width) uint8 of ``PixelLabel`` before people are separated."""
+    """Return ``PixelLabel`` (height, width) uint8 before people are separated."""
     model = scene.background
     labels = _nearness(depth_m, *room_at(depth_m, model, time_s), JUMP_GATE)
     if equipment is not None:
@@ -174,7 +175,7 @@ def _first_labels(
 
 @njit(cache=True, nogil=True)
 def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: float) -> np.ndarray:
-    """NO_READING, BACKGROUND, or CLUTTER for what is in front of the room, yet may be flying."""
+    """Return NO_READING, BACKGROUND, or CLUTTER for readings in front of the room, which may be flying."""
     labels = np.zeros(depth.shape, np.uint8)
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):
@@ -186,9 +187,10 @@ def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: floa
 
 
 def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
-    """(height, width) bool: pixels without reading that were certainly removed as room, so nobody is there.
+    """Return (height, width) bool: pixels without reading that were certainly removed as room, so that nobody is
+    there.
 
-    Recorders that remove the room remove feet with the floor: near the lowest pixel, nothing is certain.
+    Recorders that remove the room remove feet with the floor, so pixels near the lowest one are uncertain.
     """
     rows = np.flatnonzero(people.any(axis=1))
     feet_px = int(FEET_M * camera.intrinsics.fy / float(np.median(depth_m[people])))
@@ -199,7 +201,7 @@ def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np
 
 @njit(cache=True, nogil=True)
 def _areas(depth: np.ndarray, piece: np.ndarray, count: int, focal: float) -> np.ndarray:
-    """(count + 1,) square metres of each piece, if it faces the camera."""
+    """Return the area (count + 1,), m2, of each piece as if it faced the camera."""
     area = np.zeros(count + 1)
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):
@@ -212,7 +214,7 @@ def _areas(depth: np.ndarray, piece: np.ndarray, count: int, focal: float) -> np
 def _listed(
     depth: np.ndarray, piece_of: np.ndarray, renumbered: np.ndarray, rays: np.ndarray, T: np.ndarray, focal: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The pixels of the pieces that are kept: index, row, column, piece, points_m, area_m2 of ``Pieces``."""
+    """Return the pixels of the kept pieces: index, row, column, piece, points_m, area_m2 of ``Pieces``."""
     height, width = depth.shape
     index = np.full((height, width), -1, np.int32)
     count = 0

@@ -1,4 +1,4 @@
-"""The person label of every pixel (transient occlusion; paper, Section III), by likelihood, creases and reach."""
+"""Label the person of every pixel (transient occlusion; paper, Section III), by likelihood, creases and reach."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-DECISION_PX: Final = 2  # between two people every second row and column is decided; the pixels between grow from them
-DETACHED_M: Final = 0.12  # a bar's width, and what a forearm moves behind it unseen
-UNSUPPORTED_SIGMA_M: Final = 0.04  # of remembered skin without a body: it ties with the patient's predicted skin
-FIRST_EARLIER_LABEL: Final = 128  # of people met in the backward pass
+DECISION_PX: Final = 2  # every second row and column between two people is decided; the pixels between grow from them
+DETACHED_M: Final = 0.12  # a bar's width, and the movement of a hidden forearm
+# added to remembered skin without a body: it then ties with the patient's predicted skin
+UNSUPPORTED_SIGMA_M: Final = 0.04
+FIRST_EARLIER_LABEL: Final = 128  # first label of people met in the backward pass
 
 
 def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: PatientChoice) -> tuple[View | None, ...]:
@@ -47,17 +48,19 @@ def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: Pa
 
 
 def by_distance(people: People, ground_xz_m: np.ndarray) -> np.ndarray:
-    """(k,) int: the numbers of the people, the nearest to a place (2,) first."""
+    """Return the numbers (k,) int of the people, the nearest to a place (2,) first."""
     axes = np.array([person.ground_xz_m for person in people.people]).reshape(-1, 2)
     return np.argsort(np.linalg.norm(axes - ground_xz_m, axis=1), kind="stable")
 
 
 def label_people(pieces: Sequence[Pieces | None], people: People, order: np.ndarray) -> tuple[View | None, ...]:
-    """Label each camera's pixels by person; order (k,): numbers of the people, of whom the first is labelled patient.
+    """Label each camera's pixels by person; order (k,): numbers of the people, the first of whom becomes the
+    patient.
 
-    What the descriptor gives to nobody joins the person it is connected to, up to the creases between people who touch.
+    Pixels in which the descriptor sees nobody join the person they are connected to, up to the creases between touching
+    people.
     """
-    label = np.full(len(people.people) + 1, NOBODY, np.uint8)  # the last one: nobody
+    label = np.full(len(people.people) + 1, NOBODY, np.uint8)  # the last entry stands for nobody
     label[order] = np.minimum(PixelLabel.PATIENT + np.arange(len(order)), LAST_LABEL)
     shown, persons = [pixels for pixels in pieces if pixels is not None], [of for of in people.of if of is not None]
     seeds = [label[of] for of in persons]
@@ -71,12 +74,12 @@ def separate(
     elapsed_s: float,
     cameras: Sequence[Camera],
 ) -> tuple[View | None, ...]:
-    """Label each camera's pixels by who was where ``elapsed_s`` ago and, if given, by predicted skin.
+    """Label each camera's pixels by the people ``elapsed_s`` ago and, if given, by predicted skin.
 
-    expected: the likelihood of those whose skin is predicted; the others' is where they were seen last. A pixel goes
-    to the most likely owner if that leads clearly (``decide_ownership``). What is left, between two people or out of
-    everybody's range, goes to the person it is connected to (``grow_regions``); a separate piece to the person it
-    nearly touches (a bar cuts a forearm off); what is left and is a person by the learnt descriptor is a new person.
+    expected: the likelihood of people with predicted skin; others are expected where they were seen last. A pixel goes
+    to the most likely owner if that leads clearly (``decide_ownership``). Remaining pixels, between two people or out
+    of range, go to the person they are connected to (``grow_regions``); a separate piece goes to the person it nearly
+    touches (a bar cuts a forearm off); a remaining piece that the learnt descriptor takes for a person is a new person.
     elapsed_s: negative in the backward pass, whose new people get labels from another range, so that they share none
     with people met later in time.
     """
@@ -92,20 +95,20 @@ def separate(
     owners = _with_remembered_patient(shown, owners, memory.points_m[memory.owner == PixelLabel.PATIENT])
     owners = _with_newcomers(shown, of_shown, owners, free)
     owners = owners if expected is None else without_parts(shown, owners, expected)
-    # remembered skin does not count as expected: the patient may have been mistaken before
+    # remembered skin is not used as expected skin here, since its person label may be wrong
     owners = one_patient(shown, of_shown, owners, expected, free)
     return _views(pieces, owners)
 
 
 def _decided(pixels: Pieces, grid: LikelihoodGrid | None) -> np.ndarray:
-    """(n,) uint8 owner of each foreground pixel by likelihood alone."""
+    """Return (n,) uint8 owner of each foreground pixel by likelihood alone."""
     if grid is None:
         return np.zeros(len(pixels.row), np.uint8)
     return decide_ownership(grid, pixels.points_m, _decision_pixels(pixels))
 
 
 def _decision_pixels(pixels: Pieces) -> np.ndarray:
-    """(n,) bool: the pixels at which several people's likelihoods are compared."""
+    """Return (n,) bool: the pixels at which several people's likelihoods are compared."""
     return np.asarray((pixels.row % DECISION_PX == 0) & (pixels.column % DECISION_PX == 0))
 
 
@@ -114,7 +117,7 @@ def _grown(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.nda
 
 
 def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np.ndarray]:
-    """Owners, with pieces that nobody owns assigned to the person they nearly touch, in any camera."""
+    """Return the owners; pieces without owner go to the person they nearly touch, in any camera."""
     cameras = list(zip(shown, owners, strict=True))
     if not any(pixels.area_m2[owner == NOBODY].sum() >= SMALLEST_PIECE_M2 for pixels, owner in cameras):
         return owners
@@ -124,13 +127,14 @@ def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np
     points = np.concatenate([place for place, _, _ in owned])
     if not len(points):
         return owners
-    near = ((points >= low) & (points <= high)).all(axis=1)  # a tree of all skin takes longer than the search in it
+    # a tree of all skin would take longer than the search in it
+    near = ((points >= low) & (points <= high)).all(axis=1)
     label, tree = np.concatenate([whose for _, whose, _ in owned])[near], cKDTree(points[near])
     return [_to_neighbour(pixels, owner, tree, label) for pixels, owner in cameras]
 
 
 def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.ndarray) -> np.ndarray:
-    """(n,) uint8 owners; each piece with unowned pixels gives these to the nearest person within ``DETACHED_M``."""
+    """Return (n,) uint8 owners; each piece gives its unowned pixels to the nearest person within ``DETACHED_M``."""
     unowned = np.flatnonzero(owner == NOBODY)
     if not len(unowned):
         return owner
@@ -138,7 +142,7 @@ def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.nd
     found = np.isfinite(distance)
     piece, distance, whose = pixels.piece[unowned[found]], distance[found], label[nearest[found]]
     to = np.zeros(pixels.piece_count + 1, np.uint8)
-    order = np.argsort(-distance, kind="stable")  # the nearest comes last and stays
+    order = np.argsort(-distance, kind="stable")  # the nearest comes last and remains
     to[piece[order]] = whose[order]
     assigned = owner.copy()
     assigned[unowned] = to[pixels.piece[unowned]]
@@ -146,10 +150,10 @@ def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.nd
 
 
 def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], skin_m: np.ndarray) -> list[np.ndarray]:
-    """Owners, with what nobody owns given to the patient where the patient's skin (p, 3) was in the last frame.
+    """Return the owners; unowned pixels where the patient's skin (p, 3) was in the last frame go to the patient.
 
-    The prediction may be wrong; then the patient must not become a new person, nor what is connected to that skin and
-    was hidden before. Other people's pixels stay theirs.
+    If the prediction is wrong, the patient must not become a new person, nor a part that is connected to that skin and
+    was hidden before. Other people keep their pixels.
     """
     if not len(skin_m) or not any((owner == NOBODY).any() for owner in owners):
         return owners
@@ -166,13 +170,13 @@ def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], 
 def _with_newcomers(
     shown: Sequence[Pieces], cameras: Sequence[Camera], owners: list[np.ndarray], next_label: int
 ) -> list[np.ndarray]:
-    """Owners with new labels for the people of whose pixels nobody owns most."""
+    """Return the owners with new labels for people most of whose pixels are unowned."""
     free = [owner == NOBODY for owner in owners]
     if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, free, strict=True)) < PERSON_AREA_M2:
         return owners
     people = see_people(shown, cameras)
     of_pixels = [of for of in people.of if of is not None]
-    count = len(people.people) + 1  # the last one: nobody
+    count = len(people.people) + 1  # the last entry stands for nobody
     free_m2, all_m2 = np.zeros(count), np.zeros(count)
     for pixels, own, of in zip(shown, free, of_pixels, strict=True):
         all_m2 += np.bincount(of % count, pixels.area_m2, count)
@@ -188,13 +192,13 @@ def _with_newcomers(
 
 
 def _views(pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray]) -> tuple[View | None, ...]:
-    """One view per camera, None where it has no frame; owners: of the cameras that have one."""
+    """Return one view per camera, None where it has no frame; ``owners`` has the cameras with a frame."""
     left = iter(owners)
     return tuple(None if pixels is None else view_of(pixels, next(left)) for pixels in pieces)
 
 
 def view_of(pixels: Pieces, owner: np.ndarray) -> View:
-    """The camera's view with the owner (n,) uint8 of each foreground pixel, ``NOBODY`` where it has none."""
+    """Return the camera's view with the owner (n,) uint8 of each foreground pixel, ``NOBODY`` where there is none."""
     labels = pixels.labels.copy()
     labels[pixels.row, pixels.column] = np.where(owner == NOBODY, np.uint8(PixelLabel.CLUTTER), owner)
     return View(pixels.depth_m, labels)

@@ -1,4 +1,4 @@
-"""One camera's frame with a label for every pixel."""
+"""Hold one camera's frame with a label for every pixel."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 
 class PixelLabel(IntEnum):
-    """What a pixel shows. Labels above ``OTHER_PERSON`` are further people, one label each."""
+    """The thing that a pixel shows. Labels above ``OTHER_PERSON`` are further people, one label each."""
 
     NO_READING = 0
     BACKGROUND = 1
-    EQUIPMENT = 2  # remembered, not just removed: the patient may be behind it
+    EQUIPMENT = 2  # kept as a label, not just removed: the patient may be behind it
     CLUTTER = 3  # foreground that belongs to no person: flying pixels, small components
     PATIENT = 4
     OTHER_PERSON = 5
@@ -31,10 +31,10 @@ class View:
 
     @property
     def patient(self) -> np.ndarray:
-        """(height, width) bool: pixels on the patient."""
+        """Return (height, width) bool: pixels on the patient."""
         return self.labels == np.uint8(PixelLabel.PATIENT)
 
     @property
     def hidden_by_equipment(self) -> np.ndarray:
-        """(height, width) bool: pixels whose view ends at the equipment, so that the patient may be behind it."""
+        """Return (height, width) bool: pixels whose view ends at the equipment; the patient may be behind it."""
         return self.labels == np.uint8(PixelLabel.EQUIPMENT)

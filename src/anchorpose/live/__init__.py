@@ -1,1 +1,1 @@
-"""Depth images while they are taken: cameras, recording them, and joints at once."""
+"""Process depth images while they are taken: read cameras, record them, and compute joints at once."""

@@ -1,4 +1,4 @@
-"""Sources of depth images: Intel RealSense, Orbbec, and a recording that is played at its own pace."""
+"""Provide sources of depth images: Intel RealSense, Orbbec, and a recording that is played in real time."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.sources.plan import CameraPlan, folder_name
 
 WIDTH, HEIGHT, RATE_HZ = 848, 480, 30
-STALL_S: Final = 5.0  # a camera that was unplugged gives no more images
+STALL_S: Final = 5.0  # without an image for this time a camera counts as unplugged
 GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system_time")
-"""The device's time as the host's clock, or the host's own: the age of an image is then known."""
+"""Clock domains in which the device's time is on the host's clock, so that the age of an image is known."""
 
 
 @dataclass(slots=True, eq=False)
 class RealSense:
-    """One camera that was started; device and pipeline are pyrealsense2's."""
+    """A started camera; device and pipeline are pyrealsense2's."""
 
     name: str
     cameras: tuple[CameraPlan, ...]
@@ -42,7 +42,7 @@ class RealSense:
     pipeline: Any
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
-        """See ``LiveSource``."""
+        """Yield images as ``LiveSource`` requires."""
         last_s = time.monotonic()
         try:
             while not stop.is_set():
@@ -57,13 +57,13 @@ class RealSense:
                 grey = np.array(np.asanyarray(depth.get_data()), np.uint16)
                 yield LiveImage(0, int(depth.get_frame_number()), depth.get_timestamp() / 1000.0, _taken(depth), grey)
         except RuntimeError as error:
-            raise AnchorposeError(f"the camera does not answer any more ({error}); check its cable") from None
+            raise AnchorposeError(f"the camera no longer answers ({error}); check its cable") from None
         finally:
             self.pipeline.stop()
 
 
 def open_realsense(serial: str, about: Recording | None) -> RealSense:
-    """The camera with this serial number, the first one where it is empty.
+    """Open the camera with this serial number, or the first one if it is empty.
 
     about: see ``LiveSource``. Raises MissingPackage without pyrealsense2 or the system's libusb, AnchorposeError where
     there is no such camera.
@@ -80,7 +80,9 @@ def open_realsense(serial: str, about: Recording | None) -> RealSense:
 
 
 def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> RealSense:
-    """Starts what ``config`` selects, which may be a file that librealsense plays; rs: the module pyrealsense2."""
+    """Start the stream that ``config`` selects, which may be a file that librealsense plays; rs: the module
+    pyrealsense2.
+    """
     pipeline = rs.pipeline()
     try:
         profile = pipeline.start(config)
@@ -103,7 +105,7 @@ def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> Re
 
 
 def _lens(rs: Any, found: Any) -> Intrinsics:
-    """Depth images have no distortion left in all cameras of this maker that are sold."""
+    """Return the lens; depth images of all cameras sold by this maker have no distortion left."""
     if any(found.coeffs) and found.model != rs.distortion.brown_conrady:
         raise AnchorposeError(f"The camera's lens model ({found.model}) is not known: record with its own program.")
     coefficients = tuple(float(value) for value in found.coeffs)
@@ -111,7 +113,7 @@ def _lens(rs: Any, found: Any) -> Intrinsics:
 
 
 def _taken(depth: Any) -> float:
-    """When an image was taken, by ``time.monotonic``; when it arrived, where the device's clock is its own."""
+    """Return when an image was taken, by ``time.monotonic``, or when it arrived if the device has its own clock."""
     now_s = time.monotonic()
     if str(depth.get_frame_timestamp_domain()) not in GLOBAL_CLOCKS:
         return now_s
@@ -120,21 +122,21 @@ def _taken(depth: Any) -> float:
 
 
 PYTHON_VARIABLE: Final = "ANCHORPOSE_ORBBEC_PYTHON"
-"""The environment variable that names the Python which has pyorbbecsdk2; without it, the one that runs."""
+"""The environment variable that names a Python with pyorbbecsdk2; by default the running one is used."""
 
 
 @dataclass(slots=True, eq=False)
 class Orbbec:
-    """One camera, read by another process."""
+    """A camera that another process reads."""
 
     name: str
     cameras: tuple[CameraPlan, ...]
     about: Recording | None
     process: subprocess.Popen[bytes]
-    first: bytes  # the header that was read to know the scale
+    first: bytes  # the header that was read to learn the scale
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
-        """See ``LiveSource``."""
+        """Yield images as ``LiveSource`` requires."""
         camera, out = self.cameras[0].camera, _out(self.process)
         header = self.first
         try:
@@ -154,9 +156,9 @@ class Orbbec:
 
 
 def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = ()) -> Orbbec:
-    """The camera with this serial number, the first one where it is empty.
+    """Open the camera with this serial number, or the first one if it is empty.
 
-    about: see ``LiveSource``; command: instead of the process that reads the camera. Raises AnchorposeError where there
+    about: see ``LiveSource``; command: replaces the process that reads the camera. Raises AnchorposeError where there
     is no such camera, or that Python has no pyorbbecsdk2.
     """
     python = os.environ.get(PYTHON_VARIABLE, sys.executable)
@@ -194,7 +196,7 @@ def _out(process: subprocess.Popen[bytes]) -> IO[bytes]:
 
 
 def _why_ended(process: subprocess.Popen[bytes]) -> str:
-    """What the process said last; it ends by itself."""
+    """Return the last output of a process, which ends by itself."""
     process.wait(timeout=10.0)
     said = b"" if process.stderr is None else process.stderr.read()
     last = said.decode(errors="replace").strip().splitlines()[-1:] or ["the process that reads it ended"]
@@ -207,7 +209,7 @@ def _why_ended(process: subprocess.Popen[bytes]) -> str:
 
 
 LATE_S: Final = 0.25
-"""An image that is late by more is left out, as a camera overwrites what nobody took."""
+"""Seconds; an image that is later than this is dropped, as a camera overwrites images that nobody took."""
 
 
 class Playback:
@@ -225,7 +227,7 @@ class Playback:
         )
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
-        """See ``LiveSource``."""
+        """Yield images as ``LiveSource`` requires."""
         first_s, began_s = self._order[0][0], time.monotonic()
         for when, camera, place in self._order:
             due_s = began_s + when - first_s

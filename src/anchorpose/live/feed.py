@@ -1,4 +1,4 @@
-"""Cameras that give depth images now: the threads that read them, and the newest frame of all."""
+"""Read running cameras in threads, and join the newest images of all to a frame."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from anchorpose.sources.plan import CameraPlan
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveImage:
-    """One depth image: camera: index; number: counted by the source, with gaps where it lost images; time_s: by the
-    device's own clock; taken_s: when it was taken, by ``time.monotonic``; grey (height, width) uint16, 0 = no
-    reading."""
+    """One depth image. camera: index; number: counted by the source, with gaps where it lost images; time_s: by the
+    device's own clock; taken_s: when it was taken, by ``time.monotonic``; grey (height, width) uint16, 0 = no reading.
+    """
 
     camera: int
     number: int
@@ -35,8 +35,8 @@ class LiveImage:
 class LiveSource(Protocol):
     """Cameras that belong together, in the order of their indices.
 
-    name: for the user; about: a recording whose equipment, empty room and patient hold for these cameras, too; None
-    where nothing is known.
+    name: for the user; about: a recording whose equipment, empty room and patient are valid for these cameras, too;
+    None if there is none.
     """
 
     name: str
@@ -46,13 +46,13 @@ class LiveSource(Protocol):
     def images(self, stop: Event) -> Iterator[LiveImage]:
         """Yield the images as they are taken, until the source ends or ``stop`` is set.
 
-        Raises AnchorposeError with what happened where a camera does not answer any more.
+        Raises AnchorposeError with the reason where a camera no longer answers.
         """
         ...
 
 
 def about_folder(sources: Sequence[LiveSource]) -> Path | None:
-    """The folder of the first recording that holds for one of the sources, None where there is none."""
+    """Return the folder of the first recording that is valid for one of the sources, None where there is none."""
     return next((source.about.folder for source in sources if source.about is not None), None)
 
 
@@ -60,9 +60,10 @@ Taker = Callable[[LiveImage], None]
 
 
 class Intake:
-    """One thread per source. A source that fails ends alone; ``failed`` has a sentence on all that failed.
+    """The threads that read the sources, one each. A source that fails ends alone; ``failed`` has a sentence on each
+    failure.
 
-    cameras: of all sources, in their order; feed: their images; add and remove: who else is given every image.
+    cameras: of all sources, in order; feed: gets their images; add and remove: further receivers of every image.
     """
 
     def __init__(self, sources: Sequence[LiveSource]) -> None:
@@ -76,7 +77,7 @@ class Intake:
         self._left, self._counting = len(self._sources), Lock()
 
     def start(self) -> None:
-        """Begin to take images; does nothing where that has begun."""
+        """Begin to read images; does nothing if already begun."""
         if self._threads:
             return
         first = np.cumsum([0, *(len(source.cameras) for source in self._sources)]).tolist()
@@ -88,25 +89,25 @@ class Intake:
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """What failed so far, and how many images could not be recorded, by reason."""
+        """Return the failures so far, and how many images could not be recorded, by reason."""
         lost = (f"{count} depth images could not be recorded ({why})" for why, count in self._not_kept.items())
         return (*self.failures, *lost)
 
     def add(self, taker: Taker) -> None:
-        """From now on ``taker`` is given every image, in the threads of the sources."""
+        """Pass every image from now on to ``taker``, in the threads of the sources."""
         self._takers = (*self._takers, taker)
 
     def remove(self, taker: Taker) -> None:
-        """``taker`` is given no more images; one may still be under way."""
+        """Stop passing images to ``taker``; one may still be under way."""
         self._takers = tuple(one for one in self._takers if one != taker)
 
     @property
     def running(self) -> bool:
-        """Whether any source still gives images."""
+        """Return whether any source still delivers images."""
         return self._left > 0
 
     def stop(self) -> None:
-        """Ends all sources and waits for them."""
+        """End all sources and wait for them."""
         self._stop.set()
         for thread in self._threads:
             thread.join(timeout=5.0)
@@ -124,8 +125,9 @@ class Intake:
                 self.feed.close()
 
     def _hand_on(self, image: LiveImage) -> None:
-        """An image that cannot be written is lost; who refuses it, as a recorder does on a disk that is nearly full, is
-        given no more. The other takers are given all."""
+        """Pass an image to all receivers. An image that cannot be written is lost; a receiver that refuses one, such as
+        a recorder on a nearly full disk, gets no more. The other receivers get all images.
+        """
         for taker in self._takers:
             try:
                 taker(image)
@@ -136,14 +138,15 @@ class Intake:
                 self.failures.append(str(error))
 
 
-KEPT: Final = 4  # images of a camera: a partner is at most one period older than the newest
-SILENT_S: Final = 0.5  # a camera without images for so long is not waited for
+KEPT: Final = 4  # images kept per camera: the partner of an image is at most one period older than the newest
+SILENT_S: Final = 0.5  # s; a camera without images for this long is not waited for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveSet:
-    """One image of each camera that has one, taken at about the same time; taken_s: by ``time.monotonic``; skipped:
-    images of the reference camera that were not taken since the set before."""
+    """A set of images, one per camera, taken at about the same time; taken_s: by ``time.monotonic``; skipped: images of
+    the reference camera since the set before that were not used.
+    """
 
     images: tuple[LiveImage | None, ...]
     reference: int
@@ -151,7 +154,9 @@ class LiveSet:
     skipped: int = 0
 
     def frame_set(self, cameras: Sequence[Camera], clocks: Sequence[Clock]) -> FrameSet:
-        """As tracking reads it, times on the first camera's clock; clocks: one per camera."""
+        """Return the set in the form that tracking reads, with times on the first camera's clock; clocks: one per
+        camera.
+        """
         times = [
             None if image is None else float(clock.reference_s(np.array([image.time_s]))[0])
             for image, clock in zip(self.images, clocks, strict=True)
@@ -171,10 +176,10 @@ class LiveSet:
 
 
 class Feed:
-    """Sources put images in from their threads; the tracker takes the newest complete set.
+    """A buffer: sources put images in from their threads, and the tracker takes the newest complete set.
 
-    A set is complete when every camera that is not silent has given an image that was taken as late, or a period has
-    passed. The first camera that is not silent is the reference.
+    A set is complete when every camera that is not silent has delivered an image taken as late, or a period has passed.
+    The first camera that is not silent is the reference.
     """
 
     def __init__(self, count: int) -> None:
@@ -183,19 +188,19 @@ class Feed:
         self._last: LiveSet | None = None
 
     def put(self, image: LiveImage) -> None:
-        """One more image of a camera, in the order in which it takes them."""
+        """Add an image of a camera, in the order in which it takes them."""
         with self._changed:
             self._images[image.camera].append(image)
             self._changed.notify_all()
 
     def close(self) -> None:
-        """No more images come."""
+        """End the feed: no more images follow."""
         with self._changed:
             self._open = False
             self._changed.notify_all()
 
     def take(self, patience_s: float) -> LiveSet | None:
-        """The newest complete set that is newer than the one taken before; waits for it.
+        """Wait for the newest complete set that is newer than the last one taken, and return it.
 
         None where no more images come, or none within ``patience_s``.
         """
@@ -210,14 +215,14 @@ class Feed:
         return found
 
     def silent(self) -> tuple[int, ...]:
-        """Cameras (indices) without an image for half a second."""
+        """Return the cameras (indices) without an image for half a second."""
         now_s = time.monotonic()
         with self._changed:
             return tuple(k for k in range(len(self._images)) if self._is_silent(k, now_s))
 
     @property
     def is_open(self) -> bool:
-        """Whether more images may come."""
+        """Return whether more images may follow."""
         return self._open
 
     @property
@@ -228,7 +233,9 @@ class Feed:
         return all(not images or images[-1].taken_s <= self._last_s for images in self._images)
 
     def _skipped(self, reference: int, main: LiveImage) -> int:
-        """Images of the reference that nobody took since the set before; 0 where that had another reference."""
+        """Return the number of unused images of the reference camera since the set before; 0 if that had another
+        reference.
+        """
         before = None if self._last is None else self._last.images[reference]
         if self._last is None or before is None or self._last.reference != reference:
             return 0
@@ -239,7 +246,7 @@ class Feed:
         return not images or now_s - images[-1].taken_s > SILENT_S
 
     def _newest(self, now_s: float) -> LiveSet | None:
-        """The newest set that is complete, None where none is that was not given before."""
+        """Return the newest complete set that was not taken yet, None if there is none."""
         awake = [k for k in range(len(self._images)) if not self._is_silent(k, now_s)]
         if not awake:
             return None
@@ -258,7 +265,7 @@ class Feed:
                     for k, own in enumerate(self._images)
                 )
                 return LiveSet(images, reference, main.taken_s, self._skipped(reference, main))
-            if age_s < half_s:  # the other cameras' images are under way
+            if age_s < half_s:  # the other cameras' images are still under way
                 return None
         return None
 

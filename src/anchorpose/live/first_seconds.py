@@ -1,6 +1,6 @@
-"""The first seconds of a patient: recorded, and everything that tracking needs to know found in them.
+"""Record the first seconds of a patient, and find in them everything that tracking needs to know.
 
-Of the first patient that is the room, too; of another one, made the patient later, the room is known.
+For the first patient this includes the room; for a person who becomes the patient later, the room is known.
 """
 
 from __future__ import annotations
@@ -35,16 +35,18 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.start import with_best_initial_frame
 
 FIRST_WAIT_S: Final = 10.0  # for the first image of a source
-NEARLY_AS_GOOD: Final = 0.5  # of the best score: a later frame to begin with saves waiting
+NEARLY_AS_GOOD: Final = 0.5  # of the best score: a later initial frame saves waiting
 
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveOptions:
-    """config: of tracking; wait_frames: how many later frames are waited for before a frame is answered; start_s: how
-    long is recorded before the body is learnt; calibration: a file of camera poses; record: a folder for all depth
-    images; seconds: of tracking, None until ``stop``; markers: the stream whose markers are kept in ``record``."""
+    """Options of a live session. config: of tracking; wait_frames: number of later frames to wait for before a frame is
+    answered; start_s: duration of the recording from which the body is learnt; calibration: a file of camera poses;
+    record: a folder for all depth images; seconds: of tracking, None until ``stop``; markers: the stream whose markers
+    are kept in ``record``.
+    """
 
     config: TrackConfig
     wait_frames: int = 0
@@ -55,15 +57,16 @@ class LiveOptions:
     markers: str | None = None
 
     def live(self, config: TrackConfig) -> TrackConfig:
-        """Settings with the look-ahead that live tracking waits for."""
+        """Return the settings with the look-ahead of live tracking."""
         return replace(config, follow=replace(config.follow, look_ahead=1 + self.wait_frames))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class User:
-    """say: is given sentences while it runs; stop: set when it is to end; asked: the number (``PersonInView``) of a
-    person who is to be the patient from now on, given once, None in between; keep_markers: is given what keeps the
-    user's markers, once there is a recording."""
+    """The user's connections to a running session. say: receives sentences; stop: set to end it; asked: number
+    (``PersonInView``) of a person who becomes the patient from now on, returned once, None otherwise; keep_markers:
+    receives the function that keeps the user's markers, once there is a recording.
+    """
 
     say: Say
     stop: Event
@@ -73,7 +76,7 @@ class User:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """What the first seconds show: the room with the patient in it, and the patient's body."""
+    """The result of the first seconds: the room with the patient in it, and the patient's body."""
 
     inputs: TrackInputs
     run: Run
@@ -82,7 +85,9 @@ class Prepared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstSeconds:
-    """about: a recording folder whose equipment and empty room hold, None without one; folder: for what is recorded."""
+    """The recorder of first seconds. about: a recording folder whose equipment and empty room are valid, None without
+    one; folder: for the recordings.
+    """
 
     intake: Intake
     about: Path | None
@@ -91,9 +96,9 @@ class FirstSeconds:
     user: User
 
     def record(self, name: str, whom: str) -> Recording:
-        """The next seconds as a recording; whom: looked at, for the user.
+        """Record the next seconds; whom: the recorded person, for the user.
 
-        Raises AnchorposeError where none can be made.
+        Raises AnchorposeError where it cannot be made.
         """
         folder = self.folder / name
         recorder = Recorder(folder, self.intake.cameras, self.about)
@@ -117,7 +122,9 @@ class FirstSeconds:
                 raise AnchorposeError("Stopped before a patient was found; nothing was written.")
 
     def learn(self, recording: Recording) -> Prepared | None:
-        """What the first seconds show; None where nobody is found in them. Raises where no more images come."""
+        """Learn room and patient from the first seconds; None where nobody is found. Raises where no more images
+        come.
+        """
         inputs, room = new_room(recording, self.options)
         found = self._learn_in(room, inputs)
         if found is None and (not self.intake.running or self.user.stop.is_set()):
@@ -127,10 +134,10 @@ class FirstSeconds:
     def learn_named(
         self, recording: Recording, room: Room, place_xz_m: tuple[float, float], before_xz_m: np.ndarray | None
     ) -> Prepared | None:
-        """The person nearest to a place when a person is first seen there, in a room that is known.
+        """Learn the person nearest to a place when a person is first seen there, in a known room.
 
-        before_xz_m (2,): where the patient so far stands, None where that is not known. Returns None where nobody
-        stands there, who does is the patient so far, or no human body explains who does.
+        before_xz_m (2,): where the present patient stands, None where unknown. Returns None where nobody stands there,
+        where that person is the present patient, or where no human body explains the person.
         """
         inputs, furnished = known_room(recording, self.options, room, place_xz_m)
         if not furnished.initial_frames:
@@ -143,7 +150,7 @@ class FirstSeconds:
         return self._learn_in(furnished, inputs)
 
     def _learn_in(self, room: Room, inputs: TrackInputs) -> Prepared | None:
-        """As ``learn_in``; the user is told who was found."""
+        """Learn as ``learn_in``, and tell the user who was found."""
         found = learn_in(room, inputs)
         if found is not None:
             self.user.say(f"The patient was found: who {room.initial_frames[0].choice.reason}.")
@@ -151,7 +158,7 @@ class FirstSeconds:
 
 
 def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
-    """The patient of a room, with the body; None where nobody is found."""
+    """Learn the patient of a room, with the body; None where nobody is found."""
     config = inputs.config
     run = Run(room, config, load_motions(config.motion_file, room.recording.rate_hz, config.motion))
     learnt = learn_patient(run, plan_route(room, config, lambda: None).stretches()) if room.initial_frames else None
@@ -161,13 +168,13 @@ def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
 
 
 def latest_good(frames: Sequence[InitialFrame]) -> InitialFrame:
-    """The latest of those that show the patient nearly as well as the best."""
+    """Return the latest frame that shows the patient nearly as well as the best one."""
     best = max(one.score for one in frames)
     return max((one for one in frames if one.score >= NEARLY_AS_GOOD * best), key=lambda one: one.frame)
 
 
 def new_room(recording: Recording, options: LiveOptions) -> tuple[TrackInputs, Room]:
-    """The room that the first seconds of the first patient show, with this patient in it."""
+    """Prepare the room that the first patient's first seconds show, with this patient in it."""
     inputs = read_inputs(recording.folder, options.config, UserInputs(options.calibration))
     return inputs, prepare_room(inputs.recording, options.config, inputs.review)
 
@@ -175,44 +182,46 @@ def new_room(recording: Recording, options: LiveOptions) -> tuple[TrackInputs, R
 def known_room(
     recording: Recording, options: LiveOptions, room: Room, place_xz_m: tuple[float, float]
 ) -> tuple[TrackInputs, Room]:
-    """A known room in the first seconds of another patient, who stands at a place; without initial frames where nobody
-    is found there."""
+    """Prepare a known room in the first seconds of another patient, who stands at a place; without initial frames where
+    nobody is found there.
+    """
     config = replace(options.config, patient_xz_m=place_xz_m, height_m=None)
     inputs = read_inputs(recording.folder, config, UserInputs(options.calibration))
-    theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)  # what is known is of the patient before
+    # statements about the patient are about the previous one
+    theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)
     chosen, samples = sample_recording(theirs, config)
     settled = Settled(theirs, room.clocks, room.calibration, tuple(chosen), tuple(samples))
     return inputs, with_best_initial_frame(furnish_room(settled, config, inputs.review, room.scenes), config)
 
 
 def in_room(folder: Path, room: Room) -> Recording:
-    """Another recording of the cameras of a room, with their clocks and poses, and of the same patient."""
+    """Return another recording of a room's cameras, with their clocks and poses, and of the same patient."""
     recording = align_clocks(open_recording(folder), room.clocks.clocks)
     return replace(recording, cameras=room.recording.cameras, subject=room.recording.subject)
 
 
 STEP_S: Final = 0.2  # a patient in a standing frame moves little in it
-MOST_STEP_S: Final = 1.0  # after a longer one, another person may stand where the patient was
-PACE: Final = 2.0  # times real time, at least, at which what waits is taken, so that it comes to an end
+MOST_STEP_S: Final = 1.0  # after a longer gap, another person may stand in the patient's place
+PACE: Final = 2.0  # times real time, at least, at which waiting sets are processed, so that the backlog comes to an end
 PATIENCE_S: Final = 0.5
 
 
 class Backlog:
-    """Takes sets from the feed in a thread of its own, until it has been emptied."""
+    """A thread that collects sets from the feed until its backlog has been emptied."""
 
     def __init__(self, feed: Feed, cameras: Sequence[Camera]) -> None:
         self._feed, self._cameras = feed, cameras
         self._packed: deque[LiveSet] = deque()
-        self._last_s, self._taken_at_s = -np.inf, -np.inf  # of the set taken last: its time, and when that was
+        self._last_s, self._taken_at_s = -np.inf, -np.inf  # of the set taken last: its time, and when it was taken
         self._done = Event()
         self._thread = Thread(target=self._collect, daemon=True)
         self._thread.start()
 
     def take(self) -> LiveSet | None:
-        """The oldest set that waits; None, and from then on nothing more is collected, when none does.
+        """Return the oldest waiting set; None when none waits, after which nothing more is collected.
 
-        Where following takes longer than sets are apart, some are left out: the next one is later by twice the time
-        that was spent on the one before, but by no more than ``MOST_STEP_S``.
+        If following is slower than the sets, some are left out: the next set is later by twice the time spent on the
+        last one, but by at most ``MOST_STEP_S``.
         """
         now_s = time.monotonic()
         spent_s = now_s - self._taken_at_s if np.isfinite(self._last_s) else 0.0
@@ -229,7 +238,7 @@ class Backlog:
         return self._unpack(packed)
 
     def drop(self) -> None:
-        """Collects no more and forgets what waits."""
+        """Stop collecting and discard the waiting sets."""
         self._done.set()
         self._thread.join()
         self._packed.clear()
@@ -253,7 +262,7 @@ class Backlog:
 
 
 def _pack(found: LiveSet) -> LiveSet:
-    """Return the set with the bytes of PNG files in place of its images."""
+    """Return the set with its images packed as PNG files."""
     packed = (
         None if image is None else replace(image, grey=np.frombuffer(encode_grey(image.grey), np.uint8))
         for image in found.images

@@ -1,4 +1,4 @@
-"""Follow the patient live: every newest frame to joints, sent at once and stored in blocks."""
+"""Follow the patient live: compute joints of every newest frame, send them at once and store them in blocks."""
 
 from __future__ import annotations
 
@@ -23,35 +23,37 @@ from anchorpose.tracker.frame_record import FrameRecord, TrackedFrame, label_pic
 from anchorpose.tracker.journal import Blocks
 from anchorpose.tracker.room import Run
 
-LONGEST_MS: Final = 60_000  # more counts as so much
+LONGEST_MS: Final = 60_000  # larger latencies count as this one
 
 
 class LatencyMeter:
-    """Counts frames by the milliseconds from image to joints, in constant memory. dropped: images nobody tracked."""
+    """A counter of frames by the milliseconds from image to joints, in constant memory. dropped: images that were not
+    tracked.
+    """
 
     def __init__(self) -> None:
         self._counts = np.zeros(LONGEST_MS + 1, np.int64)
         self._longest_s, self.dropped = 0.0, 0
 
     def add(self, latency_s: float, dropped: int = 0) -> None:
-        """Count one more frame; dropped: images before it that nobody tracked."""
+        """Count a frame; dropped: images before it that were not tracked."""
         self._counts[min(max(round(1000 * latency_s), 0), LONGEST_MS)] += 1
         self._longest_s = max(self._longest_s, latency_s)
         self.dropped += dropped
 
     @property
     def count(self) -> int:
-        """Return how many frames were tracked live."""
+        """Return the number of frames tracked live."""
         return int(self._counts.sum())
 
     def quantile_s(self, share: float) -> float:
-        """Return the latency that a share of the frames does not exceed, to a millisecond; NaN without frames."""
+        """Return the latency that this share of the frames does not exceed, to a millisecond; NaN without frames."""
         found = np.searchsorted(np.cumsum(self._counts), share * self.count)
         return float(found) / 1000 if self.count else float("nan")
 
     @property
     def sentence(self) -> str:
-        """Return the figures for the screen and run.json."""
+        """Return the figures as a sentence for the screen and run.json."""
         if not self.count:
             return "no frame was tracked live"
         return (
@@ -61,14 +63,16 @@ class LatencyMeter:
         )
 
 
-BLOCK: Final = 48  # frames that are stored at once
+BLOCK: Final = 48  # frames per stored block
 ROUNDING_S: Final = 1e-5  # recorded times have six decimals
 
 
 @dataclass(slots=True, eq=False)
 class LiveFollower:
-    """Takes sets in the order of time. blocks: where tracked frames are stored; with_labels: with the person label of
-    each pixel, of use only beside a recording of the depth images; patient: number of the patient in the session."""
+    """The tracker of a live patient, which takes sets in the order of time. blocks: store of tracked frames;
+    with_labels: whether to store person labels, useful only beside a recording of the depth images; patient: number of
+    the patient in the session.
+    """
 
     run: Run
     body: Body | None
@@ -78,7 +82,7 @@ class LiveFollower:
     with_labels: bool
     latency: LatencyMeter
     patient: int = 1
-    _taken_s: dict[int, float] = field(default_factory=dict)  # by frame number, of frames still in the look-ahead
+    _taken_s: dict[int, float] = field(default_factory=dict)  # by frame number, for frames still in the look-ahead
     _kept: list[TrackedFrame] = field(default_factory=list)
     _stored: int = 0
     _last_s: float = float("-inf")  # time of the last frame
@@ -87,7 +91,7 @@ class LiveFollower:
     _holding: Mapping[str, bool] | None = None
 
     def take(self, live_set: LiveSet, live: bool) -> None:
-        """One more frame; live: it is the newest one, so that its latency counts."""
+        """Track a set; live: it is the newest one, so that its latency counts."""
         frame_set = without_other_places(live_set.frame_set(self._cameras, self._clocks), self.run.room.scenes)
         if frame_set.time_s <= self._last_s + ROUNDING_S:  # the last of the first seconds is in the feed, too
             return
@@ -97,18 +101,18 @@ class LiveFollower:
 
     @property
     def patient_xz_m(self) -> np.ndarray | None:
-        """(2,) where the patient was last seen; None where the patient is lost."""
+        """Return where (2,) the patient was last seen; None where the patient is lost."""
         tracker = self.follower.tracker
         return None if tracker is None else tracker.last.belief.pose.root_m[[0, 2]]
 
     def take_recorded(self, frame_set: FrameSet) -> None:
-        """One more frame of the first seconds, which were recorded."""
+        """Track a recorded frame of the first seconds."""
         self._last_s = frame_set.time_s
         self._taken_s[frame_set.frame] = float("nan")
         self._pass_on(self.follower.step(frame_set), live=False)
 
     def finish(self) -> None:
-        """The frames that still wait in the look-ahead; then everything is stored."""
+        """Track the frames that still wait in the look-ahead, then store everything."""
         self._pass_on(self.follower.finish(), live=False)
         self.store()
 
@@ -143,18 +147,20 @@ class LiveFollower:
                 self.store()
 
     def _touch(self, record: FrameRecord) -> None:
-        """What people and equipment touch now, sent with the next frame: a search for it would delay this one."""
+        """Find the present contacts with people and equipment, to send with the next frame: searching now would delay
+        this one.
+        """
         if self._contacts is None:
             points, parts = body_points(), self.run.room.recording.part_names
             region, area_m2 = region_of_points(points), area_of_point(points)
             self._contacts = ContactIntervals(region, area_m2, self.run.config.contacts, parts)
         for _ in self._contacts.push(record.joints.frame, record.joints.time_s, record.near, record.gaps):
-            pass  # the results have those that ended
+            pass  # ended contacts are in the results
         self._touched = None if record.near is None else self._contacts.touched_now(by_equipment=False)
         self._holding = None if record.gaps is None else self._contacts.touched_now(by_equipment=True)
 
     def store(self) -> None:
-        """Stores what was tracked since; raises InputError where the disk takes no more."""
+        """Store the frames tracked since the last call; raises InputError where the disk is full."""
         if self._kept:
             with on_this_disk():
                 self.blocks.write(self._stored, self._kept)

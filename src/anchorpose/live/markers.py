@@ -1,7 +1,7 @@
-"""Markers of other programs while cameras run, by the Lab Streaming Layer, and the trials that they make.
+"""Receive markers of other programs while cameras run, by the Lab Streaming Layer, and make trials of them.
 
 ``begin NAME`` begins a trial of the condition NAME and ends the trial before; ``end`` ends it; ``rating NUMBER`` rates
-the trial that runs, or the last. Any other text is kept as a marker alone.
+the trial that runs, or the last. Any other text is kept only as a marker.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ HEAD: Final = "onset\tduration\ttrial_type"
 
 BEGIN, END, RATING = "begin", "end", "rating"
 LONGEST_TEXT: Final = 200
-SHORTEST_S: Final = 0.001  # of a trial: two markers sent at once make none
+SHORTEST_S: Final = 0.001  # shortest trial: two markers sent at once make none
 
 FIND_S: Final = 5.0
-"""How long a stream is looked for on the network."""
+"""Seconds for which a stream is searched on the network."""
 
 WAIT_S: Final = 0.2
 
 
 TakeMarker = Callable[[str, float], object]
-"""Is given the text of a marker and when it was sent, by ``time.monotonic``."""
+"""Function that receives the text of a marker and when it was sent, by ``time.monotonic``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A row of events.tsv; seconds since the recording's first frame. rating: None where none was given."""
+    """A row of events.tsv; seconds since the recording's first frame. rating: None where there is none."""
 
     condition: str
     onset_s: float
@@ -50,12 +50,12 @@ class Trial:
 
 
 def plain_text(text: str) -> str:
-    """A marker as one cell of a table: spaces in place of line breaks, tabs and what cannot be printed."""
+    """Return a marker as one cell of a table: spaces replace line breaks, tabs and unprintable characters."""
     return " ".join("".join(each if each.isprintable() else " " for each in text).split())[:LONGEST_TEXT]
 
 
 def trials_of(markers: Sequence[tuple[float, str]], end_s: float) -> list[Trial]:
-    """The trials of markers (onset, text), in the order of time; a trial that still runs ends at ``end_s``."""
+    """Return the trials of markers (onset, text), in the order of time; a trial without end ends at ``end_s``."""
     found, running = list[Trial](), False
     for onset_s, text in sorted((each for each in markers if each[0] < end_s), key=lambda each: each[0]):
         word, _, rest = text.partition(" ")
@@ -82,7 +82,8 @@ def _rating(text: str) -> float | None:
 def write_events(folder: Path, end_s: float) -> None:
     """Write events.tsv of the markers that a recording folder has, in the form of BIDS, with the unit of ratings.
 
-    end_s: seconds from the first frame to the last. Nothing is written where no trial began, or events.tsv is there.
+    end_s: seconds from the first frame to the last. Nothing is written where no trial began, or events.tsv exists
+    already.
     """
     if not is_there(folder / MARKERS_FILE) or is_there(folder / EVENTS_FILE):
         return
@@ -102,13 +103,13 @@ def write_events(folder: Path, end_s: float) -> None:
 
 
 class MarkerInlet:
-    """Reads a stream of markers in a thread of its own, from ``start`` to ``stop``."""
+    """A reader of a stream of markers in its own thread, from ``start`` to ``stop``."""
 
     def __init__(self, name: str) -> None:
-        """Raises MissingPackage without pylsl, AnchorposeError where no stream has this name within ``FIND_S``."""
+        """Raise MissingPackage without pylsl, AnchorposeError where no stream has this name within ``FIND_S``."""
         try:
             import pylsl
-        except (ImportError, RuntimeError):  # the second: its library does not load on this system
+        except (ImportError, RuntimeError):  # RuntimeError: its library does not load on this system
             raise MissingPackage("--markers", "pylsl", "sync") from None
         if "'" in name:
             raise AnchorposeError(f"--markers is {name[:40]!r}; give the name of a stream without quotes.")
@@ -124,13 +125,13 @@ class MarkerInlet:
         self._thread: Thread | None = None
 
     def start(self, take: TakeMarker) -> None:
-        """From now on, ``take`` is given each marker."""
+        """Pass each marker to ``take`` from now on."""
         self._inlet.open_stream(timeout=FIND_S)
         self._thread = Thread(target=self._run, args=(take,), daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """No more markers are taken; may be called twice."""
+        """Stop receiving markers; may be called twice."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -141,5 +142,5 @@ class MarkerInlet:
         while not self._stop.is_set():
             sample, stamp = self._inlet.pull_sample(timeout=WAIT_S)
             if sample is not None:
-                sent_s = stamp + self._inlet.time_correction(timeout=FIND_S)  # the first time, it waits for an answer
+                sent_s = stamp + self._inlet.time_correction(timeout=FIND_S)  # the first call waits for an answer
                 take(str(sample[0]), time.monotonic() - (self._clock() - sent_s))

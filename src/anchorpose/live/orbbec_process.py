@@ -1,4 +1,4 @@
-"""Reads one Orbbec camera and writes its depth images to standard output, in a process of its own (``live.cameras``).
+"""Read one Orbbec camera and write its depth images to standard output, in a separate process (``live.cameras``).
 
 pyorbbecsdk2 brings packages that clash with ours, so this file imports nothing of anchorpose, and runs in whatever
 Python has it: python orbbec_process.py [SERIAL]. First comes one line of JSON with the lens, then for each image a
@@ -17,7 +17,7 @@ STALL_S = 5.0
 
 
 def main() -> int:
-    """Until standard output is closed."""
+    """Run until standard output is closed."""
     import pyorbbecsdk as ob
 
     serial = sys.argv[1] if len(sys.argv) > 1 else ""
@@ -41,7 +41,7 @@ def main() -> int:
 
 
 def stream(pipeline, profile, info) -> int:  # type: ignore[no-untyped-def]
-    """Writes the lens, then images; 2 where the camera gives no more."""
+    """Write the lens, then images; return 2 where the camera delivers no more."""
     out = sys.stdout.buffer
     lens, bent = profile.get_intrinsic(), profile.get_distortion()
     about = {
@@ -69,7 +69,7 @@ def stream(pipeline, profile, info) -> int:  # type: ignore[no-untyped-def]
 
 
 def refuse(sentence: str) -> int:
-    """Says why there is nothing to read."""
+    """Print why there is nothing to read, and return the exit code."""
     print(sentence, file=sys.stderr)
     return 2
 

@@ -1,4 +1,4 @@
-"""Send every frame while it happens: to the page, to Lab Streaming Layer, and as OSC messages."""
+"""Send every frame as it is tracked: to the page, to Lab Streaming Layer, and as OSC messages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ TOP: Final = 0.98  # of the heights of a person's skin: a flying pixel is not th
 
 @dataclass(frozen=True, slots=True)
 class PersonInView:
-    """number: from 1, the same while the person is followed; place_xz_m: on the floor, world; top_m: height (Y)."""
+    """Another person in view. number: from 1, the same while the person is followed; place_xz_m: on the floor, world;
+    top_m: height (Y).
+    """
 
     number: int
     place_xz_m: tuple[float, float]
@@ -37,7 +39,7 @@ class PersonInView:
 
 
 def people_in(memory: BystanderMemory) -> tuple[PersonInView, ...]:
-    """Who was seen in the newest frame of the memory, the patient left out."""
+    """Return the people in the memory's newest frame, without the patient."""
     return tuple(
         PersonInView(label - PixelLabel.PATIENT, (float(x), float(z)), float(np.quantile(points_m[:, 1], TOP)))
         for label, points_m in memory.seen_last.items()
@@ -51,14 +53,14 @@ _CODES: Final = {state: code for code, state in enumerate(JointState)}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveFrame:
-    """One frame's answer. NaN where a joint is lost.
+    """The answer for one frame. NaN where a joint is lost.
 
     frame, time_s: of the first camera; taken_s: when its images were taken, by ``time.monotonic``. joints_m (21, 3)
-    world, sigma_m (21,), state_code (21,) index into ``JointState``. why_lost: why every joint is lost, empty where one
-    is not. touched: parts of the patient (``REGIONS``) that other people touched in the frame before, and whether that
-    was seen; None where it is not known. dropped: images that were not tracked, since tracking live began. people:
-    everybody else in view; patient: 1, and one more whenever another person becomes the patient. holding: parts of the
-    patient on the equipment, as ``touched``.
+    world, sigma_m (21,), state_code (21,) index into ``JointState``. why_lost: why all joints are lost, else empty.
+    touched: parts of the patient (``REGIONS``) that other people touched in the frame before, and whether the contact
+    was seen; None where unknown. dropped: images that were not tracked since live tracking began. people: all other
+    people in view; patient: 1, and one more whenever another person becomes the patient. holding: parts of the patient
+    on the equipment, as ``touched``.
     """
 
     frame: int
@@ -76,12 +78,12 @@ class LiveFrame:
 
     @property
     def latency_s(self) -> float:
-        """From the images to now."""
+        """Return the time from the images to now."""
         return time.monotonic() - self.taken_s
 
     @property
     def joint_table(self) -> JointTable:
-        """A table of this frame alone."""
+        """Return a table of this frame only."""
         return JointTable(
             frame=np.array([self.frame], np.int32),
             time_s=np.array([self.time_s]),
@@ -91,28 +93,28 @@ class LiveFrame:
         )
 
 
-@lru_cache(maxsize=2)  # several outputs ask for the same
+@lru_cache(maxsize=2)  # several outputs need the same
 def angles_of(frame: LiveFrame) -> AngleTable:
-    """The angles of a frame, a table of one row; computed when they are asked for, so that joints are sent first."""
+    """Return the angles of a frame, a table of one row; computed on demand, so that joints are sent first."""
     return joint_angles(frame.joint_table)
 
 
 class Output(Protocol):
-    """Somebody who is sent every frame."""
+    """A receiver of every frame."""
 
     name: str
 
     def send(self, frame: LiveFrame) -> None:
-        """Must not wait for whoever reads; raises OSError where nothing can be sent any more."""
+        """Send a frame without waiting for a reader; raises OSError where sending is no longer possible."""
         ...
 
     def close(self) -> None:
-        """No more frames come."""
+        """Close the output: no more frames follow."""
         ...
 
 
 def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
-    """What is sent of an estimate; taken_s as in ``LiveFrame``."""
+    """Return the sent values of an estimate; taken_s as in ``LiveFrame``."""
     frame_set = estimate.frame_set
     codes = np.array([_CODES[state] for state in estimate.states], np.int8)
     return LiveFrame(
@@ -127,14 +129,14 @@ def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
 
 
 class Outputs:
-    """All who are sent the frames; one that fails is left out from then on, with a sentence."""
+    """All receivers of frames; one that fails is left out from then on, with a sentence."""
 
     def __init__(self, outputs: Sequence[Output]) -> None:
         self._outputs = list(outputs)
         self.failed: list[str] = []
 
     def send(self, frame: LiveFrame) -> None:
-        """To everybody."""
+        """Send a frame to all receivers."""
         for output in list(self._outputs):
             try:
                 output.send(frame)
@@ -143,7 +145,7 @@ class Outputs:
                 self.failed.append(f"{output.name} was left out from frame {frame.frame} on: {error}")
 
     def close(self) -> None:
-        """No more frames come."""
+        """Close all outputs: no more frames follow."""
         for output in self._outputs:
             output.close()
 
@@ -155,18 +157,20 @@ PARTS: Final = (
     ("sigma", "Sigma", "meters"),
     ("state", "State", "code"),
 )
-"""The channels of a joint: suffix, type and unit; state: its place in ``JointState``, 0 is observed."""
+"""The channels of a joint: suffix, type and unit; state is the index in ``JointState``, 0 is observed."""
 
 ANGLE_PARTS: Final = (("", "Angle", "degrees"), ("sigma", "Sigma", "degrees"), ("state", "State", "code"))
 
 
 class LslOutput:
-    """Two streams, anchorpose (type Mocap) and anchorpose-angles; every sample has the time its images were taken."""
+    """Two streams, anchorpose (type Mocap) and anchorpose-angles; each sample has the time at which its images were
+    taken.
+    """
 
     name = "LSL"
 
     def __init__(self) -> None:
-        """Raises MissingPackage without pylsl."""
+        """Raise MissingPackage without pylsl."""
         try:
             import pylsl
         except (ImportError, RuntimeError):
@@ -176,7 +180,7 @@ class LslOutput:
         self._angles = self._outlet(pylsl, "anchorpose-angles", "Angles", ANGLE_NAMES, ANGLE_PARTS)
 
     def send(self, frame: LiveFrame) -> None:
-        """See ``Output``."""
+        """Send a frame, see ``Output``."""
         stamp = self._clock() - (time.monotonic() - frame.taken_s)
         joints = np.column_stack([frame.joints_m, frame.sigma_m, frame.state_code]).astype(np.float32)
         self._joints.push_sample(joints.ravel().tolist(), stamp)
@@ -185,7 +189,7 @@ class LslOutput:
         self._angles.push_sample(angles.ravel().tolist(), stamp)
 
     def close(self) -> None:
-        """The streams end with their objects."""
+        """Do nothing: the streams end with their objects."""
         del self._joints, self._angles
 
     def _outlet(self, pylsl: Any, name: str, kind: str, things: tuple[str, ...], parts: Any) -> Any:
@@ -214,11 +218,12 @@ _STATES = tuple(state.value for state in JointState)
 
 
 class OscOutput:
-    """/anchorpose/frame number seconds; /anchorpose/joint name x y z sigma state, in metres; /anchorpose/angle name
-    degrees sigma state. A lost joint, or an angle without a value, has its name and the state only."""
+    """OSC messages: /anchorpose/frame number seconds; /anchorpose/joint name x y z sigma state, in metres;
+    /anchorpose/angle name degrees sigma state. A lost joint, or an angle without a value, has only its name and state.
+    """
 
     def __init__(self, host: str, port: int) -> None:
-        """Raises MissingPackage without python-osc, OSError where there is no such host."""
+        """Raise MissingPackage without python-osc, OSError where there is no such host."""
         try:
             from pythonosc import osc_bundle_builder, osc_message_builder
             from pythonosc.udp_client import UDPClient
@@ -230,7 +235,7 @@ class OscOutput:
         self._now = osc_bundle_builder.IMMEDIATELY
 
     def send(self, frame: LiveFrame) -> None:
-        """See ``Output``: UDP waits for nobody."""
+        """Send a frame, see ``Output``: UDP does not wait."""
         bundle = self._bundle(self._now)
         self._add(bundle, "/anchorpose/frame", int(frame.frame), float(frame.time_s))
         for row, name in enumerate(JOINT_NAMES):
@@ -244,7 +249,7 @@ class OscOutput:
         self._client.send(bundle.build())
 
     def close(self) -> None:
-        """Nothing is open that would have to be closed."""
+        """Do nothing: there is no connection to close."""
 
     def _add_named(self, bundle: OscBundleBuilder, address: str, name: str, values: list[float], state: int) -> None:
         known = values if all(map(math.isfinite, values)) else []

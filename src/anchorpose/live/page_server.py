@@ -1,7 +1,7 @@
-"""Every newest frame for browsers: a page, and the events that it reads.
+"""Serve every newest frame to browsers: a page, and the events that it reads.
 
-Each client has a thread of its own, which takes the newest frame when the one before has been sent: who reads slowly
-misses frames, and who never reads is left out after some seconds. The tracker only puts a frame down.
+Each client has its own thread, which takes the newest frame when the one before has been sent: a slow client misses
+frames, and a client that never reads is dropped after some seconds. The tracker only deposits frames.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ from anchorpose.viewer.guarded_server import LIVE_PAGE, GuardedHandler, GuardedS
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN`` in this frame; upright_s: so far. load_left: the left foot's
-    share of the load, 0 to 1, with load_sigma; both None where not upright, and where ``feet_load`` is not known.
-    inferred, load_inferred: a joint that it is recognised by was not seen."""
+    """The patient's stand. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN`` in this frame; upright_s: total so far.
+    load_left: the left foot's share of the load, 0 to 1, with load_sigma; both None where not upright, and where
+    ``feet_load`` is unknown. inferred, load_inferred: a joint that they depend on was not seen.
+    """
 
     upright: int
     upright_s: float
@@ -45,7 +46,8 @@ class Standing:
 
 
 class UprightClock:
-    """Takes frames in the order of time; measures as ``anchorpose measure`` does, but knows only what came before.
+    """A clock of upright time that takes frames in order; it measures as ``anchorpose measure``, but only from the
+    past.
 
     The leg's length is that of the learnt body in each frame. Time counts between two upright frames that are no
     farther apart than half a second.
@@ -56,7 +58,7 @@ class UprightClock:
         self._upright, self._upright_s, self._last_s = UNKNOWN, 0.0, float("-inf")
 
     def push(self, joints: JointTable) -> Standing:
-        """joints: of one frame."""
+        """Add the joints of one frame."""
         body, time_s, before = centre_of_mass(joints), float(joints.time_s[0]), self._upright
         shown = stance(joints, body.position_m)
         limits = upright_limits(shown, self._config)
@@ -84,17 +86,17 @@ class UprightClock:
 
 EVENTS: Final = "events"
 STREAM: Final = "text/event-stream"
-SIGN_OF_LIFE_S: Final = 1.0  # something is sent at least so often: the page must know that the program still runs
-CLIENT_PATIENCE_S: Final = 5.0  # a client that takes nothing for so long is left out
-BUFFER_BYTES: Final = 32 * 1024  # of the socket, some frames: in a large one they would be seconds old on arrival
+SIGN_OF_LIFE_S: Final = 1.0  # something is sent at least this often, to show the page that the program still runs
+CLIENT_PATIENCE_S: Final = 5.0  # a client that reads nothing for this long is dropped
+BUFFER_BYTES: Final = 32 * 1024  # of the socket, some frames: in a larger buffer they would be seconds old on arrival
 EXACT: Final = 4  # decimals: a tenth of a millimetre
 
 
 class PageOutput:
-    """Serves the page from now on, in threads of its own; see ``Output``. address: what to open, token included.
+    """A running server of the page, in its own threads; see ``Output``. address: to open, token included.
 
-    has_markers: the page has keys for conditions and ratings, since a recording keeps them. Raises AnchorposeError
-    where it cannot listen on ``host`` and ``port``.
+    has_markers: whether the page has keys for conditions and ratings, which only a recording keeps. Raises
+    AnchorposeError where it cannot listen on ``host`` and ``port``.
     """
 
     name = "the page"
@@ -108,29 +110,31 @@ class PageOutput:
 
     @property
     def address(self) -> str:
-        """With the token, which every request must carry."""
+        """Return the address with the token, which every request must have."""
         return self._server.address
 
     def send(self, frame: LiveFrame) -> None:
-        """See ``Output``."""
-        if frame.patient != self._patient:  # the time upright is this patient's
+        """Send a frame, see ``Output``."""
+        if frame.patient != self._patient:  # the upright time belongs to this patient
             self._clock, self._patient = UprightClock(UprightConfig()), frame.patient
         self._newest.put_frame(frame, self._clock.push(frame.joint_table))
 
     def say(self, sentence: str) -> None:
-        """A sentence about the session, shown until the next one."""
+        """Show a sentence about the session until the next one."""
         self._newest.put_sentence(sentence)
 
     def asked(self) -> int | None:
-        """The person who is to be the patient from now on, by number (``PersonInView``); given once."""
+        """Return the number (``PersonInView``) of the person who becomes the patient from now on; it is returned
+        once.
+        """
         return self._newest.take_asked()
 
     def keep_markers(self, take: TakeMarker) -> None:
-        """From now on, ``take`` is given the text of each marker of the page, and when it came."""
+        """Pass the text of each marker of the page, and its time, to ``take`` from now on."""
         self._server.take_marker = take
 
     def close(self) -> None:
-        """The page says that the session has ended; the server ends. May be called twice."""
+        """Show that the session has ended, and end the server. May be called twice."""
         self._newest.end()
         self._server.shutdown()
         self._server.server_close()
@@ -138,7 +142,7 @@ class PageOutput:
 
 
 def describe_live(has_markers: bool = False) -> dict[str, Any]:
-    """What the page must know before it shows a frame, as values for JSON; has_markers: as of ``PageOutput``."""
+    """Return the values that the page needs before the first frame, for JSON; has_markers: as in ``PageOutput``."""
     return {
         "markers": has_markers,
         "joints": list(JOINT_NAMES),
@@ -149,7 +153,9 @@ def describe_live(has_markers: bool = False) -> dict[str, Any]:
 
 
 def frame_message(frame: LiveFrame, standing: Standing) -> dict[str, Any]:
-    """A frame as values for JSON: metres, degrees, seconds; states as places in ``JointState``; None is not known."""
+    """Return a frame as values for JSON: metres, degrees, seconds; states as indices in ``JointState``; None is
+    unknown.
+    """
     angles = angles_of(frame)
     return {
         "frame": frame.frame,
@@ -184,15 +190,16 @@ def _numbers(values: Iterable[float]) -> list[float | None]:
 
 
 class _Newest:
-    """The newest frame and the newest sentence, for any number of clients, and whom one asked for; nothing older is
-    kept."""
+    """The newest frame and sentence, for any number of clients, and the person whom a client asked for; nothing older
+    is kept.
+    """
 
     def __init__(self) -> None:
         self._changed, self.ended = Condition(), False
         self._frame: tuple[int, LiveFrame, Standing] | None = None
         self._sentence = (0, "")
         self._count = 0
-        self._people = frozenset[int]()  # whom one may ask for
+        self._people = frozenset[int]()  # people who may be asked for
         self._asked: int | None = None
 
     def put_frame(self, frame: LiveFrame, standing: Standing) -> None:
@@ -209,14 +216,16 @@ class _Newest:
             self._changed.notify_all()
 
     def ask(self, number: int) -> None:
-        """This person is to be the patient; raises AnchorposeError where the newest frame shows none of this number."""
+        """Ask for a person to become the patient; raises AnchorposeError where the newest frame does not show the
+        number.
+        """
         with self._changed:
             if number not in self._people:
                 raise AnchorposeError(f"Person {number} is not in view now; the patient is as before.")
             self._asked = number
 
     def take_asked(self) -> int | None:
-        """Whom a client asked for; from then until the next frame nobody can be asked for."""
+        """Return the person whom a client asked for; from then until the next frame nobody can be asked for."""
         with self._changed:
             asked, self._asked = self._asked, None
             if asked is not None:
@@ -229,12 +238,12 @@ class _Newest:
             self._changed.notify_all()
 
     def begin(self) -> tuple[int, bytes]:
-        """For a new client: the number to take from, and the sentence as an event; a frame may be old by now."""
+        """Return a new client's starting number, and the sentence as an event; older frames are not sent."""
         with self._changed:
             return self._count, _event("sentence", self._sentence[1])
 
     def take(self, after: int, patience_s: float) -> tuple[int, bytes]:
-        """What is newer than ``after``, as events, and its number; no events where nothing is in time."""
+        """Return events newer than ``after``, and their number; no events if none come in time."""
         with self._changed:
             self._changed.wait_for(lambda: self.ended or self._count > after, patience_s)
             count, frame, sentence = self._count, self._frame, self._sentence
@@ -271,7 +280,7 @@ class _Handler(GuardedHandler):
             self.refuse(HTTPStatus.NOT_FOUND, "There is nothing of this name here.")
 
     def answer_post(self, name: str, body: dict[str, Any]) -> Response:
-        """Of ``patient``: the person with a number is to be the patient. Of ``marker``: its text is kept."""
+        """Answer a POST. ``patient``: the person with a number becomes the patient. ``marker``: its text is kept."""
         if name == "marker":
             return self._keep_marker(body.get("text"))
         if name != "patient":
@@ -291,13 +300,13 @@ class _Handler(GuardedHandler):
         return json_response({"marker": plain_text(text)})
 
     def _send_events(self) -> None:
-        """Until the session ends, or the client goes away or takes nothing."""
+        """Send events until the session ends, or the client goes away or reads nothing."""
         self.connection.settimeout(CLIENT_PATIENCE_S)
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.close_connection = True  # the end of the stream is the end of the connection
         newest = self.server.newest
-        seen, events = newest.begin()  # before the answer begins: what comes from then on is the client's
+        seen, events = newest.begin()  # before the answer begins: later events go to the client
         self.send_head(HTTPStatus.OK, STREAM, {})
         try:
             self.wfile.write(events)

@@ -1,4 +1,4 @@
-"""Record what cameras see: at a power cut, the last second is lost and no more."""
+"""Record what cameras see; a power cut costs at most the last second."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ from anchorpose.results.folder import naming_place, write_text_whole
 from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
 
 UNFINISHED_FILE: Final = "recording.unfinished.json"
-"""What recording.json will be; while it has this name, the folder cannot be taken for a whole recording."""
+"""Name of the future recording.json while the folder is no whole recording."""
 
 EMPTY_ROOM_FILE: Final = "background.png"
 IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
-SYNC_S: Final = 1.0  # what a power cut may cost
-ROOM_EVERY: Final = 100  # images between two looks at the free space
-LEAST_FREE_BYTES: Final = 500_000_000  # the system and the results need some room, too
+SYNC_S: Final = 1.0  # data that a power cut may cost
+ROOM_EVERY: Final = 100  # images between two checks of the free space
+LEAST_FREE_BYTES: Final = 500_000_000  # the system and the results need some space, too
 
 
 class Recorder:
-    """Writes every image that it is given; ``finish`` makes the folder a recording."""
+    """A writer of every image it gets; ``finish`` makes the folder a recording."""
 
     def __init__(self, folder: Path, cameras: Sequence[CameraPlan], about: Path | None = None) -> None:
-        """folder: absent or empty; about: a recording folder whose equipment, pictures of the empty room and patient
-        hold here, too. Raises InputError where it cannot be written to."""
+        """folder: absent or empty; about: a recording folder whose equipment, images of the empty room and patient are
+        valid here, too. Raises InputError where it cannot be written."""
         self.folder, self._stack = folder, ExitStack()
         _make_room(folder)
         document = {"format": "rgbd-recording", "version": 1, "cameras": [camera.document() for camera in cameras]}
@@ -54,16 +54,18 @@ class Recorder:
         self._waiting: list[tuple[str, float]] = []  # markers that came before it
         self._marking = Lock()
         self._write_document()
-        self.images, self.finished = 0, False  # written so far
+        self.images, self.finished = 0, False  # number of images written so far
         self._unsynced: list[Path] = []
-        self._writing = [Lock() for _ in cameras]  # an image comes from its camera's thread while another one ends this
+        # an image comes from its camera's thread while another one ends the recording
+        self._writing = [Lock() for _ in cameras]
         self._done = Event()
         self._syncing = Thread(target=self._sync_often, daemon=True)
         self._syncing.start()
 
     def put(self, image: LiveImage) -> None:
-        """One more image, none after the end; raises AnchorposeError where less than half a gigabyte is free on the
-        disk."""
+        """Write an image, none after the end; raises AnchorposeError where less than half a gigabyte is free on the
+        disk.
+        """
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():
                 return
@@ -77,13 +79,13 @@ class Recorder:
             self._require_free()
 
     def mark(self, text: str, at_s: float) -> None:
-        """One more marker, sent at ``at_s`` by ``time.monotonic``; it is on disk at once."""
+        """Write a marker, sent at ``at_s`` by ``time.monotonic``; it is on disk at once."""
         with naming_place(self.folder), self._marking:
             self._waiting.append((plain_text(text), at_s))
             self._write_markers()
 
     def _begin(self, taken_s: float) -> None:
-        """The first image of the first camera was taken."""
+        """Note that the first image of the first camera was taken."""
         self._document["start"] = start_of(taken_s)
         self._write_document()
         with self._marking:
@@ -101,14 +103,14 @@ class Recorder:
             file.write(rows if begun else f"{HEAD}\n{rows}")
 
     def write_empty_room(self, camera: int, grey: np.ndarray) -> None:
-        """The picture of the empty room (height, width) uint16 of one camera."""
+        """Write one camera's image of the empty room (height, width) uint16."""
         folder = self._writers[camera].folder
         partial = folder / ".background.partial"
         partial.write_bytes(encode_grey(grey))
         partial.replace(folder / EMPTY_ROOM_FILE)
 
     def finish(self) -> Path:
-        """The recording, whole and on disk; may be called twice."""
+        """Complete the recording on disk and return its folder; may be called twice."""
         if self.finished:
             return self.folder
         self.abandon()
@@ -118,7 +120,7 @@ class Recorder:
         return self.folder
 
     def abandon(self) -> None:
-        """Writes no more, once the images under way are written; the folder stays as it is."""
+        """Stop writing after the images under way; the folder stays unfinished."""
         self._done.set()
         self._syncing.join()
         for camera in self._writing:
@@ -135,7 +137,7 @@ class Recorder:
 
     def _sync_often(self) -> None:
         while not self._done.wait(SYNC_S):
-            with suppress(OSError):  # the next time, or at the end
+            with suppress(OSError):  # retried next time, or at the end
                 self._sync()
 
     def _sync(self) -> None:
@@ -147,14 +149,14 @@ class Recorder:
 
 
 def start_of(taken_s: float) -> dict[str, Any]:
-    """What recording.json says of the start; taken_s: of the first image, by ``time.monotonic``.
+    """Return the entry of recording.json on the start; taken_s: of the first image, by ``time.monotonic``.
 
     The clock of the Lab Streaming Layer is left out where pylsl is not installed.
     """
     ago_s = time.monotonic() - taken_s
     utc = datetime.now(UTC) - timedelta(seconds=ago_s)
     found: dict[str, Any] = {"utc": utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")}
-    with suppress(ImportError, RuntimeError):  # the second: its library does not load on this system
+    with suppress(ImportError, RuntimeError):  # RuntimeError: its library does not load on this system
         import pylsl
 
         found["lsl_s"] = round(pylsl.local_clock() - ago_s, 6)
@@ -162,9 +164,9 @@ def start_of(taken_s: float) -> dict[str, Any]:
 
 
 def finish_recording(folder: Path) -> Path:
-    """Makes a recording of a folder that ``Recorder`` has written; where it was cut off, of all that is whole in it.
+    """Make a recording of a folder that ``Recorder`` has written; if it was cut off, of all complete images.
 
-    Raises InputError where the folder is none of these, or no camera has an image.
+    Raises InputError where it is not such a folder, or no camera has an image.
     """
     path = folder / UNFINISHED_FILE
     if not path.is_file():
@@ -174,7 +176,7 @@ def finish_recording(folder: Path) -> Path:
     for camera in cameras:
         part = folder / camera.name
         if link := next((one for one in (part, part / "depth", part / "timestamps.csv") if one.is_symlink()), None):
-            raise InputError(link, "is a link", "put there what it leads to")
+            raise InputError(link, "is a link", "put the target of the link there")
         with CameraWriter(part, CameraPlan(camera=camera.camera())) as writer:
             if writer.written == 0:
                 raise InputError(part, "holds no depth image", "record again with this camera")
@@ -193,7 +195,7 @@ def _make_room(folder: Path) -> None:
 
 
 def _copy_about(about: Path, folder: Path) -> dict[str, Any]:
-    """Copies equipment and empty rooms of a recording; returns what recording.json says about equipment and patient."""
+    """Copy equipment and empty rooms of a recording; return the entries of recording.json on equipment and patient."""
     found = read_json(about / RECORDING_FILE)
     if equipment := found.get("equipment"):
         copy_equipment(about / equipment, about, folder)
@@ -205,8 +207,7 @@ def _copy_about(about: Path, folder: Path) -> dict[str, Any]:
 
 
 def copy_equipment(file: Path, about: Path, folder: Path) -> None:
-    """Copies an equipment.json, which lies somewhere in ``about``, and the meshes that it names to the same places in a
-    folder."""
+    """Copy an equipment.json, which lies somewhere in ``about``, and its meshes to the same places in a folder."""
     for path in equipment_files(file):
         require_regular(path)
         target = folder / path.relative_to(about)
@@ -215,7 +216,7 @@ def copy_equipment(file: Path, about: Path, folder: Path) -> None:
 
 
 def _remove_without_row(folder: Path) -> None:
-    """Removes the images that were cut off before their row was written; files with other names are the user's."""
+    """Remove images that were cut off before their row was written; files with other names are the user's."""
     lines = read_text(folder / "timestamps.csv").split()[1:]
     known = {f"{int(line.partition(',')[0]):06d}.png" for line in lines}
     for file in (folder / "depth").iterdir():
@@ -223,7 +224,7 @@ def _remove_without_row(folder: Path) -> None:
             file.unlink()
 
 
-ROOM_IMAGES: Final = 60  # of each camera: the median of more is no better
+ROOM_IMAGES: Final = 60  # images per camera: the median of more is no better
 REPORT_S: Final = 10.0
 
 
@@ -236,10 +237,10 @@ def record_live(
     stop: Event,
     markers: str | None = None,
 ) -> Path:
-    """The finished recording ``out`` of all sources, until they end, ``stop`` is set or ``seconds`` have passed.
+    """Record all sources into ``out`` until they end, ``stop`` is set or ``seconds`` have passed.
 
-    empty_room_s: first the empty room is looked at for so long; 0: it is not. markers: the stream whose markers are
-    kept. Raises AnchorposeError where no camera gives an image, or there is no such stream.
+    empty_room_s: duration of a recording of the empty room before; 0: none. markers: the stream whose markers are kept.
+    Raises AnchorposeError where no camera gives an image, or there is no such stream.
     """
     about = about_folder(sources)
     check_place(out, about)
@@ -282,7 +283,7 @@ def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callab
 def _record_empty_room(
     intake: Intake, recorder: Recorder, seconds: float, say: Callable[[str], None], stop: Event
 ) -> None:
-    """Each camera's median depth image, without pixels that have a reading in less than half of the images."""
+    """Record each camera's median depth image, without pixels that have a reading in less than half of the images."""
     seen: list[list[np.ndarray]] = [[] for _ in intake.cameras]
 
     def keep(image: LiveImage) -> None:
@@ -302,9 +303,10 @@ def _record_empty_room(
 
 
 def median_reading(grey: np.ndarray) -> np.ndarray:
-    """(height, width) uint16 of images (n, height, width) uint16: the median of the readings; 0 where less than half of
-    the images have one."""
-    ordered = np.sort(grey, axis=0)  # without a reading: 0, first
+    """Return the median (height, width) uint16 of the readings of images (n, height, width) uint16; 0 where less than
+    half of the images have a reading.
+    """
+    ordered = np.sort(grey, axis=0)  # missing readings are 0 and come first
     empty = (grey == 0).sum(axis=0)
     middle = np.minimum((empty + len(grey)) // 2, len(grey) - 1)
     found = np.take_along_axis(ordered, middle[None], axis=0)[0]

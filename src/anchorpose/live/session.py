@@ -1,9 +1,9 @@
-"""Track live cameras: look around, learn the body, catch up, follow every newest frame, and write a results folder.
+"""Track live cameras: analyse the first seconds, learn the body, catch up, follow every newest frame, write results.
 
-The first seconds are recorded, and everything that tracking needs to know beforehand is found in them as in any
-recording. What the cameras see meanwhile is tracked at a few frames a second, so that the patient is never out of
-sight; from then on every newest frame is tracked, and what comes while one is worked on is dropped. Where another
-person is made the patient, the same begins again for that person, in the room that is known by now.
+The first seconds are recorded, and everything that tracking needs beforehand is found in them as in any recording.
+Images that arrive meanwhile are tracked at a few frames a second, so that the patient is never out of sight; from then
+on every newest frame is tracked, and images that arrive during its processing are dropped. If another person becomes
+the patient, this begins again for that person, in the known room.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from anchorpose.tracker.following import Follower
 
 PATIENCE_S: Final = 0.5
 REPORT_S: Final = 10.0  # between two lines about latency
-MOST_THREADS: Final = 4  # more would wait for Python's lock
+MOST_THREADS: Final = 4  # more threads would wait for Python's lock
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A person who is or was the patient, and what follows this person."""
+    """A person who is or was the patient, and the tracker that follows them."""
 
     patient: LivePatient
     follower: LiveFollower
@@ -49,10 +49,10 @@ class Followed:
 def track_live(
     sources: Sequence[LiveSource], results: Path, options: LiveOptions, outputs: Sequence[Output], user: User
 ) -> LatencyMeter:
-    """Track the patient until the sources end or the user stops it, then write everything into ``results``, which
-    exists.
+    """Track the patient until the sources end or the user stops it, then write everything into the existing folder
+    ``results``.
 
-    Raises AnchorposeError where no source gives images, or the patient is not found before it ends.
+    Raises AnchorposeError where no source delivers images, or the patient is not found before the end.
     """
     intake = Intake(sources)
     about = about_folder(sources)
@@ -91,7 +91,9 @@ def _stop(inlet: MarkerInlet | None) -> None:
 
 
 def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
-    """The finished recording; None without one, or where it cannot be finished, and then the session knows why."""
+    """Return the finished recording; None without one, or if it cannot be finished, with the reason noted in the
+    session.
+    """
     try:
         return None if recorder is None else recorder.finish()
     except (AnchorposeError, OSError) as error:
@@ -102,7 +104,7 @@ def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Session:
-    """The phases in their order."""
+    """The phases of a session in their order."""
 
     intake: Intake
     first_seconds: FirstSeconds
@@ -113,7 +115,7 @@ class _Session:
     latency: LatencyMeter = field(default_factory=LatencyMeter)
 
     def prepare(self) -> tuple[Prepared, Backlog]:
-        """The first seconds in which a patient is found, and what the cameras see from then on."""
+        """Return the first seconds in which a patient is found, and the backlog of images since then."""
         self.intake.start()
         for attempt in count(1):
             recording = self.first_seconds.record(f"start-{attempt}", "the room and the patient")
@@ -126,7 +128,7 @@ class _Session:
         raise AssertionError("counting does not end")
 
     def begin(self, prepared: Prepared) -> Followed:
-        """Follows the patient from a good frame of the first seconds to their end."""
+        """Follow the patient from a good frame of the first seconds to their end."""
         room, learnt = prepared.run.room, prepared.learnt
         initial = latest_good(room.initial_frames)
         body = build_body(body_points(), learnt.shape)
@@ -139,7 +141,7 @@ class _Session:
         return Followed(patient, follower)
 
     def follow(self, first: Followed, backlog: Backlog) -> list[Followed]:
-        """Tracks every newest frame until the end; returns everybody who was the patient, in order."""
+        """Track every newest frame until the end; return all patients, in order."""
         patients = [first]
         self._catch_up(first.follower, backlog)
         began_s = reported_s = time.monotonic()
@@ -160,21 +162,21 @@ class _Session:
         return patients
 
     def write(self, results: Path, patients: Sequence[Followed], recorder: Recorder | None) -> None:
-        """The results of all patients, with what is known of the session."""
+        """Write the results of all patients, with the session's notes."""
         self.user.say("Writing the results.")
         recorded = _finish(recorder, self.intake)
         notes = (f"tracked live: {self.latency.sentence}", *self.outputs.failed, *self.intake.failed)
         write_patients(results, [one.patient for one in patients], recorded, notes)
 
     def _catch_up(self, follower: LiveFollower, backlog: Backlog) -> None:
-        """Tracks what was seen meanwhile."""
+        """Track the images that arrived meanwhile."""
         while not self.user.stop.is_set() and (waiting := backlog.take()) is not None:
             follower.take(waiting, live=False)
         backlog.drop()
         self.user.say("Tracking live.")
 
     def _change_patient(self, now: Followed, number: int) -> Followed | None:
-        """The person with a number, learnt in new first seconds; None where that fails: all is as before then."""
+        """Return the person with a number, learnt in new first seconds; None where that fails, with nothing changed."""
         before, patient = now.follower, now.patient.number + 1
         places = {one.number: one.place_xz_m for one in people_in(before.follower.memory)}
         try:
@@ -199,7 +201,7 @@ class _Session:
         return new
 
     def _learn(self, recording: Recording, now: Followed, place_xz_m: tuple[float, float]) -> Prepared | None:
-        """Who is at a place; None also where looking there fails, so that the session goes on."""
+        """Learn the person at a place; None also where an error occurs, so that the session continues."""
         room, before_xz_m = now.patient.prepared.run.room, now.follower.patient_xz_m
         try:
             return self.first_seconds.learn_named(recording, room, place_xz_m, before_xz_m)
@@ -215,6 +217,6 @@ class _Session:
 
 
 def _take_recorded(follower: LiveFollower, recording: Recording, first: int) -> None:
-    """The frames of first seconds, from one on (a position)."""
+    """Track the recorded first seconds from a position on."""
     for position in range(first, len(recording.streams[0].files)):
         follower.take_recorded(read_frame(recording, position))

@@ -41,7 +41,7 @@ from anchorpose.writing import write_results
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LivePatient:
-    """A person who is or was the patient. number: in the session, from 1; blocks: the tracked frames, as stored."""
+    """A person who is or was the patient. number: in the session, from 1; blocks: the stored tracked frames."""
 
     number: int
     prepared: Prepared
@@ -49,15 +49,15 @@ class LivePatient:
 
     @property
     def first_frame(self) -> int | None:
-        """Number of the first frame that is stored, None where none is."""
+        """Return the number of the first stored frame, None where there is none."""
         return next((one.record.joints.frame for one in self.blocks.read()), None)
 
 
 def write_patients(results: Path, patients: Sequence[LivePatient], recorded: Path | None, notes: Sequence[str]) -> None:
-    """Write the last patient's results into an existing folder, and those of each earlier one into a folder in it.
+    """Write the last patient's results into an existing folder, and those of each earlier patient into a subfolder.
 
-    recorded: a recording of the session, from which pictures are made; None: they are made of the first seconds. notes:
-    on the session, for every ``run.json``.
+    recorded: a recording of the session, from which pictures are made; None: from the first seconds. notes: on the
+    session, for every ``run.json``.
     """
     *earlier, last = patients
     changes = list[str]()
@@ -84,7 +84,9 @@ LEARNT: Final = "learnt"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredPatient:
-    """first_seconds: name of the folder that they were recorded in; place_xz_m: where the patient was said to stand."""
+    """A patient as stored. first_seconds: name of the folder with their recording; place_xz_m: the patient's given
+    place.
+    """
 
     first_seconds: str
     place_xz_m: tuple[float, float] | None
@@ -92,7 +94,7 @@ class StoredPatient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredSession:
-    """The document ``session.json``. ended: why the session ended early, where that could still be written."""
+    """The document ``session.json``. ended: why the session ended early, if it could still be written."""
 
     options: LiveOptions
     patients: tuple[StoredPatient, ...] = ()
@@ -100,7 +102,7 @@ class StoredSession:
 
 
 class SessionStore:
-    """The journal of a session that begins, in a results folder that is being made."""
+    """The journal of a new session, in its future results folder."""
 
     def __init__(self, results: Path, options: LiveOptions) -> None:
         self._results = results
@@ -110,7 +112,7 @@ class SessionStore:
         self._session = StoredSession(options=_with_own_files(options, self.first_seconds))
 
     def add(self, prepared: Prepared) -> LivePatient:
-        """One more patient, with an empty store of frames."""
+        """Add one more patient, with an empty store of frames."""
         place_xz_m, folder = prepared.inputs.config.patient_xz_m, prepared.inputs.recording.folder
         number = len(self._session.patients) + 1
         journal = self._journal.inside(f"patient-{number}")
@@ -122,7 +124,7 @@ class SessionStore:
         return LivePatient(number, prepared, Blocks(journal, TrackedFrame))
 
     def end_early(self, why: str) -> None:
-        """Notes why, if a patient is stored and the disk has room for it."""
+        """Note why the session ended early, if a patient is stored and the disk has space."""
         if self._session.patients:
             with suppress(OSError):
                 self._write(replace(self._session, ended=why))
@@ -134,7 +136,7 @@ class SessionStore:
 
 @contextmanager
 def on_this_disk() -> Iterator[None]:
-    """Gives an error of the journal a remedy that holds for a live session, which cannot be resumed."""
+    """Give a journal error a remedy for live sessions, which cannot be resumed."""
     try:
         yield
     except InputError as error:
@@ -142,17 +144,19 @@ def on_this_disk() -> Iterator[None]:
 
 
 def read_session(results: Path) -> StoredSession:
-    """The session that an unfinished results folder holds; raises InputError where none came so far."""
+    """Read the session of an unfinished results folder; raises InputError where it has none yet."""
     path = results / JOURNAL / SESSION_FILE
     if not is_there(path):
         if any(path.parent.glob("patient-*/*.frames")):
-            raise InputError(path, "is missing, without which the frames that are stored are of no use", "put it back")
+            raise InputError(path, "is missing, and the stored frames are useless without it", "put it back")
         raise InputError(results, "was cut off before a patient was found", "begin again with 'anchorpose live'")
     return read_document(path, StoredSession)
 
 
 def read_patients(results: Path, session: StoredSession) -> Iterator[LivePatient]:
-    """The patients of a stored session: rooms found again in their first seconds, bodies and frames as stored."""
+    """Yield the patients of a stored session: rooms are found again in their first seconds, bodies and frames are as
+    stored.
+    """
     journal = _journal(results / JOURNAL)
     journal.require_whole((BEGUN_FILE, SESSION_FILE, FIRST_SECONDS))
     calibration = session.options.calibration
@@ -178,7 +182,7 @@ def _journal(folder: Path) -> Journal:
 
 
 def _with_own_files(options: LiveOptions, folder: Path) -> LiveOptions:
-    """The options with a copy of the calibration, named from ``folder``, and other paths from the root.
+    """Return the options with a copy of the calibration, named relative to ``folder``, and other paths absolute.
 
     Raises InputError where the calibration cannot be used.
     """
@@ -199,7 +203,7 @@ BEGIN_AGAIN: Final = "begin again with 'anchorpose live' and --overwrite"
 
 
 def finish_session(results: Path, overwrite: bool) -> None:
-    """Make the results folder of an unfinished session of all frames that are stored.
+    """Make the results folder of an unfinished session from all stored frames.
 
     Nothing is tracked again; the room is found again in the first seconds. Raises InputError where there is no such
     session, or no frame in it.
@@ -221,7 +225,7 @@ def finish_session(results: Path, overwrite: bool) -> None:
 
 @contextmanager
 def _remedy_of_live(folder: Path) -> Iterator[None]:
-    """Gives a refusal of what is stored a remedy that holds for a live session, which cannot be tracked again."""
+    """Give a refusal of stored values a remedy for live sessions, which cannot be tracked again."""
     try:
         yield
     except InputError as error:
@@ -231,7 +235,7 @@ def _remedy_of_live(folder: Path) -> Iterator[None]:
 
 
 def _recorded(folder: Path | None) -> Path | None:
-    """The recording of the session, whole; None where there is none, or no more."""
+    """Return the whole recording of the session; None where there is none."""
     if folder is None:
         return None
     with suppress(InputError, OSError):

@@ -3,10 +3,10 @@
 A pose vector theta does not depend on where the patient stands and faces. It holds 21 x 3 joint positions relative to
 SpineBase in the trunk's heading frame (X where the trunk faces, Y up, Z to its right), then a path of 4: SpineBase
 along X, Y, Z of the *momentary* heading frame, summed from step to step like an odometer, and the heading, radians,
-unwrapped. Only differences of the path mean anything.
+unwrapped. Only differences of the path are meaningful.
 
-The scaled set D_s (paper, Section IV) is never written out: a sub-list is a place in the clips, as recorded, and how
-many of their frames pass in one frame of the recording; its poses are interpolated when they are needed.
+The scaled set D_s (paper, Section IV) is never stored: a sub-list is a place in the recorded clips, and the number of
+their frames per frame of the recording; its poses are interpolated when needed.
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ from anchorpose.recording.regular_file import read_arrays
 from anchorpose.recording.writable import whole_file
 
 COMPARED: Final = 3 * JOINT_COUNT
-"""Columns of a pose vector that say how similar two poses are."""
+"""Number of columns of a pose vector that measure how similar two poses are."""
 
-SEGMENT: Final = 4  # neighbours in time with a common bound; more of them lie farther apart than they save tests
-COLUMNS: Final = 16  # principal columns of the bounds, which with these come to nine tenths of the cost
-_SAMPLES: Final = 5000  # poses that the principal directions are taken from
+# neighbours in time with a common bound; larger groups are farther apart, which costs more tests than it saves
+SEGMENT: Final = 4
+COLUMNS: Final = 16  # principal columns of the bounds, which then reach nine tenths of the cost
+_SAMPLES: Final = 5000  # poses from which the principal directions are computed
 
 _ROOT: Final = JOINT_INDEX["SpineBase"]
 _LEFT: Final = [JOINT_INDEX["HipLeft"], JOINT_INDEX["ShoulderLeft"]]
@@ -36,13 +37,13 @@ _RIGHT: Final = [JOINT_INDEX["HipRight"], JOINT_INDEX["ShoulderRight"]]
 
 
 class SubLists(NamedTuple):
-    """The sub-lists, w of them; those of one clip and speed stand together, in the order of time.
+    """The sub-lists, w of them; sub-lists of one clip and speed are contiguous, in the order of time.
 
     place (w,) float64: row of theta, also between two rows, of the newest pose. stride (w,) float64: rows per frame.
-    followed (w,) int32: frames that come after it in its clip.
+    followed (w,) int32: frames after it in its clip.
     summary (w, 2, COLUMNS) float32: mean pose and displacement, in the leading columns of ``turned``.
     segment (s + 1,) int64: where each group of neighbours begins; centre (s, 2, COLUMNS) float32: the mean of their
-    summaries; radius (s, 2) float32: how far from that their mean poses, and their displacements, lie at most.
+    summaries; radius (s, 2) float32: largest distance of their mean poses, and of their displacements, from it.
     """
 
     place: np.ndarray
@@ -56,12 +57,11 @@ class SubLists(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionDatabase:
-    """Reference movements D, end to end, and the sub-lists of D_s.
+    """Reference movements D, one after another, and the sub-lists of D_s.
 
-    theta (n, d) float32, at the rates they were recorded with. The first ``compared`` columns decide how similar two
-    poses are; the others (a path over the floor, whose origin means nothing) are only predicted.
-    turned (n, compared) float32 = theta[:, :compared] @ basis, basis orthonormal: the same distances, but the first
-    columns hold most of them.
+    theta (n, d) float32, at their recorded rates. The first ``compared`` columns decide how similar two poses are; the
+    others (a path over the floor with an arbitrary origin) are only predicted. turned (n, compared) float32 = theta[:,
+    :compared] @ basis, basis orthonormal: distances are the same, but mostly in the first columns.
     """
 
     theta: np.ndarray
@@ -72,7 +72,9 @@ class MotionDatabase:
 
 
 def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
-    """(t, 67) float64 pose vectors of consecutive frames of joints (t, 21, 3) world metres; NaN is kept."""
+    """Return the pose vectors (t, 67) float64 of consecutive frames of joints (t, 21, 3), world, metres; NaN is
+    kept.
+    """
     heading = heading_rad(joints_m)
     root = joints_m[:, _ROOT]
     relative = _turned(joints_m - root[:, None], -heading)
@@ -85,7 +87,7 @@ def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
 
 
 def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """(steps, 21, 3) world joints of pose vectors (steps, 67) that follow the frame ``last_m`` (21, 3)."""
+    """Return the world joints (steps, 21, 3) of pose vectors (steps, 67) that follow the frame ``last_m`` (21, 3)."""
     headings = theta[:, -1]
     before = np.concatenate([last_theta[-1:], headings[:-1]])
     steps = np.diff(np.concatenate([last_theta[None, -4:-1], theta[:, -4:-1]]), axis=0)
@@ -95,7 +97,9 @@ def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) 
 
 
 def heading_rad(joints_m: np.ndarray) -> np.ndarray:
-    """(t,) turn about Y from world X to where the trunk faces: across hips and shoulders, whichever are known."""
+    """Return the turn (t,) about Y from world X to the trunk's heading, across hips and shoulders, whichever are
+    known.
+    """
     across = joints_m[:, _RIGHT] - joints_m[:, _LEFT]
     across = np.where(np.isfinite(across).all(axis=(2,), keepdims=True), across, 0.0).sum(axis=1)
     unknown = np.linalg.norm(across[:, [0, 2]], axis=1) == 0.0
@@ -103,7 +107,7 @@ def heading_rad(joints_m: np.ndarray) -> np.ndarray:
 
 
 def _turned(vectors: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
-    """(t, n, 3) vectors turned about Y by one angle (t,) per frame."""
+    """Return the vectors (t, n, 3) turned about Y by one angle (t,) per frame."""
     cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     return np.stack([cos * x + sin * z, y, cos * z - sin * x], axis=-1)
@@ -118,9 +122,9 @@ def build_database(
     history: int,
     past: int,
 ) -> MotionDatabase:
-    """D_s of clips, (n_i, d) each, recorded at ``rate_hz`` each, for a recording of ``at_hz``.
+    """Build D_s from clips, (n_i, d) each, recorded at ``rate_hz`` each, for a recording of ``at_hz``.
 
-    history: poses of a sub-list; past: frames that its clip must hold before its newest one (at least the others).
+    history: poses per sub-list; past: frames that its clip must have before its newest one (at least its other poses).
     Raises ValueError where a clip holds missing values, or no clip is long enough for the past and one step.
     """
     if any(not np.isfinite(clip).all() for clip in clips):
@@ -142,14 +146,16 @@ def build_database(
 
 
 def poses_at(theta: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(..., d): rows of ``theta`` at fractional places (...), linear in between."""
+    """Return the rows (..., d) of ``theta`` at fractional places (...), interpolated linearly."""
     low = place.astype(np.int64)
     share = (place - low)[..., None].astype(np.float32)
     return theta[low] * (1.0 - share) + theta[np.minimum(low + 1, len(theta) - 1)] * share
 
 
 def summarise(turned: np.ndarray, place: np.ndarray, stride: np.ndarray, history: int) -> np.ndarray:
-    """(w, 2, COLUMNS) float32: mean pose and displacement of sub-lists of ``history`` poses, in the leading columns."""
+    """Return (w, 2, COLUMNS) float32: mean pose and displacement of sub-lists of ``history`` poses, in the leading
+    columns.
+    """
     leading = turned[:, :COLUMNS].astype(np.float32)
     total = poses_at(leading, place)
     moved = total.copy()
@@ -160,14 +166,14 @@ def summarise(turned: np.ndarray, place: np.ndarray, stride: np.ndarray, history
 
 
 def _principal(poses: np.ndarray) -> np.ndarray:
-    """(d, d) float32 orthonormal, the direction in which poses differ most first."""
+    """Return an orthonormal basis (d, d) float32, the direction in which poses differ most first."""
     some = poses[:: max(1, len(poses) // _SAMPLES)].astype(np.float64)
     apart = some - some.mean(axis=0)
     return np.linalg.eigh(apart.T @ apart)[1][:, ::-1].astype(np.float32)
 
 
 def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: int, past: int) -> SubLists:
-    """The sub-lists of runs: first row of a clip, rows per frame, and how many frames it holds."""
+    """List the sub-lists of runs; a run is the first row of a clip, rows per frame, and its number of frames."""
     place, stride, followed, segment = [], [], [], [np.zeros(1, dtype=np.int64)]
     listed = 0
     for first, rows, frames in runs:
@@ -184,7 +190,7 @@ def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: i
 
 
 def _enclose(summary: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centre and radius of the summaries of each segment."""
+    """Return the centre and radius of the summaries of each segment."""
     size = np.diff(segment)
     centre = (np.add.reduceat(summary, segment[:-1], axis=0) / size[:, None, None]).astype(np.float32)
     away = np.linalg.norm(summary - np.repeat(centre, size, axis=0), axis=2)
@@ -202,7 +208,7 @@ _SKELETON_ARRAYS: Final = ("joints_mm", "offsets", "names", "joint_names", "rate
 _SKELETON_REMEDY: Final = (
     "give joints_mm (frames, joints, 3) with Y up, offsets (clips + 1), names (clips) and joint_names (joints)"
 )
-FARTHEST_MM: Final = 10_000  # from where a clip begins: beyond, the unit is not the millimetre
+FARTHEST_MM: Final = 10_000  # mm from the first frame; larger values mean that the unit is not the millimetre
 
 _TRUNK: Final = {"SpineBase": "Waist", "SpineMid": "Spine", "SpineShoulder": "Chest"}
 _LIMBS: Final = {
@@ -217,21 +223,21 @@ _LIMBS: Final = {
 BONE_BEGINNING_AT: Final = _TRUNK | {
     f"{joint}{side}": f"{side[0]}{bone}" for joint, bone in _LIMBS.items() for side in ("Left", "Right")
 }
-"""The bone that begins at a joint: joints of UI-PRMD have these names."""
+"""The bone that begins at a joint; UI-PRMD names joints in this way."""
 
 DERIVED: Final = {
     "HandLeft": ("ElbowLeft", "WristLeft", 1.15),
     "HandRight": ("ElbowRight", "WristRight", 1.15),
     "Neck": ("SpineShoulder", "Head", 0.31),
 }
-"""Joints that a file may lack: how far from the first towards the second one they lie, on the shipped mean adult."""
+"""Joints that a file may lack, as shares of the way from the first joint to the second, on the shipped mean adult."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceClips:
     """Movements without gaps: joints_m (n_i, 21, 3) metres, Y up, any place and heading, each with a name and a rate.
 
-    notes: sentences on where they come from, and what of them was derived or left out.
+    notes: sentences on their origin, and on derived or omitted joints.
     """
 
     joints_m: tuple[np.ndarray, ...]
@@ -241,12 +247,12 @@ class ReferenceClips:
 
     @property
     def frame_count(self) -> int:
-        """Frames of all clips."""
+        """Return the frames of all clips."""
         return sum(len(clip) for clip in self.joints_m)
 
 
 def join_clips(parts: Sequence[ReferenceClips]) -> ReferenceClips:
-    """All clips in one, in order."""
+    """Join clips, in order."""
     return ReferenceClips(
         tuple(clip for part in parts for clip in part.joints_m),
         tuple(name for part in parts for name in part.names),
@@ -256,7 +262,7 @@ def join_clips(parts: Sequence[ReferenceClips]) -> ReferenceClips:
 
 
 def write_motions(path: Path, clips: ReferenceClips) -> None:
-    """Writes the clips to the millimetre, each beside the origin; ``path`` is whole or as it was before."""
+    """Write the clips in millimetres, each moved to the origin; ``path`` is whole or unchanged."""
     root = JOINT_INDEX["SpineBase"]
     millimetres = [np.rint(1000.0 * (clip - clip[0, root])).astype(np.int16) for clip in clips.joints_m]
     with whole_file(path) as partial, partial.open("wb") as stream:
@@ -272,7 +278,7 @@ def write_motions(path: Path, clips: ReferenceClips) -> None:
 
 
 def read_motions(path: Path) -> ReferenceClips:
-    """The clips of a file that ``write_motions`` wrote; raises InputError where it is not such a file."""
+    """Read a file that ``write_motions`` wrote; raises InputError where it is not such a file."""
     arrays = read_arrays(path, ("format", *_MOTION_ARRAYS), MOTION_REMEDY)
     missing = [name for name in ("format", *_MOTION_ARRAYS) if name not in arrays]
     if missing or str(arrays["format"]) != FORMAT:
@@ -292,11 +298,11 @@ def read_motions(path: Path) -> ReferenceClips:
 
 
 def read_skeletons(path: Path, rate_hz: float | None) -> ReferenceClips:
-    """The clips of a skeleton file, in our joints.
+    """Read the clips of a skeleton file, in our joints.
 
-    rate_hz: frames per second where the file has no ``rate_hz``. Joints are found by our names or by those of the
-    bones that begin there; hands and neck may be derived, which a note says. Raises InputError where a joint is missing
-    and for anything that does not fit.
+    rate_hz: frames per second where the file has no ``rate_hz``. Joints are found by our names or by those of the bones
+    that begin there; hands and neck may be derived, which a note says. Raises InputError where a joint is missing or
+    the file is not valid.
     """
     arrays = read_arrays(path, _SKELETON_ARRAYS, _SKELETON_REMEDY)
     missing = [name for name in _SKELETON_ARRAYS[:-1] if name not in arrays]
@@ -330,10 +336,10 @@ def _check_skeletons(path: Path, joints: np.ndarray, offsets: np.ndarray, clips:
 
 
 def _in_our_joints(path: Path, joints: np.ndarray, columns: list[str]) -> tuple[np.ndarray, list[str]]:
-    """(n, 21, 3) and the names of the joints that were derived."""
+    """Return the joints (n, 21, 3) and the names of the derived ones."""
     found: dict[str, np.ndarray] = {}
     for name in JOINT_NAMES:
-        # a column called Neck or Head is ours by either naming; LHand is where the hand begins, so the wrist
+        # columns Neck and Head are ours by either naming; LHand is where the hand begins, so the wrist
         for known in (name, BONE_BEGINNING_AT.get(name)):
             if known in columns and name not in found:
                 found[name] = joints[:, columns.index(known)]

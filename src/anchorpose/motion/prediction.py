@@ -1,4 +1,6 @@
-"""Predict the next joints by scaled motion dynamics: the most similar movements (paper, Section IV), found exactly."""
+"""Predict the next joints by scaled motion dynamics from the most similar movements (paper, Section IV), found
+exactly.
+"""
 
 from __future__ import annotations
 
@@ -27,16 +29,16 @@ from anchorpose.motion.database import (
 )
 from anchorpose.settings import Count, NotNegative, Positive, settings
 
-_SEEDS: Final = 16  # segments searched first, for a cost to beat
-_ROUNDED: Final = np.float32(0.9999)  # bounds are kept in single precision, which may round up ...
-_SLACK_M: Final = np.float32(1e-5)  # ... and near nothing by more than a share
+_SEEDS: Final = 16  # segments searched first, to have a cost to compare with
+_ROUNDED: Final = np.float32(0.9999)  # bounds are stored in single precision, which may round up ...
+_SLACK_M: Final = np.float32(1e-5)  # ... and near 0 by more than a share
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
     """The most similar sub-lists, the best first.
 
-    place (m,) row of the database of the newest pose, stride (m,) rows per frame: see ``SubLists``.
+    place (m,): database row of the newest pose; stride (m,): rows per frame, as in ``SubLists``.
     distance_m (m,): root mean square over the joints, mean over the frames.
     """
 
@@ -45,21 +47,22 @@ class Matches:
     distance_m: np.ndarray
 
     def poses(self, database: MotionDatabase, frames: np.ndarray) -> np.ndarray:
-        """(m, f, d) pose vectors of each match ``frames`` (f,) after its newest pose; negative = before."""
+        """Return the pose vectors (m, f, d) of each match ``frames`` (f,) after its newest pose; negative = before."""
         return poses_at(database.theta, self.place[:, None] + frames * self.stride[:, None])
 
 
 def best_sublists(
     history: np.ndarray, database: MotionDatabase, steps: int, count: int, displacement_weight: float
 ) -> Matches | None:
-    """The ``count`` sub-lists that are most like the last poses; None where no column is known or no clip long enough.
+    """Return the ``count`` sub-lists most similar to the last poses; None where no column is known or no clip long
+    enough.
 
     The cost is the sum over v of ed(theta^(t-v), theta_s^(j-v)), as in the paper, plus ``displacement_weight`` k times
-    the distance of the displacements over the history: a pose alone is passed in both directions and at every speed.
-    history (k, d): the newest pose last. Only sub-lists that are followed by ``steps`` more frames count. What a lower
-    bound keeps from being among the best is skipped, so the result is exact: k distances sum up to at least k
-    times that of the means, and columns left out shorten both. Ties go to the earlier sub-list. A column that is
-    missing anywhere in the history is not compared, and then every sub-list is tested.
+    the distance of the displacements over the history, since one pose occurs in both directions and at every speed.
+    history (k, d): the newest pose last. Only sub-lists that are followed by ``steps`` more frames count. Sub-lists
+    whose lower bound is too high are skipped, so the result is exact: k distances sum up to at least k times that of
+    the means, and omitted columns shorten both. Ties go to the earlier sub-list. A column that is missing anywhere in
+    the history is not compared, and then every sub-list is tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
@@ -89,7 +92,9 @@ def _rank(
     count: int,
     displacement_weight: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best sub-lists by rising cost. Without ``query``, which has a summary's shape, there are no bounds."""
+    """Return the best sub-lists by rising cost. Without ``query``, which is shaped like a summary, there are no
+    bounds.
+    """
     best, cost = np.full(count, -1, dtype=np.int64), np.full(count, np.inf)
     place, stride, followed, segment = sublists.place, sublists.stride, sublists.followed, sublists.segment
     found = 0
@@ -115,7 +120,7 @@ def _rank(
 
 @njit(cache=True)
 def _insert(best: np.ndarray, cost: np.ndarray, found: int, w: int, total: float) -> int:
-    """Put a sub-list in its place among the best if it belongs there; returns how many there are now."""
+    """Insert a sub-list among the best if it belongs there; return how many there are now."""
     if found == len(best):
         if total > cost[-1] or (total == cost[-1] and w > best[-1]):
             return found
@@ -141,7 +146,9 @@ def _apart(summary: np.ndarray, query: np.ndarray, weight: np.float32) -> np.flo
 def _bound_segments(
     centre: np.ndarray, radius: np.ndarray, query: np.ndarray, scale: np.float32, weight: np.float32, bound: np.ndarray
 ) -> np.ndarray:
-    """Fill ``bound``: no sub-list of a segment costs less. Returns the segments whose centres are nearest."""
+    """Fill ``bound`` with lower bounds of the sub-lists' costs per segment; return the segments with the nearest
+    centres.
+    """
     nearest = np.full(min(_SEEDS, len(centre)), -1, dtype=np.int64)
     reach = np.full(len(nearest), np.float32(3.4e38), dtype=np.float32)
     for s in range(len(centre)):
@@ -166,7 +173,7 @@ def _bound_segments(
 def _cost(
     theta: np.ndarray, history: np.ndarray, place: float, stride: float, displacement_weight: float, limit: float
 ) -> float:
-    """The cost of one sub-list, or infinity as soon as it is above ``limit``."""
+    """Return the cost of one sub-list, or infinity as soon as it is above ``limit``."""
     k, d = history.shape
     last = len(theta) - 1
     new, old = int(place), int(place - (k - 1) * stride)
@@ -195,22 +202,23 @@ def _cost(
 SPANS: Final = (1, 2, 4)  # frames over which the patient's velocity is measured
 DAMPING: Final = 0.85  # factor on the velocity per frame; a limb reverses within a few tenths of a second
 OWN_VELOCITY: Final = 0.8  # share of the velocity difference, patient minus matches, added; 1 would follow its noise
-_CHECKED_STEPS: Final = 6  # one-frame predictions that each span is judged by: times some 60 columns, enough
-_SHARPNESS: Final = 4  # a span whose squared error is a fifth larger counts half
+_CHECKED_STEPS: Final = 6  # one-frame predictions that each span is tested on: times some 60 columns, enough
+_SHARPNESS: Final = 4  # exponent; a span whose squared error is a fifth larger gets half the weight
 
 
 class MotionRule(StrEnum):
-    """What the next poses are predicted from."""
+    """The rule by which the next poses are predicted."""
 
-    BLEND = "blend"  # several similar sub-lists and the patient's own velocity, as far as each is to be trusted
+    BLEND = "blend"  # several similar sub-lists and the patient's own velocity, weighted by their reliability
     BEST_SUBLIST = "best_sublist"  # the paper's own: the change that follows the one most similar sub-list
-    VELOCITY = "velocity"  # no reference movements: the patient's own velocity, damped
+    VELOCITY = "velocity"  # the patient's own damped velocity, without reference movements
     STANDSTILL = "standstill"  # no motion dynamics at all
 
 
 @settings
 class MotionConfig:
-    """How movements are compared and continued; a pose vector theta is in metres, see ``motion_database``.
+    """Settings of how movements are compared and continued; a pose vector theta is in metres, see
+    ``motion.database``.
 
     The numbers were chosen on four subjects of UI-PRMD, each left out in turn (docs/tracking.md).
     """
@@ -224,17 +232,17 @@ class MotionConfig:
 
     @property
     def uses_database(self) -> bool:
-        """Whether reference movements are needed at all."""
+        """Return whether reference movements are needed."""
         return self.rule in (MotionRule.BLEND, MotionRule.BEST_SUBLIST)
 
     @property
     def past(self) -> int:
-        """Frames that the clip of a sub-list must hold before its newest one."""
+        """Return the number of frames that a sub-list's clip must have before its newest one."""
         return max(self.history - 1, self.checked, *SPANS)
 
 
 class PredictionSource(StrEnum):
-    """What a prediction rests on."""
+    """The grounds of a prediction."""
 
     DATABASE = "database"
     OWN_VELOCITY = "own_velocity"  # no reference movements, or a history too short to compare
@@ -243,9 +251,10 @@ class PredictionSource(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """theta (steps, d) float64, NaN where the last pose is unknown. matches: None where none were searched or found.
+    """A prediction: theta (steps, d) float64, NaN where the last pose is unknown. matches: None where none were
+    searched or found.
 
-    trust: from 0, the patient's own velocity alone, to 1, what followed the matches.
+    trust: from 0, the patient's own velocity alone, to 1, the continuation of the matches alone.
     """
 
     theta: np.ndarray
@@ -256,7 +265,9 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPrediction:
-    """joints_m (steps, 21, 3) float64 world, NaN where the history lacks a joint; source, trust: see ``Prediction``."""
+    """Predicted joints: joints_m (steps, 21, 3) float64 world, NaN where the history lacks a joint; source, trust: see
+    ``Prediction``.
+    """
 
     joints_m: np.ndarray
     source: PredictionSource
@@ -266,7 +277,7 @@ class JointPrediction:
 def joint_database(
     clips_m: Sequence[np.ndarray], rate_hz: Sequence[float], at_hz: float, config: MotionConfig
 ) -> MotionDatabase:
-    """Motion database of clips of joints, (n_i, 21, 3) world metres each, Y up; any place, any heading, any rate."""
+    """Build the motion database of clips of joints, (n_i, 21, 3), metres, Y up; any place, any heading, any rate."""
     return reference_motions([pose_vectors(clip) for clip in clips_m], rate_hz, at_hz, COMPARED, config)
 
 
@@ -284,14 +295,16 @@ def load_motions(path: Path, at_hz: float, config: MotionConfig) -> MotionDataba
 def reference_motions(
     clips: Sequence[np.ndarray], rate_hz: Sequence[float], at_hz: float, compared: int, config: MotionConfig
 ) -> MotionDatabase:
-    """The database of clips of pose vectors (n_i, d), recorded at ``rate_hz`` each, for a recording of ``at_hz``."""
+    """Build the database of clips of pose vectors (n_i, d), recorded at ``rate_hz`` each, for a recording of
+    ``at_hz``.
+    """
     return build_database(clips, rate_hz, at_hz, compared, config.speeds, config.history, config.past)
 
 
 def predict_joints(
     history_m: np.ndarray, steps: int, database: MotionDatabase | None, config: MotionConfig
 ) -> JointPrediction:
-    """The joints of the next ``steps`` frames from the last ones (k, 21, 3) world metres, newest last."""
+    """Predict the joints of the next ``steps`` frames from the last ones (k, 21, 3), world, metres, newest last."""
     recent = np.asarray(history_m, dtype=np.float64)
     vectors = pose_vectors(recent)
     prediction = predict(vectors, steps, COMPARED, database, config)
@@ -301,13 +314,13 @@ def predict_joints(
 def predict(
     history: np.ndarray, steps: int, compared: int, database: MotionDatabase | None, config: MotionConfig
 ) -> Prediction:
-    """The next ``steps`` poses after ``history`` (k, d), newest last. Raises ValueError on an empty history.
+    """Predict the next ``steps`` poses after ``history`` (k, d), newest last. Raises ValueError on an empty history.
 
-    compared: columns that count in how good a prediction was, those of the database.
-    The paper's rule is theta^(t+h) = theta^t + theta_s^(j+h) - theta_s^j. Ours takes the mean of that over several
-    sub-lists and adds how much faster than they the patient moves. How far that is trusted against the velocity alone
-    is what each would have been worth ``checked`` frames ago, seen from now: the share of the velocity's squared error
-    in both. So a movement that the database does not know is predicted by its velocity.
+    compared: columns that count in a prediction's error, those of the database. The paper's rule is theta^(t+h) =
+    theta^t + theta_s^(j+h) - theta_s^j. Ours takes the mean of this over several sub-lists and adds by how much the
+    patient moves faster than they do. It is weighted against the velocity alone by how well each would have predicted,
+    ``checked`` frames ago, the present: the share of the velocity's squared error in both. So a movement that the
+    database does not contain is predicted by its velocity.
     """
     if not len(history):
         raise ValueError("a prediction needs at least one pose")
@@ -335,7 +348,7 @@ def _similar(history: np.ndarray, steps: int, database: MotionDatabase, config: 
 def _blend(
     history: np.ndarray, steps: int, database: MotionDatabase, matches: Matches, config: MotionConfig
 ) -> Prediction:
-    """The weighted mean of the matches and the patient's own velocity, each as far as it is trusted."""
+    """Return the mean of the matches' continuation and the patient's own velocity, weighted by trust."""
     weight = (1e-6 + matches.distance_m[0]) ** 2 / (1e-6 + matches.distance_m) ** 2
     before = config.past
     matched = np.tensordot(weight / weight.sum(), matches.poses(database, np.arange(-before, steps + 1)), axes=1)
@@ -352,7 +365,9 @@ def _blend(
 
 
 def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compared: int, checked: int) -> float:
-    """How much better the matches explain the last frames of the history than the velocity before them does, 0 to 1."""
+    """Return, 0 to 1, how much better the matches explain the last frames of the history than the velocity before them
+    does.
+    """
     back = min(checked, len(history) - 2)
     known = np.flatnonzero(np.isfinite(history[:, :compared]).all(axis=0))
     happened = history[-1] - history[-1 - back]
@@ -363,17 +378,17 @@ def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compare
 
 
 def _travelled(steps: int) -> np.ndarray:
-    """(steps,) frames' worth of velocity after each step."""
+    """Return the frames' worth of velocity (steps,) travelled after each step."""
     return np.cumsum(DAMPING ** np.arange(steps))
 
 
 def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
-    """(s,) float64, sum 1: how much the velocity over each span (frames, rising) is to be trusted.
+    """Return the weight (s,) float64, sum 1, of the velocity over each span (frames, rising).
 
-    A short span follows the movement, a long one averages the noise out. Which is better is measured by how well each
-    would have predicted the newest frames from the ones before, all columns together. A span that the history (k, d),
-    newest last, is too short to judge has no share; with two frames the shortest has all. Columns with missing values
-    are left out.
+    A short span follows the movement, a long span averages the noise out. Weights follow from how well each would have
+    predicted the newest frames from the earlier ones, over all columns. A span that is too long to be tested on the
+    history (k, d), newest last, has no weight; with two frames the shortest has all. Columns with missing values are
+    left out.
     """
     known = history[:, np.isfinite(history).all(axis=0)]
     squared = np.full(len(spans), np.inf)
@@ -390,7 +405,9 @@ def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
 
 
 def velocity(poses: np.ndarray, spans: Sequence[int], shares: np.ndarray, at: int = -1) -> np.ndarray:
-    """(..., d) per frame: at pose ``at`` (from the end) of (..., k, d), newest last; too long a span is cut."""
+    """Return the velocity (..., d) per frame at pose ``at`` (from the end) of (..., k, d), newest last; too long a span
+    is cut.
+    """
     total = np.zeros(poses.shape[:-2] + poses.shape[-1:])
     for span, share in zip(spans, shares, strict=True):
         if share > 0:

@@ -1,4 +1,4 @@
-"""What all pictures over a depth image share: colours, grey shading, world to pixel, names beside dots, PNG.
+"""Provide what all pictures over a depth image share: colours, grey shading, world to pixel, names beside dots, PNG.
 
 The colours are Okabe and Ito's, which colour-blind readers can distinguish; blue, green, red as OpenCV has them.
 """
@@ -37,29 +37,31 @@ class Ink:
 
 
 PICTURE_WIDTH: Final = 960
-"""Pixels: wide enough to read the names on a phone held sideways, small enough to embed a dozen in a page."""
+"""Width in pixels: enough to read the names on a phone held sideways, small enough to embed a dozen in a page."""
 
 
 def colour_of_person(label: int) -> Colour:
-    """The colour of a person's pixel label."""
+    """Return the colour of a person's pixel label."""
     if label == PixelLabel.PATIENT:
         return Ink.PATIENT
     return Ink.OTHERS[(label - PixelLabel.OTHER_PERSON) % len(Ink.OTHERS)]
 
 
 def as_hex(colour: Sequence[float]) -> str:
-    """The colour (blue, green, red) as web pages write it."""
+    """Return the colour (blue, green, red) as web pages write it."""
     blue, green, red = (int(part) for part in colour)
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
 def scale_of(camera: Camera) -> int:
-    """How many pixels of a drawn picture a depth pixel is wide."""
+    """Return how many pixels of a drawn picture a depth pixel is wide."""
     return max(1, round(PICTURE_WIDTH / camera.width))
 
 
 def shade(depth_m: np.ndarray, tint: np.ndarray | None = None) -> np.ndarray:
-    """(height, width, 3) uint8: near is light, far is dark; tint (height, width, 3) of 0 to 255 colours the grey."""
+    """Shade depth as (height, width, 3) uint8: near is light, far is dark; tint (height, width, 3) of 0 to 255 colours
+    the grey.
+    """
     seen = depth_m > 0
     near, far = np.percentile(depth_m[seen], [1, 99]) if seen.any() else (0.0, 1.0)
     grey = 0.75 - 0.6 * np.clip((depth_m - near) / max(far - near, 1e-6), 0.0, 1.0)
@@ -69,17 +71,19 @@ def shade(depth_m: np.ndarray, tint: np.ndarray | None = None) -> np.ndarray:
 
 
 def enlarge(picture: np.ndarray, scale: int) -> np.ndarray:
-    """Every pixel as a square of ``scale`` pixels."""
+    """Enlarge every pixel to a square of ``scale`` pixels."""
     return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST))
 
 
 def projector(camera: Camera, scale: int) -> Callable[[np.ndarray], np.ndarray]:
-    """World points (n, 3) to pixels (n, 2) of the enlarged picture, NaN behind the camera or where a point is NaN."""
+    """Return a function from world points (n, 3) to pixels (n, 2) of the enlarged picture; NaN behind the camera or for
+    NaN.
+    """
     T_camera_world = invert_rigid(camera.require_pose())
 
     def to_pixel(points_m: np.ndarray) -> np.ndarray:
         pixels = camera.project(transform_points(T_camera_world, np.asarray(points_m, dtype=np.float64)))
-        # far outside is as good as not there, and keeps OpenCV's fixed-point coordinates from overflowing
+        # far outside counts as absent, which keeps OpenCV's fixed-point coordinates from overflowing
         pixels[(np.abs(pixels) > 10 * max(camera.width, camera.height)).any(axis=1)] = np.nan
         return (pixels + 0.5) * scale - 0.5
 
@@ -87,7 +91,7 @@ def projector(camera: Camera, scale: int) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def write(picture: np.ndarray, text: str, place: tuple[int, int]) -> None:
-    """Text beside a dot, kept inside the picture, white on a black rim."""
+    """Write a text beside a dot, inside the picture, white with a black rim."""
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.6, 2)
     left = place[0] + 14 if place[0] + 14 + width < picture.shape[1] else place[0] - 14 - width
     corner = (left, int(np.clip(place[1] + height // 2, height + 2, picture.shape[0] - 4)))
@@ -98,13 +102,13 @@ def write(picture: np.ndarray, text: str, place: tuple[int, int]) -> None:
 
 
 def whole(place: np.ndarray) -> tuple[int, int]:
-    """A place as OpenCV draws at it."""
+    """Return the whole pixel at which OpenCV draws a place."""
     column, row = np.rint(place).astype(int)
     return int(column), int(row)
 
 
 def draw_contour(picture: np.ndarray, mask: np.ndarray, camera: Camera, colour: Colour) -> None:
-    """The rim of a mask (height, width), drawn into an enlarged picture."""
+    """Draw the rim of a mask (height, width) into an enlarged picture."""
     large = enlarge(mask.astype(np.uint8), scale_of(camera))
     contours, _ = cv2.findContours(large, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(picture, contours, -1, Ink.BLACK, 3, cv2.LINE_AA)
@@ -112,7 +116,7 @@ def draw_contour(picture: np.ndarray, mask: np.ndarray, camera: Camera, colour: 
 
 
 def draw_lines(picture: np.ndarray, starts: np.ndarray, ends: np.ndarray, colour: Colour) -> None:
-    """Lines between pixels (m, 2); those with an end that is NaN are left out."""
+    """Draw lines between pixels (m, 2); a line with an end that is NaN is left out."""
     for start, end in zip(starts, ends, strict=True):
         if np.isfinite(start).all() and np.isfinite(end).all():
             cv2.line(picture, whole(start), whole(end), colour, 1, cv2.LINE_AA)
@@ -128,7 +132,7 @@ def draw_dots(
     hollow: bool = False,
     rim: bool = True,
 ) -> None:
-    """Dots at pixels (n, 2), NaN left out, with a black rim; names beside them where given."""
+    """Draw dots at pixels (n, 2), NaN left out, with a black rim, and names beside them if given."""
     for number, place in enumerate(places):
         if np.isfinite(place).all():
             if rim:
@@ -139,7 +143,7 @@ def draw_dots(
 
 
 def as_png(picture: np.ndarray) -> bytes:
-    """The picture as a PNG; the same picture gives the same bytes."""
-    # 9 saves 3 % more in eight times the time
+    """Return the picture as a PNG; the same picture gives the same bytes."""
+    # level 9 saves 3 % more in eight times the time
     _, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 6])
     return bytes(encoded)

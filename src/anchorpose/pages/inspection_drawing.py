@@ -1,4 +1,4 @@
-"""One camera's picture of every stage of an inspected frame, in the order of the stages."""
+"""Draw one camera's picture of every stage of an inspected frame, in the order of the stages."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from anchorpose.tracker.observation import Observation
 
 ISO_M: Final = 0.1  # between two lines of equal distance
 MAGNIFIED: Final = 3.0  # a hand moves 3 cm in a frame: nine pixels, too few for an arrow
-LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # towards the light, camera frame: from above on the left
+LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # direction towards the light, camera frame: from above on the left
 SEEN_ONCE: Final = (235.0, 235.0, 235.0)
 SEEN_TWICE: Final = (255.0, 200.0, 130.0)
 
@@ -55,23 +55,23 @@ SurfaceDrawing = Callable[[InspectedCamera, Observation, np.ndarray], np.ndarray
 
 
 def draw_reading(one: InspectedCamera) -> np.ndarray:
-    """The depth as it was recorded."""
+    """Draw the depth as recorded."""
     return draw_depth(one.depth_m, one.camera)
 
 
 def draw_background(one: InspectedCamera) -> np.ndarray:
-    """The empty room as isolation knows it."""
+    """Draw the empty room as isolation knows it."""
     return draw_depth(one.scene.background.depth_m, one.camera)
 
 
 def draw_foreground(one: InspectedCamera) -> np.ndarray:
-    """The foreground: pixels in front of the empty room."""
+    """Draw the foreground: pixels in front of the empty room."""
     mask = foreground(one.depth_m, one.scene.background, one.time_s)
     return draw_layers(one.depth_m, one.camera, [Layer(mask, Ink.SKY)])
 
 
 def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
-    """Where the equipment is expected, which pixels were removed, which are hidden by it; None without equipment."""
+    """Draw where the equipment is expected, and which pixels it removed or hides; None without equipment."""
     expected = one.scene.equipment
     if expected is None:
         return None
@@ -84,7 +84,7 @@ def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
 
 
 def draw_people(one: InspectedCamera) -> np.ndarray:
-    """The person label of each pixel; without a patient, the pieces that isolation found."""
+    """Draw the person label of each pixel; without a patient, the pieces that isolation found."""
     labels = _labels(one)
     people = [int(label) for label in np.unique(labels) if label >= PixelLabel.PATIENT]
     masks = [labels == label for label in people]
@@ -96,7 +96,7 @@ def draw_people(one: InspectedCamera) -> np.ndarray:
 
 
 def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray | None]:
-    """A drawing of the surface's nodes that one camera saw (``own``: which these are); None where it saw none."""
+    """Wrap a drawing of the surface's nodes that one camera saw (``own``: which these are); None where it saw none."""
 
     @wraps(draw)
     def drawn(one: InspectedCamera) -> np.ndarray | None:
@@ -111,7 +111,7 @@ def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray 
 
 @_of_surface
 def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """The shaded surface, its links across gaps and cameras, and its rim where another object hides it."""
+    """Draw the shaded surface, its links across gaps and cameras, and its rim where another object hides it."""
     picture, to_pixel = _canvas(one)
     surface, pairs = seen.surface, links(seen.surface)[0]
     draw_dots(picture, to_pixel(seen.whole.points_m[len(surface) :]), Ink.GREEN, 1, rim=False)
@@ -133,7 +133,7 @@ def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.nd
 
 @_of_surface
 def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """Distance along the skin from the centre, a line every ``ISO_M``."""
+    """Draw the distance along the skin from the centre, with a line every ``ISO_M``."""
     picture, to_pixel = _canvas(one)
     field, centre = _field(seen)
     reached = field[np.isfinite(field)]
@@ -146,7 +146,7 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
 
 @_of_surface
 def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """The extrema, those identified as head, hands and feet, and which of the five anchors are missed."""
+    """Draw the extrema, the ones identified as head, hands and feet, and the missed anchors."""
     picture, to_pixel = _canvas(one)
     extrema = geodesic_extrema(
         seen.whole, center_field(seen.whole).distance_m, one.config.anchors.radius * one.inspection.height_m
@@ -165,7 +165,7 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
 
 @_of_surface
 def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Under how many subsets of the anchors each node has a match in the next frame; None without a next frame."""
+    """Draw under how many subsets of the anchors each node has a match in the next frame; None without a next frame."""
     if (following := one.inspection.next) is None:
         return None
     picture, _ = _canvas(one)
@@ -178,7 +178,7 @@ def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) ->
 
 @_of_surface
 def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Where the skin moves according to the best branches; None without a next frame."""
+    """Draw where the skin moves according to the best branches; None without a next frame."""
     if (following := one.inspection.next) is None:
         return None
     picture, to_pixel = _canvas(one)
@@ -192,7 +192,7 @@ def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.nd
 
 
 def draw_registration(one: InspectedCamera) -> np.ndarray | None:
-    """The posed body and the joints; None where the patient was not found."""
+    """Draw the posed body and the joints; None where the patient was not found."""
     estimate = one.inspection.estimate
     if estimate is None or estimate.belief is None or estimate.shape is None:
         return None
@@ -214,19 +214,19 @@ def draw_registration(one: InspectedCamera) -> np.ndarray | None:
 
 
 def _canvas(one: InspectedCamera) -> tuple[np.ndarray, Projection]:
-    """The dimmed depth image to draw on, and the projection of world points onto it."""
+    """Return the dimmed depth image to draw on, and the projection of world points onto it."""
     picture = enlarge(shade(one.depth_m) // 2, scale_of(one.camera))
     return picture, projector(one.camera, scale_of(one.camera))
 
 
 def _field(seen: Observation) -> tuple[np.ndarray, int]:
-    """(n,) geodesic distance from the centre, and the centre, as ``find_anchors`` computes them."""
+    """Return (n,) geodesic distance from the centre, and the centre, as ``find_anchors`` computes them."""
     whole = center_field(seen.whole)
     return whole.distance_m[: len(seen.surface)], whole.center
 
 
 def person_name(label: int) -> str:
-    """The name on pictures of the person with this pixel label."""
+    """Return the name on pictures of the person with this pixel label."""
     return "patient" if label == PixelLabel.PATIENT else f"person {label - PixelLabel.OTHER_PERSON + 2}"
 
 

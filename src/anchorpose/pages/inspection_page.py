@@ -1,4 +1,4 @@
-"""The page of one inspected frame: every stage's pictures, one sentence on it and what its colours mean."""
+"""Write the page of one inspected frame: every stage's pictures, a sentence on it and the meaning of its colours."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from anchorpose.tracker.inspection import InspectedCamera, Inspection, inspect_f
 
 PAGE_FILE: Final = "index.html"
 FACTS_FILE: Final = "inspect.json"
-"""The same in numbers."""
+"""File with the same content in numbers."""
 
 INSPECTION: Final = FolderKind("an inspection", (FACTS_FILE, PAGE_FILE), (FACTS_FILE, PAGE_FILE, "*/*.png"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A stage as it is shown: pictures by camera; caption, filled in; missing: why there is no picture, or empty."""
+    """A stage as shown: pictures by camera; caption, filled in; missing: why there is no picture, or empty."""
 
     stage: Stage
     caption: str
@@ -44,19 +44,19 @@ class Section:
 
     @property
     def legend(self) -> list[tuple[str, str]]:
-        """(colour as web pages write it, meaning)."""
+        """Return (colour as web pages write it, meaning) of each colour."""
         return [(as_hex(colour), meaning) for colour, meaning in self.stage.legend]
 
     @property
     def embedded(self) -> dict[str, str]:
-        """The pictures for data addresses."""
+        """Return the pictures as data addresses."""
         return {camera: base64.b64encode(png).decode("ascii") for camera, png in self.pictures.items()}
 
 
 def write_inspection(
     folder: Path, title: str, sections: Sequence[Section], account: Sequence[str], facts: dict[str, Any]
 ) -> Path:
-    """Writes each camera's pictures, inspect.json and index.html into an existing folder; returns the page's path.
+    """Write each camera's pictures, inspect.json and index.html into an existing folder; returns the page's path.
 
     The pictures are ``<camera>/<number>_<stage>.png`` in the order of the stages; the page embeds them all.
     """
@@ -72,10 +72,10 @@ def write_inspection(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
-    """How a stage is shown: ``draw`` makes one camera's picture, None where there is nothing to draw.
+    """The description of a stage: ``draw`` makes one camera's picture, None where there is nothing to draw.
 
-    caption: with ``{next_frame}`` and ``{rooms}`` to fill in. legend: (colour, meaning). missing: why there may be no
-    picture of any camera.
+    caption: with ``{next_frame}`` and ``{rooms}`` to fill in. legend: (colour, meaning). missing: the reason if no
+    camera has a picture.
     """
 
     key: str
@@ -200,7 +200,7 @@ STAGES: Final = (
 
 
 def inspection_sections(inspection: Inspection, config: TrackConfig) -> tuple[Section, ...]:
-    """The stages in their order, with a picture for each camera that has one of this frame."""
+    """Return the stages in order, with a picture for each camera that has a depth image of this frame."""
     cameras = [
         InspectedCamera(inspection, number, depth, config)
         for number, depth in enumerate(inspection.frame_set.depths_m)
@@ -219,7 +219,7 @@ def inspection_sections(inspection: Inspection, config: TrackConfig) -> tuple[Se
 
 
 def inspection_facts(inspection: Inspection) -> dict[str, Any]:
-    """The same in numbers, for inspect.json: pixels of each kind, nodes, anchors, matches, joints."""
+    """Return the inspection in numbers, for inspect.json: pixels of each kind, nodes, anchors, matches, joints."""
     facts: dict[str, Any] = {
         "recording": inspection.room.recording.folder.resolve().name,
         "frame": inspection.frame_set.frame,

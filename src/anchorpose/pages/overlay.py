@@ -1,4 +1,4 @@
-"""A depth picture with what tracking made of it: mesh, anchors, body outline and joints; and those of the report.
+"""Draw tracking results over a depth image (mesh, anchors, body outline, joints), and choose the report's pictures.
 
 The report shows some frames spread over the recording, the most and the least certain ones, and transitions.
 """
@@ -50,13 +50,13 @@ from anchorpose.tracker.room import Room
 _LABEL_TINT: Final = {
     PixelLabel.EQUIPMENT: Ink.EQUIPMENT,
     PixelLabel.PATIENT: Ink.PATIENT,
-    PixelLabel.OTHER_PERSON: Ink.PURPLE,  # and all labels above
+    PixelLabel.OTHER_PERSON: Ink.PURPLE,  # and all higher labels
 }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OverlayScene:
-    """One camera's picture and what is to be drawn over it; all points in the camera's world frame.
+    """One camera's image and the things to draw over it; all points in the camera's world frame.
 
     depth_m (height, width), 0 = no reading; labels (height, width) of ``PixelLabel``; mesh_m (n, 3) and mesh_edges
     (m, 2); anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN where lost, sigma_m (21,) of them; body_m (v, 3).
@@ -76,7 +76,7 @@ class OverlayScene:
 
 
 def draw_scene(scene: OverlayScene) -> np.ndarray:
-    """The scene as a picture: filled joints are observed, hollow ones inferred, crossed ones of unknown cause."""
+    """Draw the scene: filled joints are observed, hollow ones inferred, crossed ones of unknown cause."""
     scale = scale_of(scene.camera)
     picture = enlarge(shade(scene.depth_m, None if scene.labels is None else _tint(scene.labels)), scale)
     to_pixel = projector(scene.camera, scale)
@@ -95,7 +95,7 @@ def draw_scene(scene: OverlayScene) -> np.ndarray:
 
 
 def _tint(labels: np.ndarray) -> np.ndarray:
-    """(height, width, 3): people and equipment in their colours, everything else white."""
+    """Return the tint (height, width, 3): people and equipment in their colours, everything else white."""
     tint = np.full((*labels.shape, 3), 255.0)
     for label, colour in _LABEL_TINT.items():
         chosen = labels >= label if label is PixelLabel.OTHER_PERSON else labels == label
@@ -111,7 +111,7 @@ def _draw_mesh(picture: np.ndarray, pixels: np.ndarray, edges: np.ndarray) -> No
 
 
 def _draw_outline(picture: np.ndarray, pixels: np.ndarray, faces: np.ndarray) -> None:
-    """The silhouette of a posed body."""
+    """Draw the silhouette of a posed body."""
     corners = pixels[faces]
     corners = np.rint(corners[np.isfinite(corners).all(axis=(1, 2))]).astype(np.int32)
     mask = np.zeros(picture.shape[:2], np.uint8)
@@ -132,7 +132,7 @@ def _draw_joints(picture: np.ndarray, pixels: np.ndarray, states: tuple[JointSta
 
 
 def _draw_sigma(picture: np.ndarray, scene: OverlayScene, pixels: np.ndarray, sigma_m: np.ndarray) -> None:
-    """A circle of two sigmas around each joint: the joint lies inside it about six times in seven."""
+    """Draw a circle of two sigmas around each joint: the joint lies inside it about six times in seven."""
     away_m = np.linalg.norm(scene.joints_m - scene.camera.position_m, axis=1)
     radius = 2.0 * sigma_m * scene.camera.intrinsics.fx * scale_of(scene.camera) / away_m
     for place, size in zip(pixels, radius, strict=True):
@@ -152,18 +152,18 @@ def _draw_joint(picture: np.ndarray, place: tuple[int, int], state: JointState) 
 
 @dataclass(frozen=True, slots=True)
 class FramePicture:
-    """One camera's frame, drawn over (see ``draw_scene``)."""
+    """One camera's frame with its drawing (see ``draw_scene``)."""
 
     frame: int
     time_s: float
     camera: str
     png_bytes: bytes
     caption: str
-    why: str = ""  # the frame was chosen, for people; empty for frames spread over the recording
+    why: str = ""  # why the frame was chosen, for people; empty for frames spread over the recording
 
 
 def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[PictureRecord, ...]:
-    """Writes the pictures to ``folder``/pictures and returns their entries for run.json."""
+    """Write the pictures to ``folder``/pictures and return their entries for run.json."""
     records = []
     for picture in pictures:
         file = f"pictures/{picture.frame:06d}_{picture.camera}.png"
@@ -181,17 +181,19 @@ _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 
 @dataclass(frozen=True, slots=True)
 class ChosenFrame:
-    """row: of the joints' table; why: what it shows, for people; empty for frames spread over the recording."""
+    """A chosen frame. row: of the joints' table; why: the reason, for people; empty for frames spread over the
+    recording.
+    """
 
     row: int
     why: str
 
 
 def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np.ndarray) -> list[ChosenFrame]:
-    """In the order of time, each frame once.
+    """Choose frames, in the order of time, each once.
 
-    segmented (n,) bool: frames with person labels; the most and the least certain frame are chosen among those of
-    them in which the patient is found.
+    segmented (n,) bool: frames with person labels; the most and the least certain frame are chosen among these, if the
+    patient is found in them.
     """
     why = dict.fromkeys(np.unique(np.linspace(0, len(joints.frame) - 1, SPREAD).astype(int)).tolist(), "")
     transitions = [episode for episode in episodes if episode.kind in _WORDS][:TRANSITIONS]
@@ -206,13 +208,14 @@ def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np
 
 
 def _uncertainty(joints: JointTable, row: int) -> tuple[int, int, float]:
-    """Joints lost, then joints not seen, then sigma."""
+    """Return the number of lost joints, then of unseen joints, then sigma."""
     state_code, sigma = joints.state_code[row], joints.sigma_m[row]
     return int((state_code == LOST).sum()), int((state_code > 0).sum()), float(np.nanmedian(sigma))
 
 
 def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: SurfaceConfig) -> Iterator[FramePicture]:
-    """A picture from each camera of each frame of ``choose_frames``; none without a body or without person labels.
+    """Yield a picture from each camera of each frame of ``choose_frames``; none without a body or without person
+    labels.
 
     results: a folder with all tables; sheet: how a camera's mesh is made.
     """
@@ -252,7 +255,7 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
 
 
 def _posed_skin(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | None:
-    """(v, 3) the skin of the learnt body in the pose of this row, None where the patient is lost."""
+    """Return the skin (v, 3) of the learnt body in the pose of this row, None where the patient is lost."""
     if not np.isfinite(poses.head_m[row]).all():
         return None
     asset = body_points().asset

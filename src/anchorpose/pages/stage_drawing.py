@@ -1,4 +1,4 @@
-"""What is drawn over one camera's depth image: masks, names, values and arrows of nodes, the equipment's parts."""
+"""Draw over one camera's depth image: masks, names, values and arrows of nodes, the equipment's parts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from anchorpose.pages.canvas import Colour, Ink, draw_contour, enlarge, projecto
 from anchorpose.recording.equipment import EquipmentModel, EquipmentPart
 
 COLOUR_STRENGTH: Final = 0.7
-"""How much of a tinted pixel is the colour; the rest is grey, so that shape stays visible."""
+"""Share of the colour in a tinted pixel; the rest is grey, so that shape stays visible."""
 
 HATCH_PX: Final = 14  # from stripe to stripe
 ARROW_TIP: Final = 0.35
@@ -23,7 +23,7 @@ ARROW_TIP: Final = 0.35
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """Pixels (height, width) bool of one meaning, and their colour; hatched ones let others show through."""
+    """Pixels (height, width) bool with one meaning, and their colour; hatched layers let others show through."""
 
     mask: np.ndarray
     colour: Colour
@@ -31,7 +31,7 @@ class Layer:
 
 
 def draw_depth(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Distance as colour, yellow near and blue far, with a colour bar below."""
+    """Draw the distance as colour, yellow near and blue far, with a colour bar below."""
     seen = depth_m > 0
     near, far = np.percentile(depth_m[seen], [1, 99]) if seen.any() else (0.0, 1.0)
     far = max(float(far), float(near) + 1e-3)
@@ -43,7 +43,7 @@ def draw_depth(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def draw_layers(depth_m: np.ndarray, camera: Camera, layers: Sequence[Layer]) -> np.ndarray:
-    """The grey depth picture with masks laid over it, later ones on top; pixels without reading are coloured too."""
+    """Draw masks over the grey depth image, later ones on top; pixels without reading are coloured too."""
     scale = scale_of(camera)
     picture = enlarge(shade(depth_m), scale)
     for layer in layers:
@@ -59,7 +59,7 @@ def draw_layers(depth_m: np.ndarray, camera: Camera, layers: Sequence[Layer]) ->
 
 
 def name_masks(picture: np.ndarray, camera: Camera, masks: Sequence[np.ndarray], names: Sequence[str]) -> None:
-    """Each mask's name at its middle."""
+    """Write each mask's name at its middle."""
     for mask, name in zip(masks, names, strict=True):
         place = np.argwhere(mask)
         if len(place):
@@ -70,7 +70,9 @@ def name_masks(picture: np.ndarray, camera: Camera, masks: Sequence[np.ndarray],
 def draw_values(
     picture: np.ndarray, camera: Camera, pixel: np.ndarray, values: np.ndarray, highest: float, iso: float | None
 ) -> None:
-    """Nodes coloured by value, dark 0 to light ``highest``, grey where not finite; lines at multiples of ``iso``."""
+    """Draw nodes coloured by value, dark 0 to light ``highest``, grey where not finite; lines at multiples of
+    ``iso``.
+    """
     finite = np.isfinite(values)
     level = np.where(finite, np.clip(values / max(highest, 1e-9), 0.0, 1.0), 0.0)
     colour = cv2.applyColorMap((255 * level).astype(np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0]
@@ -81,7 +83,7 @@ def draw_values(
 
 
 def draw_arrows(picture: np.ndarray, starts: np.ndarray, ends: np.ndarray, colour: Colour) -> None:
-    """Arrows between pixels (m, 2); a dot where an arrow has no length."""
+    """Draw arrows between pixels (m, 2); a dot where an arrow has no length."""
     for start, end in zip(starts, ends, strict=True):
         if np.isfinite(start).all() and np.isfinite(end).all():
             cv2.circle(picture, whole(start), 2, colour, -1, cv2.LINE_AA)
@@ -89,13 +91,13 @@ def draw_arrows(picture: np.ndarray, starts: np.ndarray, ends: np.ndarray, colou
 
 
 def draw_crosses(picture: np.ndarray, places: np.ndarray, colour: Colour) -> None:
-    """Small crosses at pixels (n, 2), NaN left out."""
+    """Draw small crosses at pixels (n, 2), NaN left out."""
     for place in places[np.isfinite(places).all(axis=1)]:
         cv2.drawMarker(picture, whole(place), colour, cv2.MARKER_TILTED_CROSS, 6, 1, cv2.LINE_AA)
 
 
 def draw_bar(picture: np.ndarray, low: str, high: str, reverse: bool = False) -> np.ndarray:
-    """The picture with its colour scale below: ``low`` dark to ``high`` light or, reversed, light to dark."""
+    """Return the picture with its colour scale below: ``low`` dark to ``high`` light or, reversed, light to dark."""
     ramp = np.linspace(255, 0, 240) if reverse else np.linspace(0, 255, 240)
     colours = cv2.COLORMAP_CIVIDIS if reverse else cv2.COLORMAP_VIRIDIS
     strip = np.zeros((34, picture.shape[1], 3), np.uint8)
@@ -109,14 +111,14 @@ def draw_bar(picture: np.ndarray, low: str, high: str, reverse: bool = False) ->
 
 
 def fill_blocks(picture: np.ndarray, camera: Camera, pixel: np.ndarray, colour: np.ndarray) -> None:
-    """Nodes as blocks of the mesh's step: pixel (n, 2) row and column, colour (n, 3) uint8."""
+    """Draw nodes as blocks of the mesh's step: pixel (n, 2) row and column, colour (n, 3) uint8."""
     large = _blocks(picture, camera, pixel, np.insert(colour, 3, 1, axis=1), np.zeros(4, np.uint8))
     filled = large[..., 3] > 0
     picture[filled] = large[filled][:, :3]
 
 
 def _draw_iso_lines(picture: np.ndarray, camera: Camera, pixel: np.ndarray, band: np.ndarray) -> None:
-    """Black where neighbouring blocks lie in different bands."""
+    """Draw black lines where neighbouring blocks lie in different bands."""
     large = _blocks(picture, camera, pixel, band, np.array(np.nan))
     for axis in (0, 1):
         jump = np.diff(large, axis=axis)
@@ -128,7 +130,7 @@ def _draw_iso_lines(picture: np.ndarray, camera: Camera, pixel: np.ndarray, band
 def _blocks(
     picture: np.ndarray, camera: Camera, pixel: np.ndarray, values: np.ndarray, empty: np.ndarray
 ) -> np.ndarray:
-    """(height, width, ...) the picture with the value of each node in its block, ``empty`` where there is none.
+    """Return (height, width, ...) the image with each node's value in its block, ``empty`` elsewhere.
 
     The spacing of the nodes is the greatest number of which all rows and columns are multiples.
     """
@@ -143,9 +145,9 @@ PART_COLOURS: Final = (Ink.ORANGE, Ink.SKY, Ink.YELLOW, Ink.PURPLE, Ink.GREEN, I
 
 
 def draw_model(camera: Camera, depth_m: np.ndarray, model: EquipmentModel | None, axes: bool = False) -> np.ndarray:
-    """Each part's outline and name over the depth picture (height, width); other parts may hide a part's outline.
+    """Draw each part's outline and name over the depth image (height, width); other parts may hide a part's outline.
 
-    axes: the world's too, 0.3 m each from its origin.
+    axes: whether to draw the world's axes, 0.3 m each from its origin.
     """
     picture = enlarge(shade(depth_m), scale_of(camera))
     to_pixel = projector(camera, scale_of(camera))
@@ -162,7 +164,7 @@ def draw_model(camera: Camera, depth_m: np.ndarray, model: EquipmentModel | None
 def _draw_part_outlines(
     picture: np.ndarray, camera: Camera, depth_m: np.ndarray, model: EquipmentModel
 ) -> list[EquipmentPart]:
-    """The outline of each part that the camera sees; returns these parts."""
+    """Draw the outline of each part that the camera sees; return these parts."""
     rendering = EquipmentCaster(model).render(camera, invert_rigid(camera.require_pose()))
     if rendering is None:
         return []

@@ -1,1 +1,1 @@
-"""Reading a recording folder: checked, cameras paired by time, one frame set at a time."""
+"""Read a recording folder: check it, pair cameras by time, and read one frame set at a time."""

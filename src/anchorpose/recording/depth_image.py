@@ -1,8 +1,8 @@
-"""Depth images: 16-bit grey PNG files, checked to their last byte before they are used, and then by their content.
+"""Read depth images: 16-bit grey PNG files, checked to their last byte before use, and then by their content.
 
-A sensor that is blinded, covered or broken still delivers whole files. What they hold does not look like any scene: no
-readings, one value everywhere, or neighbours that have nothing in common. Such an image is left out like one that was
-never delivered. Nothing here is a prediction: the laws hold for every room and every pose.
+A sensor that is blinded, covered or broken still delivers whole files, whose content is like no scene: no readings, one
+value everywhere, or unrelated neighbours. Such an image is left out as if it were missing. No prediction is used: the
+rules hold for every room and every pose.
 
 ``RecordedFrames`` gives the images of several cameras one by one, each on its own clock, before frames are paired.
 """
@@ -23,33 +23,33 @@ from anchorpose.recording.regular_file import Stamp, Unreadable, read_bounded
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES: Final = 33  # signature and the IHDR chunk
-_GREY: Final = 0  # PNG's colour type
-_DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # all that a grey image is made of
-_OTHER_BYTES: Final = 1 << 20  # for chunks of notes, and for compression that compresses nothing
+_GREY: Final = 0  # PNG's code of the colour type
+_DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # the only chunks that a grey image needs
+_OTHER_BYTES: Final = 1 << 20  # for chunks of notes, and for compression without effect
 
 FARTHEST_M: Final = 20.0
-"""No depth camera for indoor use measures farther: such a value is an error code, or light from outside."""
+"""No indoor depth camera measures farther: such a value is an error code, or light from outside."""
 
-SATURATED: Final = np.iinfo(np.uint16).max  # the largest value that the file can hold is a code, not a distance
-ROWS: Final = 128  # that are looked at, evenly spaced: surfaces are many rows high
-LEAST_READ: Final = 0.001  # of the pixels; a person alone, who is far away, fills 0.03 of them
-ENOUGH: Final = 4000  # readings: in fewer, chance may look like anything, and a drawing like a clipped image
+SATURATED: Final = np.iinfo(np.uint16).max  # the largest value of the file is a code, not a distance
+ROWS: Final = 128  # rows that are examined, evenly spaced: surfaces are many rows high
+LEAST_READ: Final = 0.001  # of the pixels; a distant person alone fills 0.03 of them
+ENOUGH: Final = 4000  # readings; in fewer, chance may look like anything, and a drawing like a clipped image
 MOST_ALIKE: Final = 0.98  # of the readings with one value; a whole body on a coarse scale has 0.3
-LEAST_BESIDE: Final = 0.5  # of the readings with one beside them in the row; 0.93 and more in real images
-JUMP: Final = 0.1  # of the distance: more than any surface that is not seen edge-on changes from pixel to pixel
-MOST_JUMPS: Final = 0.25  # of neighbouring readings; 0.03 at most in real images of cluttered rooms
+LEAST_BESIDE: Final = 0.5  # of the readings with a neighbour in the row; real images have 0.93 and more
+JUMP: Final = 0.1  # of the distance: more than any surface not seen edge-on changes between pixels
+MOST_JUMPS: Final = 0.25  # of neighbouring readings; at most 0.03 in real images of cluttered rooms
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthImage:
-    """A depth image, or what is wrong with it."""
+    """A depth image, or the problem that makes it unusable."""
 
-    depth_m: np.ndarray | None  # (height, width) float32 metres, 0 = no reading; None where it cannot be used
-    problem: str  # empty where it can be used
+    depth_m: np.ndarray | None  # (height, width) float32 metres, 0 = no reading; None where unusable
+    problem: str  # empty where usable
 
 
 def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: Stamp | None = None) -> DepthImage:
-    """Return the depth image of a file, as ``image_of_grey``; a damaged one is a result with its ``problem``.
+    """Read the depth image of a file, as ``image_of_grey``; a damaged one is a result with its ``problem``.
 
     listed: the file's stamp when the recording was opened. Raises InputError where it was replaced since.
     """
@@ -62,7 +62,7 @@ def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: S
 
 
 def read_stream_image(recording: Recording, camera: int, position: int) -> DepthImage:
-    """Return a camera's depth image at a position in its stream, judged by its content.
+    """Read a camera's depth image at a position in its stream, and check its content.
 
     Raises InputError where the file was replaced since the recording was opened.
     """
@@ -72,10 +72,10 @@ def read_stream_image(recording: Recording, camera: int, position: int) -> Depth
 
 
 def image_of_grey(grey: np.ndarray, camera: Camera, judged: bool = True) -> DepthImage:
-    """Return the depth image of grey values (height, width) uint16, without readings beyond the lens's valid radius
-    and those that are not a measurement (``measured_m``).
+    """Convert grey values (height, width) uint16 to a depth image, without readings beyond the lens's valid radius and
+    without values that are no measurement (``measured_m``).
 
-    judged: an image whose content is not a measurement (``content_problem``) is only a ``problem``.
+    judged: whether an image whose content is not a measurement (``content_problem``) becomes a ``problem``.
     """
     depth_m = measured_m(grey, camera.depth_scale)
     depth_m[~camera.valid_pixels()] = 0.0
@@ -84,12 +84,12 @@ def image_of_grey(grey: np.ndarray, camera: Camera, judged: bool = True) -> Dept
 
 
 def largest_png(width: int, height: int) -> int:
-    """Return bytes that the file of a 16-bit grey image may have, also of one that cannot be compressed."""
+    """Return the largest possible size in bytes of a 16-bit grey file, also of an incompressible image."""
     return 4 * width * height + _OTHER_BYTES
 
 
 def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | None, str]:
-    """Return the grey values (height, width) uint16 of a PNG file; or None and what is wrong with it.
+    """Return the grey values (height, width) uint16 of a PNG file; or None and its problem.
 
     Only the chunks of the image itself reach the decoder, which would mix the frames of an animation into it.
     """
@@ -108,13 +108,13 @@ def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | 
 
 
 def grey_png_size(head: bytes) -> tuple[int, int] | None:
-    """Return width and height of a PNG file by its first 33 bytes; None where it is not one of 16-bit grey."""
+    """Return width and height of a PNG file by its first 33 bytes; None unless it is 16-bit grey."""
     header = _png_header(head)
     return header[:2] if header is not None and header[2:] == (16, _GREY) else None
 
 
 def _png_header(head: bytes) -> tuple[int, int, int, int] | None:
-    """Return width, height, bits and colour type by a file's first 33 bytes; None where it is not a PNG file."""
+    """Return width, height, bits and colour type by a file's first 33 bytes; None where it is no PNG file."""
     if len(head) < _HEADER_BYTES or not head.startswith(_SIGNATURE) or head[12:16] != b"IHDR":
         return None
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
@@ -122,7 +122,7 @@ def _png_header(head: bytes) -> tuple[int, int, int, int] | None:
 
 
 def _header_problem(head: bytes, wide: int, high: int) -> str:
-    """Return what is wrong with the first 33 bytes; empty where they fit a camera's width and height."""
+    """Return the problem of the first 33 bytes; empty where they fit a camera's width and height."""
     header = _png_header(head)
     if header is None:
         return "is not a PNG file"
@@ -133,11 +133,10 @@ def _header_problem(head: bytes, wide: int, high: int) -> str:
 
 
 def image_chunks(data: bytes) -> tuple[bytes, str]:
-    """Return a PNG file with nothing but the chunks that its image needs, and what is wrong with it, empty where
-    nothing is.
+    """Return a PNG file reduced to the chunks that its image needs, and its problem, empty without one.
 
-    Every chunk is checked up to the end: decoders may return half an image for a truncated file. What may be left out
-    (PNG, Section 5.4: names that begin with a small letter) is left out; what may not be, and is unknown, is a problem.
+    Every chunk is checked up to the end: decoders may return half an image for a truncated file. Optional chunks (PNG,
+    Section 5.4: names that begin with a small letter) are left out; an unknown chunk that is not optional is a problem.
     """
     place, kept, others = len(_SIGNATURE), [data[: len(_SIGNATURE)]], False
     while place + 12 <= len(data):
@@ -160,9 +159,9 @@ def image_chunks(data: bytes) -> tuple[bytes, str]:
 
 
 def measured_m(grey: np.ndarray, depth_scale: float) -> np.ndarray:
-    """Return (height, width) float32 metres of grey values (height, width) uint16; 0 where there is no measurement.
+    """Convert grey values (height, width) uint16 to metres (height, width) float32; 0 where there is no measurement.
 
-    That is no reading, the largest value of the file, and all that is beyond ``FARTHEST_M``.
+    These are missing readings, the largest value of the file, and values beyond ``FARTHEST_M``.
     """
     depth_m = grey.astype(np.float32) * np.float32(depth_scale)
     depth_m[(grey == SATURATED) | (depth_m > FARTHEST_M)] = 0.0
@@ -171,7 +170,7 @@ def measured_m(grey: np.ndarray, depth_scale: float) -> np.ndarray:
 
 def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
     """Return why an image is not a measurement, as the end of a sentence that begins with its name; empty where it may
-    be one.
+    be a measurement.
 
     grey (height, width) uint16 as the file has it; depth_m (height, width) float32 metres of it, 0 = no reading.
     """
@@ -195,24 +194,26 @@ def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
 
 
 def _three_in_a_row(read: np.ndarray) -> bool:
-    """Return whether three neighbouring pixels have a reading anywhere: without them there is no surface."""
+    """Return whether three neighbouring pixels have a reading anywhere: otherwise there is no surface."""
     return bool((read[:, :-2] & read[:, 1:-1] & read[:, 2:]).any())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedFrames:
-    """The depth images of a recording folder; a duplicate shows another moment than its time states and is None."""
+    """The depth images of a recording folder; a duplicate shows another moment than its time states and becomes
+    None.
+    """
 
     recording: Recording
     cameras: tuple[Camera, ...]  # with the poses to use, which the recording may not have
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
-        """Return one per camera: (n,) float64, its own clock."""
+        """Return the times (n,) float64 per camera, on its own clock."""
         return tuple(stream.time_s for stream in self.recording.streams)
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
-        """Return (height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
+        """Read a depth image (height, width) float32 metres, 0 = no reading; None where unusable."""
         stream = self.recording.streams[camera]
         if stream.duplicate is not None and stream.duplicate[position]:
             return None

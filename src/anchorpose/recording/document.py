@@ -1,6 +1,6 @@
 """Read text files: JSON, as a declared document, and CSV; every refusal names the file, the place and the remedy.
 
-JSON text becomes values here alone: size, depth and numbers have limits, so no file can stall a run.
+JSON text is parsed only here: size, depth and numbers have limits, so no file can stall a run.
 """
 
 from __future__ import annotations
@@ -32,33 +32,34 @@ from anchorpose.recording.regular_file import LARGEST_TABLE, is_there, read_whol
 from anchorpose.settings import LARGEST, STRICT, Unfit, explain, shown
 
 LARGEST_BYTES: Final = 16 * 2**20
-"""A description of a recording has some thousand bytes; the values of a text need up to twenty times its size."""
+"""Limit of a JSON file in bytes. A description of a recording has some thousand; parsed values need up to twenty times
+its size.
+"""
 
 DEEPEST: Final = 64
-"""Objects and lists within each other; no format of ours or of a recorder has more than ten."""
+"""Limit of nested objects and lists; no format of ours or of a recorder has more than ten."""
 
 LARGEST_INTEGER: Final = 2**64
-"""Beyond every counter and time stamp of a recorder; arrays and floats cannot hold arbitrarily large integers."""
+"""Limit of integers, beyond every counter and time stamp; arrays and floats cannot hold arbitrarily large integers."""
 
 ROTATION_TOLERANCE: Final = 5e-4
-"""Largest entry of R^T R - I that rounding to four decimals explains; more is a scale, a shear or a mistake."""
+"""Largest entry of R^T R - I that rounding to four decimals explains; a larger one is a scale, a shear or a mistake."""
 
 LONGEST_NAME: Final = 200
-"""Bytes in a file's name: file systems allow 255 or fewer."""
+"""Limit of a file name in bytes: file systems allow 255 or fewer."""
 
 LARGEST_WITH_HASHES: Final = 128 * 2**20
 """Bytes of a document that has the hash of each depth image, about 100 bytes: 32 MB in an hour of three cameras."""
 
 FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
-"""First characters at which a spreadsheet takes a cell for a formula."""
+"""First characters that make a spreadsheet take a cell for a formula."""
 
 
 def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
-    """Return the values of a JSON text, every key of an object once; NaN and infinities are left to the caller to
-    refuse.
+    """Parse a JSON text in which every key of an object occurs once; the caller refuses NaN and infinities.
 
     Bytes are text in UTF-8, UTF-16 or UTF-32. Raises Unfit, a ValueError, in time that grows with the size of the text:
-    where it is no JSON, larger than ``largest_bytes`` or not plain (``require_plain``).
+    where it is not JSON, larger than ``largest_bytes`` or not plain (``require_plain``).
     """
     if len(text) > largest_bytes:
         raise Unfit(f"is larger than {largest_bytes / 2**20:g} MB", "give the right file: this one describes no more")
@@ -76,8 +77,9 @@ def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
 
 
 def require_plain(value: Any, levels: int = DEEPEST) -> None:
-    """Raise Unfit where values are nested too deeply, an integer is too large or a text cannot be a file's name or be
-    printed (it holds a null character or half a surrogate pair)."""
+    """Raise Unfit where values are nested too deeply, an integer is too large, or a text contains a null character or
+    half a surrogate pair, which cannot be printed or be in a file's name.
+    """
     if levels < 0:
         raise _too_deep()
     if isinstance(value, str):
@@ -103,7 +105,7 @@ def _unique_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _integer(digits: str) -> int:
-    if len(digits) > len(str(LARGEST_INTEGER)) + 1:  # and its sign
+    if len(digits) > len(str(LARGEST_INTEGER)) + 1:  # plus its sign
         raise _too_large()
     return int(digits)
 
@@ -117,13 +119,15 @@ def _too_large() -> Unfit:
 
 
 class Entry(BaseModel):
-    """An object of a JSON file; its fields say which keys it has and what they may hold."""
+    """An object of a JSON file; its fields declare the allowed keys and their content."""
 
     model_config = STRICT
 
 
 def numbers(*shape: int, meaning: str) -> PlainValidator:
-    """Nested lists of finite numbers as a float64 array of exactly ``shape``; ``meaning`` says what to write."""
+    """Validate nested lists of finite numbers as a float64 array of exactly ``shape``; ``meaning`` explains what to
+    write.
+    """
 
     def check(value: Any) -> np.ndarray:
         cells = np.array(value, dtype=object)
@@ -142,8 +146,9 @@ def is_rotation(matrix: np.ndarray) -> bool:
 
 
 def require_rigid(pose: np.ndarray, instead: str = "") -> np.ndarray:
-    """Return the pose (4, 4); raises Unfit unless it is a rigid motion: lengths in a scaled or mirrored world mean
-    nothing."""
+    """Return the pose (4, 4); raises Unfit unless it is a rigid motion: a scaled or mirrored world has no meaningful
+    lengths.
+    """
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9 or not is_rotation(pose[:3, :3]):
         remedy = f"write a rotation and a translation in metres with the last row 0 0 0 1{instead}"
         raise Unfit("is not a rigid motion", remedy)
@@ -158,8 +163,7 @@ def _require_inside(name: str) -> str:
 
 
 def require_file_name(name: str) -> str:
-    """Return the name; raises Unfit where no file can have it: it is too long, or has characters that names cannot
-    hold."""
+    """Return the name; raises Unfit where it is too long, or has characters that file names cannot have."""
     if not name.isprintable() or len(name.encode()) > LONGEST_NAME:
         raise Unfit(f"is {shown(name)}", "it names a file: use letters, digits, - and _, no more than 50 of them")
     return name
@@ -183,12 +187,14 @@ FileInFolder = Annotated[Text, AfterValidator(_require_inside)]
 
 
 def read_document(path: Path, kind: type[Document]) -> Document:
-    """Return a JSON file as the declared ``kind``; raises InputError naming the file, the key and the remedy."""
+    """Read a JSON file as the declared ``kind``; raises InputError naming the file, the key and the remedy."""
     return validate(path, kind, read_json(path))
 
 
 def validate(path: Path, kind: type[Document], values: Any) -> Document:
-    """Return ``values`` of the file ``path`` as ``kind``, nothing rounded or converted from text; raises InputError."""
+    """Check ``values`` of the file ``path`` as ``kind``, without rounding or conversion from text; raises
+    InputError.
+    """
     try:
         found: Document = _adapter(cast("Any", kind)).validate_json(json.dumps(values, default=str), strict=True)
     except ValidationError as error:
@@ -204,7 +210,7 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def read_text(path: Path, largest_bytes: int = LARGEST_BYTES) -> str:
-    """Return the text of a file in UTF-8; raises InputError."""
+    """Read the text of a file in UTF-8; raises InputError."""
     if not is_there(path):
         raise InputError(path, "there is no such file", "check the path")
     try:
@@ -214,7 +220,7 @@ def read_text(path: Path, largest_bytes: int = LARGEST_BYTES) -> str:
 
 
 def read_json(path: Path, largest_bytes: int = LARGEST_BYTES) -> dict[str, Any]:
-    """Return the object that a JSON file holds; raises InputError unless it is one that ``parse_json`` accepts."""
+    """Read a JSON file that contains an object; raises InputError unless ``parse_json`` accepts it."""
     try:
         values = parse_json(read_text(path, largest_bytes), largest_bytes)
     except Unfit as error:
@@ -225,9 +231,9 @@ def read_json(path: Path, largest_bytes: int = LARGEST_BYTES) -> dict[str, Any]:
 
 
 def read_rows(path: Path, delimiter: str = ",", largest_bytes: int = LARGEST_TABLE) -> list[tuple[int, list[str]]]:
-    """Return (number of the last line, cells without spaces around them) of each row that is not empty.
+    """Read the non-empty rows of a table: (number of the last line, cells without spaces around them) of each.
 
-    Raises InputError where the file cannot be read, or is not a table with that delimiter.
+    Raises InputError where the file cannot be read, or is not a table with this delimiter.
     """
     text = read_text(path, largest_bytes)
     if "\0" in text:
@@ -242,7 +248,7 @@ def read_rows(path: Path, delimiter: str = ",", largest_bytes: int = LARGEST_TAB
 
 
 def require_distinct(path: Path, columns: Sequence[str]) -> None:
-    """Raise InputError where two columns have one name."""
+    """Raise InputError where two columns have the same name."""
     repeated = next((name for name, count in Counter(columns).items() if count > 1 and name), None)
     if repeated is not None:
         raise InputError(path, f"has two columns '{repeated[:40]}'", "keep one of them")
@@ -266,7 +272,7 @@ def _is_number(text: str) -> bool:
 
 
 def load_config(path: Path, kind: type[Document]) -> Document:
-    """Return the class of settings ``kind`` with the file's values, and its own defaults for the rest.
+    """Read the class of settings ``kind`` from a file; values that the file lacks keep their defaults.
 
     Raises InputError for a file that is neither TOML nor JSON, an unknown name (with the nearest known one), a value of
     the wrong type, and an impossible value.
@@ -275,14 +281,14 @@ def load_config(path: Path, kind: type[Document]) -> Document:
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """Return the values of a configuration file; raises InputError where it is neither TOML nor JSON."""
+    """Read a configuration file; raises InputError where it is neither TOML nor JSON."""
     if path.suffix not in (".toml", ".json"):
         raise InputError(path, "is neither .toml nor .json", "give a configuration file of one of the two")
     return read_json(path) if path.suffix == ".json" else read_toml(path)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the values of a TOML file; raises InputError unless each of them could stand in a JSON file as well."""
+    """Read a TOML file; raises InputError unless each value could also be in a JSON file."""
     try:
         values = tomllib.loads(read_text(path))
         require_plain(values)

@@ -23,7 +23,9 @@ from anchorpose.recording.writable import whole_file
 from anchorpose.settings import Unfit
 
 CYLINDER_SIDES: Final = 32
-"""Of the prism that a cylinder is drawn as: within half a per cent of its radius, less than a depth camera resolves."""
+"""Number of sides of the prism that represents a cylinder: within half a per cent of its radius, less than a depth
+camera resolves.
+"""
 
 _BOX_CORNERS: Final = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _FACES: Final = "013 032 467 475 045 051 237 276 026 064 157 173"  # corners of each triangle
@@ -123,7 +125,8 @@ class EquipmentModel:
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
         """Return (n,) float64 distance of points (n, 3) in Gamma_0 to the nearest part's surface, exact.
 
-        Negative inside a box or a cylinder; a mesh is a sheet, its distance is never negative. NaN where a point is.
+        It is negative inside a box or a cylinder; a mesh is a sheet, whose distance is never negative. It is NaN where
+        a point is NaN.
         """
         points = np.asarray(points_m, dtype=np.float64)
         return np.min([part.distance_m(points) for part in self.parts], axis=0)
@@ -133,7 +136,7 @@ def mesh_distance_m(points_m: np.ndarray, vertices_m: np.ndarray, faces: np.ndar
     """Return (n,) float64 distance of each point (n, 3) to the nearest triangle; never negative: a mesh need not be
     closed.
 
-    vertices_m (v, 3), faces (f, 3) indices. NaN where a point is NaN.
+    vertices_m (v, 3), faces (f, 3) indices. It is NaN where a point is NaN.
     Source: closest point on a triangle, Ericson, Real-Time Collision Detection (2005), Section 5.1.5. A sphere around
     each triangle skips those that cannot be nearest.
     """
@@ -182,12 +185,12 @@ def _to_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> 
     return np.sqrt(np.sum((ap - v * ab - w * ac) ** 2))
 
 
-SMALLEST_M, LARGEST_M = 1e-4, 20.0  # a sheet of metal, and a room
-"""Equipment fits into a room; anything larger was written in millimetres."""
+SMALLEST_M, LARGEST_M = 1e-4, 20.0  # thickness of sheet metal, and size of a room
+"""Limits of lengths in metres. Equipment fits into a room; a larger value was written in millimetres."""
 
 MOST_PARTS: Final = 1000
 MOST_PLY_BYTES, MOST_ELEMENTS = 64 << 20, 500_000
-"""Of a mesh: a scan of a millimetre's detail has as much; tracking needs a hundredth of it."""
+"""Limits of a mesh: a scan with millimetre detail has as much; tracking needs a hundredth of it."""
 
 
 def _require_rotation(matrix: np.ndarray) -> np.ndarray:
@@ -217,7 +220,7 @@ class PartEntry(Entry):
 class BoxEntry(PartEntry):
     shape: Literal["box"]
     size: tuple[_Length, _Length, _Length]
-    rotation: _Rotation | None = None  # edges along the axes of Gamma_0
+    rotation: _Rotation | None = None  # None: edges along the axes of Gamma_0
 
 
 class CylinderEntry(PartEntry):
@@ -234,7 +237,7 @@ class MeshEntry(Entry):
 
 
 class EquipmentDocument(Entry):
-    """What equipment.json holds; the files of meshes are not read yet."""
+    """The content of equipment.json; the files of meshes are not read yet."""
 
     format: Literal["equipment-model"]
     version: Version
@@ -254,7 +257,7 @@ class EquipmentDocument(Entry):
 
 
 def read_equipment(path: Path) -> EquipmentModel:
-    """Return the model chi_0 in an equipment.json; raises InputError naming the file, the key and the remedy."""
+    """Read the model chi_0 from an equipment.json; raises InputError naming the file, the key and the remedy."""
     document = read_document(path, EquipmentDocument)
     return EquipmentModel(tuple(_part(path, f"parts[{i}]", entry) for i, entry in enumerate(document.parts)))
 
@@ -266,7 +269,7 @@ def equipment_files(path: Path) -> tuple[Path, ...]:
 
 
 def write_equipment(path: Path, equipment: EquipmentModel) -> None:
-    """Writes boxes and cylinders as an equipment.json; raises TypeError on a mesh, which is a file of its own."""
+    """Write boxes and cylinders as an equipment.json; raises TypeError on a mesh, which is a file of its own."""
     document = {"format": "equipment-model", "version": 1, "parts": [_part_entry(part) for part in equipment.parts]}
     with whole_file(path) as partial:
         partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
@@ -309,7 +312,7 @@ _Element = tuple[str, int, list[_Property]]  # name, count, properties
 
 
 def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (v, 3) float64 and faces (f, 3) int32 of a PLY file.
+    """Read vertices (v, 3) float64 and faces (f, 3) int32 of a PLY file.
 
     Raises InputError where the file cannot be read, is cut short, or a face names a vertex that is not there.
     """
@@ -366,7 +369,7 @@ def _parse(data: bytes) -> tuple[np.ndarray, list[list[int]]]:
 
 
 def _value_reader(body: bytes, order: str) -> Callable[[str, int], list[float]]:
-    """Return a function that takes the next values of a type: words of text where ``order`` is empty, else binary."""
+    """Return a function that reads the next values of a type: words of text where ``order`` is empty, else binary."""
     words, place = [] if order else body.split(), 0
 
     def take(kind: str, count: int) -> list[float]:

@@ -1,8 +1,8 @@
 """Read events.tsv, the trials of a recording and their conditions, with the units of its columns in events.json.
 
-The form is that of BIDS: onset and duration in seconds, trial_type, then columns of the user's own. Onset 0 is the
-first frame of the first camera that measured, whatever that camera's clock shows there, and whether or not that frame
-is tracked. A trial is one row, numbered from 1 in the order of the file.
+The form is that of BIDS: onset and duration in seconds, trial_type, then the user's own columns. Onset 0 is the first
+frame of the first camera that measured, whatever its clock shows, and whether or not that frame is tracked. A trial is
+one row, numbered from 1 in the order of the file.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ REQUIRED: Final = ("onset", "duration", "trial_type")
 MISSING: Final = "n/a"
 
 GIVEN: Final = "--events "
-"""How the name begins, among the hashes of a run's inputs, of an events file from outside of the recording."""
+"""Prefix of an external events file's name among the hashes of a run's inputs."""
 
 LARGEST_EVENTS: Final = 4 * 2**20
-"""Bytes of an events.tsv: a session has some hundred trials, of a hundred bytes each."""
+"""Limit of an events.tsv in bytes: a session has some hundred trials, of a hundred bytes each."""
 
 MOST_TRIALS: Final = 2000
 MOST_COLUMNS: Final = 100
 LONGEST_TEXT: Final = 200
-"""Characters of a name or of a cell."""
+"""Limit in characters of a name or of a cell."""
 
 ROUNDING_S: Final = 0.001
-"""Onsets and durations are often written to the millisecond: trials may overlap by so much."""
+"""Seconds by which trials may overlap: onsets and durations are often rounded to the millisecond."""
 
 BLOCK_COLUMN: Final = "block"
-"""The column whose texts name the blocks within which the order of the conditions was drawn."""
+"""The column that names the blocks within which the order of the conditions was drawn."""
 
 UNITS: Final = (
     *("s", "ms", "us", "min", "Hz", "kHz", "mA", "uA", "A", "V", "mV", "uC", "W"),
     *("deg", "mm", "cm", "m", "m/s", "kg", "N", "Nm", "%", "bpm", "mmHg", "degC", "count", "score", "1", "arbitrary"),
 )
-"""Units that a numeric column may have. A number without a dimension has 1, a scale of a device's own arbitrary."""
+"""Units that a numeric column may have. A dimensionless number has 1, a device's own scale has arbitrary."""
 
 _SPELLINGS: Final = {"µs": "us", "μs": "us", "µA": "uA", "μA": "uA", "µC": "uC", "μC": "uC", "°": "deg", "°C": "degC"}
 
@@ -57,12 +57,12 @@ RESERVED: Final = frozenset(
         *("value", "unit", "sigma", "frames", "inferred_share", "why"),
     )
 )
-"""Columns that the results have beside the user's own."""
+"""Names that the user's own columns may not have, since results have them."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrialColumn:
-    """A column of the user's own. unit: one of ``UNITS``; None for a column of texts."""
+    """One of the user's own columns. unit: one of ``UNITS``; None for a column of texts."""
 
     name: str
     unit: str | None
@@ -75,7 +75,7 @@ class Trial:
 
     number: from 1, in the order of the file. condition: its trial_type. onset_s: since the recording's first frame.
     start_s, end_s: on the clock of the first camera; a frame at start_s belongs to the trial, one at end_s does not.
-    cells: of each ``TrialColumn`` a number, a text, or None where there is none.
+    cells: for each ``TrialColumn`` a number, a text, or None where empty.
     """
 
     number: int
@@ -87,7 +87,7 @@ class Trial:
 
     @property
     def end_s(self) -> float:
-        """When the trial has ended."""
+        """Return when the trial ended."""
         return self.start_s + self.duration_s
 
 
@@ -100,45 +100,45 @@ class Trials:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Each condition once, in the order in which they first stand in the file; the first is the reference."""
+        """Return each condition once, in the order of first occurrence in the file; the first is the reference."""
         return tuple(dict.fromkeys(trial.condition for trial in self.rows))
 
     def column(self, name: str) -> tuple[float | str | None, ...]:
-        """The cells of a column; raises ValueError where there is none of that name."""
+        """Return the cells of a column; raises ValueError where there is no such column."""
         place = [column.name for column in self.columns].index(name)
         return tuple(trial.cells[place] for trial in self.rows)
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedSpan:
-    """When a recording began and ended, seconds on the clock of its first camera. The last frame lasts a usual step."""
+    """Start and end of a recording, seconds on the clock of its first camera. The last frame lasts a usual step."""
 
     first_s: float
     end_s: float
 
 
 def recorded_span(time_s: np.ndarray) -> RecordedSpan:
-    """The span of all frames (n,) of the first camera, tracked or not; a single frame has no duration."""
+    """Return the span of all frames (n,) of the first camera, tracked or not; a single frame has no duration."""
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     return RecordedSpan(float(time_s[0]), float(time_s[-1]) + step_s)
 
 
 def events_files(folder: Path) -> list[Path]:
-    """Those of events.tsv and events.json that a recording folder holds."""
+    """Return events.tsv and events.json, as far as a recording folder has them."""
     path = folder / EVENTS_FILE
     return [file for file in (path, sidecar_of(path)) if is_there(file)] if is_there(path) else []
 
 
 def sidecar_of(path: Path) -> Path:
-    """The file of units beside an events file: events.json beside events.tsv."""
+    """Return the file of units beside an events file: events.json for events.tsv."""
     return path.with_suffix(".json")
 
 
 def read_trials(path: Path, span: RecordedSpan) -> Trials:
-    """The trials of an events file; raises InputError naming the file, the line and the remedy.
+    """Read the trials of an events file; raises InputError naming the file, the line and the remedy.
 
-    Refused are missing and repeated columns, texts in place of numbers, trials without a duration, outside of the
-    recording or overlapping, and numbers without a unit in the file beside it.
+    It refuses missing and repeated columns, texts in place of numbers, trials without a duration, outside the recording
+    or overlapping, and numbers without a unit in the file beside it.
     """
     lines = read_rows(path, delimiter="\t", largest_bytes=LARGEST_EVENTS)
     head = lines[0][1] if lines else []
@@ -197,7 +197,7 @@ def _require_rows(path: Path, head: Sequence[str], rows: Sequence[tuple[int, lis
 
 
 def _trial(path: Path, line: int, cells: dict[str, str], span: RecordedSpan) -> Trial:
-    """The trial of a line, still without number and own columns."""
+    """Return the trial of a line, without number and own columns so far."""
     onset_s, duration_s = (_number(path, line, name, cells[name]) for name in ("onset", "duration"))
     if onset_s is None or duration_s is None or cells["trial_type"] in ("", MISSING):
         name = next(name for name in REQUIRED if cells[name] in ("", MISSING))
@@ -216,7 +216,7 @@ def _trial(path: Path, line: int, cells: dict[str, str], span: RecordedSpan) -> 
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float | None:
-    """A number; None where it is missing."""
+    """Parse a number; None where it is missing."""
     if text in ("", MISSING):
         return None
     try:
@@ -249,7 +249,7 @@ def _require_unit(unit: str) -> str:
 
 
 class ColumnEntry(Entry, extra="ignore"):
-    """What events.json says of a column; BIDS has more keys, which are not used."""
+    """The entry of a column in events.json; BIDS has more keys, which are not used."""
 
     units: Annotated[str, AfterValidator(_require_unit)] | None = Field(
         default=None, alias="Units", description="a unit such as mA"
@@ -259,7 +259,7 @@ class ColumnEntry(Entry, extra="ignore"):
 
 
 def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
-    """What the file of units says of each own column; nothing where it is absent."""
+    """Read the entries of the own columns from the file of units; empty where it is absent."""
     if not is_there(path):
         return {}
     document = read_json(path, LARGEST_EVENTS)
@@ -268,7 +268,9 @@ def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
 
 
 def _column(path: Path, name: str, texts: Sequence[str], entry: ColumnEntry | None) -> TrialColumn:
-    """A column of numbers where it has a unit, of texts where a cell is none; raises InputError for a lack of unit."""
+    """Return a column of numbers if it has a unit, of texts if any cell is a text; raises InputError where a unit is
+    missing.
+    """
     description = "" if entry is None else entry.description
     known = [text for text in texts if text not in ("", MISSING)]
     if name == BLOCK_COLUMN or (entry is not None and entry.units is None and entry.levels is not None):

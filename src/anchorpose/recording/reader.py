@@ -1,4 +1,4 @@
-"""Opening a recording folder, streaming its frames one decoded set at a time, and listing the files it consists of."""
+"""Open a recording folder, read its frames one decoded set at a time, and list its files."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ LOOKED_AT: Final = 40  # depth images of each camera, evenly spread: about as ma
 
 
 def open_recording(folder: Path) -> Recording:
-    """Return a checked recording; of the depth images, a few of each camera are decoded. Cameras that were dead
-    throughout are left out, with a note.
+    """Open and check a recording; only a few depth images per camera are decoded. Cameras that measured nothing are
+    left out, with a note.
 
-    Times come from timestamps.csv; where that is absent, from ``fps`` and the numbers of the depth images.
-    Raises InputError naming the file and the remedy. A damaged depth image among usable ones of the same camera is not
-    an error here: ``read_frames`` reports it.
+    Times come from timestamps.csv; where that is absent, from ``fps`` and the numbers of the depth images. Raises
+    InputError naming the file and the remedy. A damaged depth image is not an error here if the camera has usable ones:
+    ``read_frames`` reports it.
     """
     if not folder.exists():
         raise InputError(folder, "there is no such folder", "check the path of the recording")
@@ -59,7 +59,7 @@ def open_recording(folder: Path) -> Recording:
 
 
 def _without_dead_cameras(recording: Recording) -> Recording:
-    """Return the recording without the cameras that measured nothing from first to last, and with a note on each.
+    """Return the recording without the cameras that never measured anything, with a note on each.
 
     Such a camera was blinded, covered or broken: its files are whole and hold no measurement (``content_problem``).
     Raises InputError where no camera is left.
@@ -86,7 +86,7 @@ def _without_dead_cameras(recording: Recording) -> Recording:
 
 
 def _why_dead(recording: Recording, camera: int) -> str:
-    """Return why no depth image of a camera can be used; empty where one can."""
+    """Return why no depth image of a camera can be used; empty where some can."""
     count = len(recording.streams[camera].files)
     problem = ""
     for position in np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int)).tolist():
@@ -98,10 +98,10 @@ def _why_dead(recording: Recording, camera: int) -> str:
 
 
 def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -> Iterator[FrameSet]:
-    """Return the frame sets ``start`` to ``stop`` (positions in the first camera's stream), decoded one at a time.
+    """Yield the frame sets ``start`` to ``stop`` (positions in the first camera's stream), decoded one at a time.
 
-    Raises InputError at once where the cameras never overlap in time or the range is empty; a damaged depth image is
-    None with a sentence in the set's ``problems``.
+    Raises InputError at once where the cameras never overlap in time or the range is empty; a damaged depth image
+    becomes None, with a sentence in the set's ``problems``.
     """
     positions = frame_range(recording, start, stop)
     pairs = pair_frames(recording)
@@ -109,7 +109,7 @@ def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -
 
 
 def read_frame(recording: Recording, position: int) -> FrameSet:
-    """Return the frame set at one position in the first camera's stream; raises InputError as ``read_frames``."""
+    """Read the frame set at one position in the first camera's stream; raises InputError as ``read_frames``."""
     return next(read_frames(recording, position, position + 1))
 
 
@@ -146,7 +146,7 @@ def _read_set(recording: Recording, pair: np.ndarray, position: int) -> FrameSet
 
 
 def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStream:
-    """Return the depth images of a camera's folder; most_bytes: of the file of one."""
+    """List the depth images of a camera's folder; most_bytes: limit of one file."""
     files = _number_files(folder / "depth")
     numbers, repeated = np.array(sorted(files), dtype=np.int64), 0
     path = folder / "timestamps.csv"
@@ -208,7 +208,7 @@ def _check_same_frames(folder: Path, path: Path, files: dict[int, str], times: d
 
 
 def _require_usable(camera: Camera, stream: DepthStream) -> None:
-    """Raises InputError where no depth image can be used: then the camera is wrong, not a single image."""
+    """Raise InputError where no depth image can be used: then the camera's description is wrong, not a single image."""
     first_problem = ""
     for file in stream.files:
         problem = read_depth_image(file, camera).problem

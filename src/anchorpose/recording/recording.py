@@ -1,6 +1,6 @@
-"""The content of a recording folder, once read and checked: patient, cameras and their clocks.
+"""Hold the content of a recording folder after it was read and checked: patient, cameras and their clocks.
 
-What is stated about the patient is optional, and none of it is copied into results or exports.
+Statements about the patient are optional, and are never copied into results or exports.
 
 Real cameras are not synchronised, and frames drop: depth images of several cameras are paired by time.
 """
@@ -36,7 +36,7 @@ MissingPart = Literal[
     "foot_left",
     "foot_right",
 ]
-"""A part that a body may lack, with all that hangs on it: a missing arm is missing from the shoulder on."""
+"""A part that a body may lack, with everything beyond it: a missing arm is missing from the shoulder on."""
 
 CoveredPart = Literal[
     "head",
@@ -65,13 +65,13 @@ Height = Annotated[
 Age = Annotated[float, Field(ge=0, le=OLDEST_YEARS, description="the patient's age in years")]
 BirthYear = Annotated[Whole, Field(ge=1900, le=2100, description="the year the patient was born in")]
 
-GROWN_YEARS: Final = 16.0  # from then on bodies are those of adults
-FIRST_RECORDED: Final = 2010  # depth cameras for everybody appeared in that year
+GROWN_YEARS: Final = 16.0  # age from which bodies count as adult
+FIRST_RECORDED: Final = 2010  # year in which consumer depth cameras appeared
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """The patient, as recording.json states it. None: unknown."""
+    """The patient as recording.json describes them. None: unknown."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     height_m: Height | None = None
@@ -83,15 +83,15 @@ class Subject:
 
     @property
     def unmeasured(self) -> Subject:
-        """Return the same without what the pictures can contradict: height, age and sex."""
+        """Return the subject without values that the images can contradict: height, age and sex."""
         return Subject(missing=self.missing, covered=self.covered)
 
     @property
     def grown(self) -> bool | None:
         """Return whether the patient is an adult, None where that is unknown.
 
-        Of a birth year alone only those who were grown when the first depth cameras appeared: the year of the recording
-        is not known, and results do not depend on today's date.
+        With only a birth year, it is known for people who were grown when the first depth cameras appeared: the year of
+        the recording is unknown, and results do not depend on today's date.
         """
         if self.age_years is not None:
             return self.age_years >= GROWN_YEARS
@@ -105,7 +105,7 @@ UNKNOWN: Final = Subject()
 
 @dataclass(frozen=True, slots=True)
 class FolderFiles(Sequence[Path]):
-    """Files of one folder by their names: as paths, the 324,000 of an hour would take a fifth of a gigabyte."""
+    """Files of one folder by name: as paths, the 324,000 of an hour would take a fifth of a gigabyte."""
 
     folder: Path
     names: tuple[str, ...]
@@ -130,12 +130,12 @@ class DepthStream:
     """The depth images of one camera, in the order of time."""
 
     files: Sequence[Path]
-    time_s: np.ndarray  # (n,) float64, strictly increasing, by the camera's clock; after alignment, by the reference's
+    time_s: np.ndarray  # (n,) float64, strictly increasing; by the camera's clock, after alignment by the reference's
     frame: np.ndarray  # (n,) int64, the number in the file's name
-    duplicate: np.ndarray | None = None  # (n,) bool, equal to the image before; None where this was not checked
-    repeated: int = 0  # files left out because their time is that of the file before
-    fps: float | None = None  # as recording.json states it
-    listed: np.ndarray | None = None  # (n,) ``STAMP`` of each file when it was listed; None where this was not kept
+    duplicate: np.ndarray | None = None  # (n,) bool, equal to the image before; None where not checked
+    repeated: int = 0  # files left out because their time equals that of the file before
+    fps: float | None = None  # as stated in recording.json
+    listed: np.ndarray | None = None  # (n,) ``STAMP`` of each file when listed; None where not kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,18 +147,17 @@ class Recording:
     streams: tuple[DepthStream, ...]  # one per camera
     backgrounds_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading
     equipment: EquipmentModel | None
-    subject: Subject = UNKNOWN  # what is stated about the patient
-    notes: tuple[str, ...] = ()  # sentences on what of the folder is not used
+    subject: Subject = UNKNOWN  # statements about the patient
+    notes: tuple[str, ...] = ()  # sentences on unused content of the folder
 
     @property
     def part_names(self) -> tuple[str, ...]:
-        """Return the names of the parts of the equipment; none where its model is not known."""
+        """Return the names of the equipment's parts; none where its model is unknown."""
         return () if self.equipment is None else tuple(part.name for part in self.equipment.parts)
 
     @property
     def rate_hz(self) -> float:
-        """Return frames per second of the reference camera, without dropped frames; 30, the usual rate, for a single
-        frame."""
+        """Return the frames per second of the reference camera, without dropped frames; 30 for a single frame."""
         time_s = self.streams[0].time_s
         return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 30.0
 
@@ -206,15 +205,15 @@ def align_clocks(recording: Recording, clocks: Sequence[Clock]) -> Recording:
 
 
 USUAL_PERIOD_S: Final = 1.0 / 30.0
-"""Of a depth camera: used where the first camera has a single frame."""
+"""Seconds between frames of a usual depth camera: assumed where the first camera has a single frame."""
 
 
 @lru_cache(maxsize=8)  # frames are read one by one, and each needs it
 def pair_frames(recording: Recording) -> np.ndarray:
-    """Pair frames: (n, cameras) int64, read only, the index of each camera's frame at each frame of the first; -1 =
-    none.
+    """Pair frames: return (n, cameras) int64, read only, the index of each camera's frame for each frame of the first
+    camera; -1 = none.
 
-    A pair is the nearest in time of each other, within half a period of the first camera, so no depth image is used
+    Paired frames are mutually nearest in time, within half a period of the first camera, so no depth image is used
     twice. A duplicate shows another moment than its time states and is never paired; in the first camera it leaves a
     frame without that camera's depth image. Raises InputError where a camera never overlaps with the first one.
     """
@@ -246,16 +245,17 @@ def _pair_camera(
 
 
 def half_period_s(time_s: np.ndarray) -> float:
-    """Return half of the median time between frames (n,); that of a usual depth camera where there is only one."""
+    """Return half of the median time between frames (n,), or of a usual depth camera's for a single frame."""
     return float(np.median(np.diff(time_s)) if len(time_s) > 1 else USUAL_PERIOD_S) / 2.0
 
 
 def nearest_within(time_s: np.ndarray, other_s: np.ndarray, within_s: float | np.ndarray) -> np.ndarray:
-    """Return (n,) int64: index into ``other_s`` (m,) of the mutually nearest time; -1 where none lies within
-    ``within_s``, one number or (n,)."""
+    """Return the index (n,) int64 into ``other_s`` (m,) of the mutually nearest time; -1 where none lies within
+    ``within_s``, a number or (n,).
+    """
     there, back = _nearest(time_s, other_s), _nearest(other_s, time_s)
     mutual = back[there] == np.arange(len(time_s))
-    # a nanosecond of slack: times written with six decimals must not fall out of an exact half period
+    # a nanosecond of tolerance: times with six decimals must not fall out of an exact half period
     close = np.abs(other_s[there] - time_s) <= within_s + 1e-9
     return np.where(mutual & close, there, -1)
 
@@ -273,21 +273,22 @@ def _span(time_s: np.ndarray) -> str:
 
 
 USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
-"""Of depth cameras."""
+"""Usual frame rates of depth cameras."""
 
-LONGER_SHARE: Final = 0.6  # of the steps: where every third frame is lost, half are one period and half two
-SHORTER: Final = 0.75  # of such a step: a period is 0.5 or less of it, and 25 and 30 Hz are 0.83 apart
-LEAST_SHORT: Final = 0.1  # of the steps are one period; fewer are stamps that come too early
+LONGER_SHARE: Final = 0.6  # of the steps: if every third frame is lost, half of the steps are one period and half two
+SHORTER: Final = 0.75  # of such a step: a period is at most 0.5 of it, and 25 and 30 Hz differ by a factor of 0.83
+LEAST_SHORT: Final = 0.1  # of the steps must be one period; fewer are time stamps that come too early
 OFF_BEAT: Final = 0.25  # of a period, between a step and the nearest whole number of periods
-LEAST_ON_BEAT: Final = 0.8  # of the steps
+LEAST_ON_BEAT: Final = 0.8  # of the steps must be whole numbers of periods
 
 
 def nominal_period_s(stream: DepthStream) -> float:
-    """Return the time between frames when none is lost: as recording.json states, else the median step, or that of a
-    usual rate of which some steps are one period and the others several; 0 for a single frame without a stated rate.
+    """Return the time between frames when none is lost: as stated in recording.json, else the median step or, if some
+    steps are one period of a usual rate and the others several, that period; 0 for a single frame without a stated
+    rate.
 
-    Frames that are lost in a regular pattern change the median. A recording that lost every second frame has even
-    steps: only recording.json can tell it from one of half the rate.
+    Frames lost in a regular pattern change the median. A recording that lost every second frame has even steps: only
+    recording.json can distinguish it from half the rate.
     """
     steps = np.diff(stream.time_s)
     if stream.fps is not None or not len(steps):
@@ -303,24 +304,24 @@ def nominal_period_s(stream: DepthStream) -> float:
 
 
 def off_beat(steps_s: np.ndarray, period_s: float) -> np.ndarray:
-    """Return (n,) how far each step is from a whole number of periods, one or more, in periods."""
+    """Return (n,) how far each step is from a whole number of periods, in periods."""
     beats = steps_s / period_s
     return np.asarray(np.abs(beats - np.maximum(np.rint(beats), 1.0)))
 
 
 PAUSE_S: Final = 1.0
-"""A longer stretch without depth images is a pause, not dropped frames."""
+"""Seconds; a longer stretch without depth images is a pause, not dropped frames."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraGaps:
-    """What one camera's stream lacks, on the reference clock.
+    """The gaps of one camera's stream, on the reference clock.
 
-    usable: depth images; period_s: ``nominal_period_s``; dropped: missing between its first and last, by that period,
-    without pauses;
-    duplicates, repeated: left out because the image or the time is that of the file before; late_s, early_s: how much
-    later it starts and earlier it ends than the first camera (0 where it does not); pauses: (from, to) without depth
-    images; paired_share: of the first camera's frames that have a depth image of this one.
+    usable: number of depth images; period_s: ``nominal_period_s``; dropped: images missing between its first and last
+    by this period, without pauses; duplicates, repeated: left out because the image or the time is that of the file
+    before; late_s, early_s: how much later it starts and earlier it ends than the first camera (0 where it does not);
+    pauses: (from, to) without depth images; paired_share: share of the first camera's frames that have a depth image of
+    this camera.
     """
 
     camera: str
@@ -336,7 +337,7 @@ class CameraGaps:
 
     @property
     def sentence(self) -> str:
-        """Return a sentence on what is missing; empty where nothing is missing."""
+        """Return a sentence on missing images; empty where none is missing."""
         parts = []
         if self.dropped:
             parts.append(f"{self.dropped} of {self.usable + self.dropped} depth images are missing")
@@ -353,7 +354,7 @@ class CameraGaps:
 
 
 def find_gaps(recording: Recording) -> tuple[CameraGaps, ...]:
-    """Return what each camera lacks; the times of ``recording`` are on the reference clock (see ``align_clocks``)."""
+    """Return each camera's gaps; the times of ``recording`` are on the reference clock (see ``align_clocks``)."""
     pairs, reference_s = pair_frames(recording), recording.streams[0].time_s
     return tuple(_of_camera(recording, index, pairs[:, index], reference_s) for index in range(len(recording.cameras)))
 

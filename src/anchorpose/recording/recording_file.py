@@ -38,16 +38,18 @@ from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.settings import LARGEST, Unfit, shown
 
 MOST_REPEATED: Final = 0.1
-"""Share of the times of a camera that may equal the one before; with more, its clock is too coarse."""
+"""Share of a camera's times that may equal the one before; with more, its clock is too coarse."""
 
 SHORTEST_STEP_S: Final = 1e-4
-"""No camera takes two depth images so soon after each other: times that differ by less are one time, rounded."""
+"""Seconds; no camera takes two depth images so soon after each other: times that differ by less are one time,
+rounded.
+"""
 
 LONGEST_STEP_S: Final = 5.0
-"""Half of the images may not be farther apart: nobody is followed over that, and the unit of the times is another."""
+"""Seconds, limit of the median step: nobody can be followed over more, and the unit of the times is probably wrong."""
 
 FARTHEST_TIME_S: Final = 1e11
-"""From an epoch to today, in seconds, it is a fifth of that at most."""
+"""Seconds; times since any epoch are a fifth of that at most."""
 
 Seconds = Annotated[float, Field(ge=-FARTHEST_TIME_S, le=FARTHEST_TIME_S, description="a time in seconds")]
 
@@ -55,11 +57,11 @@ _UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 
 def read_timestamps(path: Path) -> dict[int, float]:
-    """Return frame number to time in seconds, in the order of the file.
+    """Read frame numbers and their times in seconds, in the order of the file.
 
-    Recorders sometimes stamp a frame with the time of the one before; such a time is kept, and the caller leaves its
-    depth image out. Raises InputError where frame numbers do not increase, where time goes back, and where so many
-    times repeat that the clock is too coarse.
+    Recorders sometimes give a frame the time of the one before; such a time is kept, and the caller leaves its depth
+    image out. Raises InputError where frame numbers do not increase, where time goes back, or where so many times
+    repeat that the clock is too coarse.
     """
     times: dict[int, float] = {}
     last_frame, last_time = -1, -math.inf
@@ -91,7 +93,7 @@ def read_timestamps(path: Path) -> dict[int, float]:
 
 
 def require_seconds(path: Path, time_s: np.ndarray) -> None:
-    """Raises InputError where the times (n,) can only be of another unit, or of none."""
+    """Raise InputError where the times (n,) can only be in another unit, or in none."""
     with np.errstate(over="ignore"):
         step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if step > LONGEST_STEP_S:
@@ -122,11 +124,11 @@ MOST_DUPLICATES: Final = 0.5
 
 
 def find_duplicates(files: Sequence[Path], sizes: Sequence[int], most_bytes: int) -> np.ndarray:
-    """Return (n,) bool: which files, regular ones of so many bytes, are equal, byte for byte, to the file before.
+    """Return (n,) bool: files (regular, with these sizes) that are byte for byte equal to the file before.
 
     The noise of a depth sensor makes two images of the same scene differ, so equal files are one image. Files of
-    different sizes are not opened, nor are those above ``most_bytes``, which no depth image has. All False where most
-    files are equal: such images have no noise.
+    different sizes are not opened, nor are files above ``most_bytes``, which no depth image has. The result is all
+    False where most files are equal: such images have no noise.
     """
     duplicate = np.zeros(len(files), dtype=bool)
     for k in range(1, len(files)):
@@ -142,18 +144,23 @@ def _same(one: Path, other: Path, size: int) -> bool:
 
 
 FARTHEST_CAMERA_M: Final = FARTHEST_M
-"""A camera and a joint are in the room of their world frame; what is farther was written in millimetres."""
+"""Limit in metres for places of cameras and joints, which are in the room; a larger value was written in
+millimetres.
+"""
 
 COARSEST_DEPTH_SCALE_M: Final = 0.1
-"""A step of 10 cm resolves no limb; a larger scale means that the unit was mistaken."""
+"""Metres per grey value; a step of 10 cm resolves no limb, so a larger scale means a wrong unit."""
 
 FOCAL_PX: Final = (1.0, 1e5)
-"""A lens of 1 pixel would see everything in one of them, and one of a hundred thousand a coin at 20 m."""
+"""Limits of focal lengths in pixels: with 1 pixel a lens would see everything in one pixel, with a hundred thousand a
+coin at 20 m.
+"""
 
 FARTHEST_PRINCIPAL_PX: Final = 1e5
-LARGEST_COEFFICIENT: Final = 1e4  # those of the rational model nearly cancel each other, and are some hundreds at most
+# coefficients of the rational model nearly cancel each other, and are some hundreds at most
+LARGEST_COEFFICIENT: Final = 1e4
 MOST_PIXELS: Final = 1 << 23
-"""Of an image: the depth cameras with the most have five million."""
+"""Limit of an image in pixels: the largest depth cameras have five million."""
 
 LARGEST_SIDE_PX: Final = 16384
 MOST_CAMERAS: Final = 16
@@ -161,7 +168,7 @@ NARROWEST_LENS: Final = 0.01  # half a degree from the axis
 FINEST_DEPTH_SCALE_M: Final = 1e-6  # 65,535 of these are 6 cm
 SLOWEST_HZ: Final = 0.1  # at one image in ten seconds nobody is followed
 
-SAME_HEIGHT_M: Final = 0.03  # shoes and the time of day; more is another person, or a mistake
+SAME_HEIGHT_M: Final = 0.03  # shoes and the time of day; a larger difference is another person, or a mistake
 
 
 def _require_in_room(pose: np.ndarray) -> np.ndarray:
@@ -196,8 +203,9 @@ CameraPose = Annotated[
 
 
 class LensEntry(Entry):
-    """Intrinsics; without ``distortion`` the recorder has undistorted its depth images, without ``model`` it is
-    Brown's and Conrady's five coefficients."""
+    """The intrinsics of a camera; without ``distortion`` the recorder has undistorted its depth images, without
+    ``model`` it is Brown's and Conrady's five coefficients.
+    """
 
     fx: Focal
     fy: Focal
@@ -208,7 +216,7 @@ class LensEntry(Entry):
     valid_radius: Radius | None = None
 
     def lens(self) -> Intrinsics:
-        """Return the lens that is described."""
+        """Return the lens as described."""
         return Intrinsics(**self.model_dump(exclude_none=True))
 
     @model_validator(mode="after")
@@ -224,8 +232,9 @@ class LensEntry(Entry):
 
 
 class CameraEntry(Entry):
-    """A camera; ``camera_to_world`` is None where it is unknown, ``fps`` where timestamps.csv gives the times, and the
-    device's ``model`` and ``serial`` number where nobody wrote them."""
+    """The description of a camera; ``camera_to_world`` is None where unknown, ``fps`` where timestamps.csv gives the
+    times, ``model`` and ``serial`` number of the device where not recorded.
+    """
 
     name: Annotated[str, AfterValidator(_require_folder_name)]
     width: Size
@@ -252,7 +261,7 @@ class CameraEntry(Entry):
         return self
 
     def camera(self) -> Camera:
-        """Return the camera that is described."""
+        """Return the camera as described."""
         same = self.model_dump(include={"name", "width", "height", "depth_scale"})
         return Camera(**same, intrinsics=self.intrinsics.lens(), T_world_camera=self.camera_to_world)
 
@@ -268,7 +277,7 @@ def _require_utc(text: str) -> str:
 
 
 class StartEntry(Entry):
-    """When the first depth image of the first camera was taken, on clocks that other devices have as well.
+    """When the first depth image of the first camera was taken, on clocks shared with other devices.
 
     utc: ISO 8601, in UTC. lsl_s: by the clock of the Lab Streaming Layer on the computer that recorded.
     """
@@ -280,7 +289,7 @@ class StartEntry(Entry):
 class RecordingDocument(Entry):
     """The content of recording.json, before any other file of the folder is read.
 
-    ``fps`` stands in a camera, or at the top for all cameras without their own.
+    ``fps`` is given per camera, or at the top for all cameras without their own.
     """
 
     format: Literal["rgbd-recording"]
@@ -297,7 +306,7 @@ class RecordingDocument(Entry):
             raise Unfit("is empty", "list at least one camera", "cameras")
         if len(self.cameras) > MOST_CAMERAS:
             raise Unfit(f"has {len(self.cameras)} cameras", f"list {MOST_CAMERAS} at most", "cameras")
-        folded = [camera.name.casefold() for camera in self.cameras]  # on some disks either case is the same folder
+        folded = [camera.name.casefold() for camera in self.cameras]  # on some disks both cases are the same folder
         for camera in self.cameras:
             if folded.count(camera.name.casefold()) > 1:
                 raise Unfit(f"has two cameras named '{camera.name}'", "give each camera its own name", "cameras")
@@ -305,7 +314,7 @@ class RecordingDocument(Entry):
 
 
 def camera_document(camera: Camera) -> dict[str, Any]:
-    """Return a camera as recording.json has it."""
+    """Return a camera in the form of recording.json."""
     lens, pose = camera.intrinsics, camera.T_world_camera
     return {
         "name": camera.name,
@@ -326,9 +335,9 @@ def camera_document(camera: Camera) -> dict[str, Any]:
 
 
 def with_height(recording: Recording, height_m: float | None) -> Recording:
-    """Return the recording with the given height, or its own where none is given.
+    """Return the recording with the given height or, if none is given, its own.
 
-    Raises InputError where the two contradict each other: nobody can know which one is wrong.
+    Raises InputError where the two contradict each other, since it is unknown which is wrong.
     """
     own_m = recording.subject.height_m
     if height_m is None:
@@ -355,7 +364,7 @@ class CalibratedCamera(Entry, extra="ignore"):
 
 
 class CalibrationDocument(Entry, extra="ignore"):
-    """calibration.json, the format ``camera-calibration``."""
+    """The content of calibration.json, format ``camera-calibration``."""
 
     format: Literal["camera-calibration"]
     version: Version
@@ -363,7 +372,7 @@ class CalibrationDocument(Entry, extra="ignore"):
 
 
 def read_calibration(path: Path) -> dict[str, np.ndarray]:
-    """Return T_world_camera (4, 4) by camera name; raises InputError naming the file, the key and the remedy."""
+    """Read T_world_camera (4, 4) by camera name; raises InputError naming the file, the key and the remedy."""
     file = path / CALIBRATION_FILE if path.is_dir() else path
     cameras = read_document(file, CalibrationDocument).cameras
     poses = {camera.name: camera.camera_to_world for camera in cameras}

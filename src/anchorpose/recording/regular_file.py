@@ -1,9 +1,9 @@
-"""Open every file that comes from a user or another program: regular files only, up to a bound on their size.
+"""Open files that come from users or other programs: regular files only, up to a limit of their size.
 
 A named pipe without a writer would stop the run for ever, and a device has no end. ``read_whole`` and ``read_bounded``
-read a whole file; ``open_regular`` opens one that is read in pieces; ``require_regular`` comes before a library that
-opens a path itself; ``read_arrays`` and ``read_image`` decode what is no depth frame. No module opens an input
-otherwise (tests/test_structure.py).
+read a whole file; ``open_regular`` opens a file that is read in pieces; ``require_regular`` checks a path for a library
+that opens it; ``read_arrays`` and ``read_image`` decode files other than depth frames. No module opens an input in
+another way (tests/test_structure.py).
 """
 
 from __future__ import annotations
@@ -29,13 +29,15 @@ Found = TypeVar("Found")
 NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 LARGEST_TABLE: Final = 512 * 2**20
-"""Bytes of a table as text, or of a C3D. An hour of 40 points at 100 Hz has 350 MB; its values take ten times that."""
+"""Limit in bytes of a table as text, or of a C3D. An hour of 40 points at 100 Hz has 350 MB; its values take ten times
+that.
+"""
 
 LARGEST_IMAGE: Final = 256 * 2**20
-"""Bytes of an image file of any kind: 8192 x 8192 colour pixels that cannot be compressed."""
+"""Limit in bytes of an image file of any kind: 8192 x 8192 incompressible colour pixels."""
 
 LARGEST_ARRAYS: Final = 4 * 2**30
-"""Bytes of arrays in memory, or of a stored state of a run: an hour of true joints at 30 Hz has 54 MB."""
+"""Limit in bytes of arrays in memory, or of a stored state of a run: an hour of true joints at 30 Hz has 54 MB."""
 
 AS_STORED: Final = -1  # cv2.IMREAD_UNCHANGED
 
@@ -43,22 +45,22 @@ PUT_FILE: Final = "put the file itself there, or remove it"
 
 
 Stamp = tuple[int, int, int]
-"""Size, time of change (ns) and inode: they differ once a file was replaced or written to."""
+"""Size, time of change (ns) and inode of a file: they differ after the file was replaced or written to."""
 
 _ERROR_STREAM: Final = 2
 _REDIRECTED: Final = Lock()
 
 
 class Unreadable(Exception):
-    """Why a file is not read, as the end of a sentence that begins with its name."""
+    """The reason why a file is not read, as the end of a sentence that begins with its name."""
 
 
 STAMP: Final = np.dtype([("size", np.int64), ("changed_ns", np.int64), ("inode", np.uint64)])
-"""What ``list_file`` returns, as an array's type: an hour has 324,000 files."""
+"""The result of ``list_file`` as an array's type: an hour has 324,000 files."""
 
 
 def list_file(path: Path) -> Stamp:
-    """Return the stamp of a regular file, which is not opened; raises InputError for anything else."""
+    """Return the stamp of a regular file without opening it; raises InputError for anything else."""
     try:
         return _stamp_of(require_regular(path))
     except FileNotFoundError:
@@ -70,9 +72,9 @@ def list_file(path: Path) -> Stamp:
 
 
 def require_regular(path: Path, most_bytes: int | None = None) -> os.stat_result:
-    """Return the status of a regular file, which is not opened: for libraries that open a path themselves.
+    """Return the status of a regular file without opening it, for libraries that open a path themselves.
 
-    Raises OSError where there is none, InputError where it is anything else or has more than ``most_bytes``.
+    Raises OSError where it does not exist, InputError where it is not a regular file or has more than ``most_bytes``.
     """
     found = path.stat()
     if problem := _not_a_file(found.st_mode):
@@ -83,7 +85,9 @@ def require_regular(path: Path, most_bytes: int | None = None) -> os.stat_result
 
 
 def open_regular(path: Path) -> BufferedReader:
-    """Open a regular file to be read in pieces; raises OSError as ``open``, InputError where it is anything else."""
+    """Open a regular file to be read in pieces; raises OSError as ``open``, InputError where it is not a regular
+    file.
+    """
     try:
         return _open(path)
     except Unreadable as problem:
@@ -99,18 +103,18 @@ def _open(path: Path) -> BufferedReader:
 
 
 class _Ended(FileIO):
-    """A file whose content has an end: some, as of the system's log, would be waited for."""
+    """A file whose content ends: reading some files, such as the system's log, would wait for more."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
         self._path = path
         super().__init__(descriptor)
 
     def readinto(self, buffer: Any) -> int:
-        """See FileIO; raises OSError where there is nothing to be read yet."""
+        """Read as FileIO does; raises OSError where there is nothing to read yet."""
         return self._there(super().readinto(buffer))
 
     def readall(self) -> bytes:
-        """See FileIO; raises OSError where there is nothing to be read yet."""
+        """Read as FileIO does; raises OSError where there is nothing to read yet."""
         return self._there(super().readall())
 
     def _there(self, found: Found | None) -> Found:
@@ -120,14 +124,14 @@ class _Ended(FileIO):
 
 
 def is_there(path: Path) -> bool:
-    """Return whether anything has this name: also a link that leads nowhere, which must not pass for an absent file."""
+    """Return whether the name exists, also as a broken link, which must not pass for an absent file."""
     return os.path.lexists(path)
 
 
 def read_bounded(path: Path, most_bytes: int, listed: Stamp | None = None) -> bytes:
-    """Return the content of a regular file of at most so many bytes; raises Unreadable with the reason.
+    """Read a regular file of at most ``most_bytes``; raises Unreadable with the reason.
 
-    listed: its stamp when the run began. Raises InputError where it is another file by now: the run would mix two
+    listed: its stamp when the run began. Raises InputError where the file was replaced since: the run would mix two
     recordings.
     """
     try:
@@ -138,7 +142,7 @@ def read_bounded(path: Path, most_bytes: int, listed: Stamp | None = None) -> by
             if found.st_size > most_bytes:
                 raise Unreadable(_too_large(found.st_size, most_bytes))
             content = file.read(found.st_size + 1)
-            if len(content) > found.st_size:  # it grows, or its file system states a size of 0
+            if len(content) > found.st_size:  # the file grows, or its file system states a size of 0
                 content += file.read(most_bytes + 1 - len(content))
     except (OSError, ValueError) as error:
         raise Unreadable(f"cannot be read ({reason(error)})") from None
@@ -148,7 +152,7 @@ def read_bounded(path: Path, most_bytes: int, listed: Stamp | None = None) -> by
 
 
 def read_whole(path: Path, most_bytes: int, remedy: str) -> bytes:
-    """Return the content as ``read_bounded``; raises InputError with the remedy where the file is not read."""
+    """Read a file as ``read_bounded``; raises InputError with the remedy where it cannot be read."""
     try:
         return read_bounded(path, most_bytes)
     except Unreadable as problem:
@@ -156,7 +160,7 @@ def read_whole(path: Path, most_bytes: int, remedy: str) -> bytes:
 
 
 def reason(error: OSError | ValueError) -> str:
-    """Return what the system has against a file, in its own words; a name with a null byte is a ValueError."""
+    """Return the system's reason of an error, in its own words; a name with a null byte is a ValueError."""
     return getattr(error, "strerror", None) or str(error)
 
 
@@ -169,7 +173,7 @@ def _too_large(size: int, most_bytes: int) -> str:
 
 
 def _not_a_file(mode: int) -> str:
-    """Return what a path is that is not a regular file; empty where it is one."""
+    """Return the kind of a path that is not a regular file; empty where it is one."""
     kinds = (
         (stat.S_ISREG, ""),
         (stat.S_ISDIR, "is a folder, not a file"),
@@ -180,7 +184,7 @@ def _not_a_file(mode: int) -> str:
 
 
 def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]:
-    """Return those of the named arrays that an .npz file has; raises InputError where it is not one."""
+    """Read the named arrays of an .npz file, as far as it has them; raises InputError where it is no such file."""
     try:
         with open_regular(path) as stream, zipfile.ZipFile(stream) as packed:
             size = sum(packed.getinfo(f"{name}.npy").file_size for name in names if f"{name}.npy" in packed.namelist())
@@ -197,14 +201,14 @@ def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]
 
 
 def read_image(path: Path, flags: int = AS_STORED) -> np.ndarray | None:
-    """Return the pixels of an image file as OpenCV does, None where it cannot be read or is damaged."""
+    """Read the pixels of an image file with OpenCV; None where it cannot be read or is damaged."""
     import cv2
 
     try:
         data = read_bounded(path, LARGEST_IMAGE)
         with _silent_decoders():
             return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except (Unreadable, cv2.error):  # the second: no bytes, or more pixels than it decodes
+    except (Unreadable, cv2.error):  # cv2.error: no bytes, or more pixels than it decodes
         return None
 
 

@@ -1,6 +1,6 @@
-"""Whether something may be written at a path, which every verb asks before any work, and files that are written whole.
+"""Check whether a path may be written, before any work begins, and write files whole or not at all.
 
-Recordings, inputs and files of the user stay as they are.
+Recordings, inputs and the user's files are never changed.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from typing import Final
 from anchorpose.errors import InputError
 from anchorpose.recording.regular_file import open_regular
 
-ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)  # one letter alone is a drive of Windows
+ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)  # a single letter is a Windows drive
 
 RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")
 
-BEGINNING: Final = 4096  # bytes of a file in which its mark is looked for
+BEGINNING: Final = 4096  # bytes of a file in which its mark is searched
 
 
 def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) -> None:
-    """Raises InputError where nothing may be written: at an address, at the root, through a link, in a recording, or
-    where an input would lie in what is written, or what is written in an input.
+    """Raise InputError where the path may not be written: an address, the root, a link, a place in a recording, a place
+    inside an input, or a place that contains an input.
 
-    of_recording: what is written becomes a part of a recording, and may lie in one.
+    of_recording: the output becomes a part of a recording, and may lie in it.
     """
     if ADDRESS.match(str(path)):
         problem, remedy = "is an address", "give a local path; only 'anchorpose track' writes to an address"
         raise InputError(str(path).replace(":/", "://", 1), problem, remedy)
     if path.is_symlink():
-        raise InputError(path, "is a link", "give the place that it leads to, or another name")
+        raise InputError(path, "is a link", "give the target of the link, or another name")
     target = path.resolve()
     if not target.name:
         raise InputError(path, "is the root of the disk", "choose a folder in it")
@@ -50,15 +50,16 @@ def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) ->
 
 
 def check_file(path: Path, mark: str, *inputs: Path | None, of_recording: bool = False) -> None:
-    """Raises InputError where no file may be written: as ``check_place``, or where something stands there that does not
-    begin as what this verb writes, with ``mark`` in its first 4,096 bytes."""
+    """Raise InputError where the file may not be written: as ``check_place``, or if a file exists that does not begin
+    like this verb's output, with ``mark`` in its first 4,096 bytes.
+    """
     check_place(path, *inputs, of_recording=of_recording)
     if os.path.lexists(path) and not _begins_with(path, mark):
         raise InputError(path, "exists already, with other content", "choose another name; nothing was changed")
 
 
 def _begins_with(path: Path, mark: str) -> bool:
-    """Return whether a file, and no link to one, is empty or has the mark in its first bytes."""
+    """Return whether a file, not a link, is empty or has the mark in its first bytes."""
     if path.is_symlink():
         return False
     try:
@@ -71,7 +72,7 @@ def _begins_with(path: Path, mark: str) -> bool:
 
 @contextmanager
 def new_folder(folder: Path, path: Path) -> Iterator[None]:
-    """Makes a folder and its parents where they are absent; those that are empty vanish when the block raises.
+    """Make a folder and its absent parents; empty ones are removed when the block raises.
 
     Raises InputError about ``path``, which the user named, where they cannot be made.
     """
@@ -81,7 +82,7 @@ def new_folder(folder: Path, path: Path) -> Iterator[None]:
         yield
     except BaseException:
         for each in made:
-            with suppress(OSError):  # something else was put there: then it stays
+            with suppress(OSError):  # keep a folder into which something else was put
                 each.rmdir()
         raise
 
@@ -95,8 +96,9 @@ def _make(folder: Path, path: Path) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """The name of a file beside ``path`` that takes its place when the block ends without an error, and vanishes
-    otherwise; an error of the disk names ``path``."""
+    """Yield the name of a temporary file that replaces ``path`` when the block ends without an error, and is removed
+    otherwise; disk errors name ``path``.
+    """
     partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
     try:
         yield partial

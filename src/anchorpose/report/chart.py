@@ -1,7 +1,7 @@
-"""A chart: rows above one another over one time axis, what a slider reads of them, and their numbers as CSV.
+"""Build a chart: rows above one another over one time axis, the values a slider reads, and their numbers as CSV.
 
-Rows are stretched to the width there is while lines and letters keep their size (see ``templates/parts.html``), so that
-the same markup serves a phone, a screen and paper, and needs no script to be read.
+Rows are stretched to the available width while lines and letters keep their size (see ``templates/parts.html``), so
+that the same markup serves a phone, a screen and paper, and needs no script.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ import numpy as np
 from anchorpose.report.words import number
 
 MOST_BINS: Final = 600
-"""Groups at most: about one and a half pixels each on a page, a third of a millimetre on paper."""
+"""Largest number of groups of frames: about one and a half pixels each on a page, a third of a millimetre on paper."""
 
 PAUSE: Final = 3.0
-"""A gap of more than this many usual intervals between frames is a pause, across which no line is drawn."""
+"""Usual intervals between frames; a longer gap is a pause, across which no line is drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,27 +40,27 @@ class Bins:
 
     @property
     def count(self) -> int:
-        """Number of groups."""
+        """Return the number of groups."""
         return len(self.start)
 
     @property
     def last(self) -> np.ndarray:
-        """(b,) last row of each group."""
+        """Return (b,) last row of each group."""
         return np.append(self.start[1:], len(self.frame)) - 1
 
     @property
     def thinned(self) -> bool:
-        """Whether any group holds more than one frame."""
+        """Return whether any group holds more than one frame."""
         return self.count < len(self.frame)
 
     @property
     def place(self) -> np.ndarray:
-        """(b,) where the middle of each group lies between the first frame (0) and the last (1)."""
+        """Return (b,) the middle of each group between the first frame (0) and the last (1)."""
         middle = (self.time_s[self.start] + self.time_s[self.last]) / 2.0
         return self.place_of(middle)
 
     def place_of(self, time_s: np.ndarray) -> np.ndarray:
-        """Where a time lies between the first frame (0) and the last (1); one frame alone lies in the middle."""
+        """Return where a time lies between the first frame (0) and the last (1); a single frame lies in the middle."""
         span = self.time_s[-1] - self.time_s[0]
         return (time_s - self.time_s[0]) / span if span > 0 else np.full(np.shape(time_s), 0.5)
 
@@ -78,7 +78,7 @@ class Envelope:
 
 
 def make_bins(frame: np.ndarray, time_s: np.ndarray, clock: str = "", most: int = MOST_BINS) -> Bins:
-    """At most ``most`` groups of equally many frames; one frame each where that suffices."""
+    """Divide the frames into at most ``most`` groups of equal size; one frame each where that suffices."""
     count = min(len(frame), most)
     start = np.arange(count) * len(frame) // count
     step = np.diff(time_s)
@@ -87,7 +87,7 @@ def make_bins(frame: np.ndarray, time_s: np.ndarray, clock: str = "", most: int 
 
 
 def envelope(values: np.ndarray, bins: Bins) -> Envelope:
-    """values (n,), NaN where not known."""
+    """Compute the envelope of values (n,), NaN where unknown."""
     low, high = np.fmin.reduceat(values, bins.start), np.fmax.reduceat(values, bins.start)
     group = np.repeat(np.arange(bins.count), np.diff(np.append(bins.start, len(values))))
     rows = np.arange(len(values))
@@ -97,12 +97,14 @@ def envelope(values: np.ndarray, bins: Bins) -> Envelope:
 
 
 def worst(state_code: np.ndarray, bins: Bins) -> np.ndarray:
-    """(b,) the worst state of each group."""
+    """Return (b,) the worst state of each group."""
     return np.maximum.reduceat(state_code, bins.start)
 
 
 UNITS: Final = 1000
-"""Rows are drawn on a square of this many units and stretched to their place: whole numbers keep the page small."""
+"""Side, in units, of the square on which rows are drawn before they are stretched: whole numbers keep the page
+small.
+"""
 MOST_TICKS: Final = 5
 
 Spans = Sequence[tuple[np.ndarray, np.ndarray]]
@@ -110,28 +112,29 @@ Spans = Sequence[tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """From ``low`` at the bottom to ``high`` at the top."""
+    """A vertical axis from ``low`` at the bottom to ``high`` at the top."""
 
     low: float
     high: float
     ticks: tuple[float, ...]
 
     def down(self, value: np.ndarray) -> np.ndarray:
-        """Whole units from the top; a value beyond the axis lies beyond the picture, by no more than its height."""
+        """Return whole units from the top; a value beyond the axis is beyond the picture, by at most its height."""
         place = (self.high - np.asarray(value, dtype=np.float64)) / (self.high - self.low)
         return np.round(UNITS * np.clip(place, -1.0, 2.0))
 
     def labels(self) -> list[tuple[float, str]]:
-        """(share from the top, text) of each tick."""
+        """Return (share from the top, text) of each tick."""
         step = self.ticks[1] - self.ticks[0] if len(self.ticks) > 1 else 1.0
         decimals = max(0, -math.floor(math.log10(step) + 1e-9))
         return [((self.high - tick) / (self.high - self.low), number(tick, decimals)) for tick in self.ticks]
 
 
 def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
-    """Holds all values, and as much of the bands as leaves the values at least half of the height.
+    """Make an axis that holds all values, and as much of the bands as leaves the values at least half of the height.
 
-    values, bands: (lowest, highest) pairs of arrays, NaN where not known. least_span: so that noise is not magnified.
+    values, bands: (lowest, highest) pairs of arrays, NaN where not known. least_span: least range, so that noise is not
+    magnified.
     """
     low, high = _extremes(values)
     if low is None or high is None:
@@ -148,7 +151,7 @@ def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
 
 
 def round_step(least: float) -> float:
-    """The smallest of 1, 2, 5, 10, ... (and of their tenths, hundredths) that is at least ``least``."""
+    """Return the smallest of 1, 2, 5, 10, ... (and of their tenths, hundredths) that is at least ``least``."""
     power = 10.0 ** math.floor(math.log10(least))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= least * (1 - 1e-9))
 
@@ -162,7 +165,7 @@ def _extremes(spans: Spans) -> tuple[float | None, float | None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mark:
-    """A sign over a row: its text, its CSS class and place; link: where it leads; title: its name in words."""
+    """A sign over a row: its text, CSS class and place; link: its target; title: its name in words."""
 
     text: str
     kind: str
@@ -173,7 +176,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """One picture of a chart: the label to its left, its height in pixels, and what is drawn.
+    """One picture of a chart: the label to its left, its height in pixels, and its shapes.
 
     shapes: (CSS class, SVG path) of each, in units of a square of ``UNITS``, stretched to the row. kind: a CSS class.
     """
@@ -187,17 +190,17 @@ class Row:
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """(share from the top, text) of each number beside the row."""
+        """Return (share from the top, text) of each number beside the row."""
         return [] if self.axis is None else self.axis.labels()
 
     @property
     def grid(self) -> str:
-        """A line at each tick, as an SVG path."""
+        """Return a line at each tick, as an SVG path."""
         return "".join(f"M0 {round(UNITS * top)}h{UNITS}" for top, _ in self.ticks)
 
 
 def heading(label: str) -> Row:
-    """The name of the rows below it."""
+    """Return a row that is the heading of the rows below."""
     return Row(label=label, height=0, kind="heading")
 
 
@@ -211,7 +214,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """What the slider reads of a series: the columns with its text, or with its lowest, highest, sigma and state."""
+    """The slider's reading of a series: the columns with its text, or with its lowest, highest, sigma and state."""
 
     label: str
     unit: str = ""
@@ -223,7 +226,7 @@ class Reading:
 
     @property
     def columns(self) -> list[tuple[str, Column]]:
-        """(role, column) of those that there are."""
+        """Return (role, column) of the existing columns."""
         roles = ("text", "low", "high", "sigma", "state")
         return [(role, getattr(self, role)) for role in roles if getattr(self, role) is not None]
 
@@ -232,7 +235,7 @@ class Reading:
 class Chart:
     """Rows above one another over one time axis.
 
-    identity: its id on the page and the name of its CSV file; title: for those who cannot see it; caption: above it;
+    identity: its id on the page and the name of its CSV file; title: for people who cannot see it; caption: above it;
     sources: the tables that it is drawn from.
     """
 
@@ -246,7 +249,7 @@ class Chart:
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """(share of the width, text) of round seconds along the bottom."""
+        """Return (share of the width, text) of round seconds along the bottom."""
         begin, end = float(self.bins.time_s[0]), float(self.bins.time_s[-1])
         if end <= begin:
             return [(0.5, f"{number(begin, 2)} s")]
@@ -258,7 +261,7 @@ class Chart:
 
     @property
     def spec(self) -> str:
-        """For the page's script: of each reading its label, its unit and the positions of its columns in the CSV."""
+        """Return the page script's data: each reading's label, unit and positions of its columns in the CSV."""
         position, spec = len(_leading_columns(self.bins)), []
         for reading in self.readings:
             entry: dict[str, object] = {"label": reading.label, "unit": reading.unit}
@@ -270,7 +273,7 @@ class Chart:
 
     @property
     def csv(self) -> str:
-        """The numbers of all readings, as the rest of a data address."""
+        """Return the numbers of all readings, as the rest of a data address."""
         columns = _leading_columns(self.bins) + [column for reading in self.readings for _, column in reading.columns]
         lines = [",".join(column.name for column in columns)]
         lines += map(",".join, zip(*(column.cells for column in columns), strict=True))
@@ -278,7 +281,7 @@ class Chart:
 
 
 def _leading_columns(bins: Bins) -> list[Column]:
-    """Which frames each group holds, from when to when, and where it lies on the time axis."""
+    """Return columns of each group's frames, their times, and their place on the time axis."""
     return [
         Column("first_frame", [str(frame) for frame in bins.frame[bins.start].tolist()]),
         Column("last_frame", [str(frame) for frame in bins.frame[bins.last].tolist()]),
@@ -289,12 +292,12 @@ def _leading_columns(bins: Bins) -> list[Column]:
 
 
 def lowest_and_highest(name: str, values: np.ndarray, bins: Bins, decimals: int) -> dict[str, Column]:
-    """Columns of the lowest and the highest value of each group; name: with a place for which of the two."""
+    """Return columns of the lowest and highest value of each group; name: with a placeholder for which."""
     line = envelope(values, bins)
     ends = {"low": ("lowest", line.low), "high": ("highest", line.high)}
     return {role: Column(name.format(which), cells(end, decimals)) for role, (which, end) in ends.items()}
 
 
 def cells(values: np.ndarray, decimals: int) -> list[str]:
-    """Numbers (b,) for a CSV; empty where NaN."""
+    """Format numbers (b,) for a CSV; empty where NaN."""
     return [f"{value:.{decimals}f}" if np.isfinite(value) else "" for value in values.tolist()]

@@ -1,8 +1,9 @@
-"""Which sessions may be compared, and what a reader must know where they were not recorded or computed alike.
+"""Decide which sessions may be compared, and what a reader must know where they were recorded or computed
+differently.
 
 Time upright, how often the patient stood up, the longest bout and the sway's path all grow when more was recorded, or
-when more of the recording is known. Between sessions of different lengths such a change says nothing about the
-patient, so it is shown and not tested. Shares, means, speeds and percentiles do not grow.
+when more of the recording is known. Between sessions of different lengths such a change has no meaning for the patient,
+so it is shown but not tested. Shares, means, speeds and percentiles do not grow.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
 ALIKE: Final = 0.05
-"""Share of the longer span by which two may differ. Changes of a twentieth are rarely above the errors."""
+"""Share of the longer span by which two spans may differ. Changes of a twentieth are rarely above the errors."""
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
 
@@ -40,21 +41,22 @@ _EXTREMES: Final = (
 
 
 class Span(NamedTuple):
-    """A time that measures are taken over: its name in words, and its seconds, None where not known."""
+    """A time over which measures are taken: its name in words, and its seconds, None where unknown."""
 
     words: str
     seconds: float | None
 
 
 def grows_with_time(measure: Measure) -> bool:
-    """Whether twice the time of the same training would give a larger (or more extreme) number."""
+    """Return whether twice the time of the same training would give a larger (or more extreme) number."""
     name = measure.measure
     grows = name.endswith(("_time", *_EXTREMES)) or name.startswith("longest_") or measure.unit == "count"
     return (grows or name in (*_SWAY, *_LARGEST)) and name not in _AVERAGED
 
 
 def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> str | None:
-    """Why a change of this measure between two sessions says nothing about the patient; None where it may.
+    """Return why a change of this measure between two sessions has no meaning for the patient; None where it may
+    have.
 
     first, later: all measures of the two sessions. A session of unknown length is not tested.
     """
@@ -65,7 +67,7 @@ def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Meas
 
 
 def span_sentences(first: Sequence[Measure], later: Sequence[Measure]) -> list[str]:
-    """One sentence for each time that differs between two sessions."""
+    """Return one sentence for each time that differs between two sessions."""
     return [
         f"{old.words}: {number(new.seconds, 1)} instead of {number(old.seconds, 1)} s, so that times, counts, extremes "
         "and paths taken over it are not tested"
@@ -98,11 +100,11 @@ def _differ(old_s: float, new_s: float) -> bool:
     return abs(new_s - old_s) > ALIKE * max(old_s, new_s)
 
 
-MOST_NAMES: Final = 8  # of settings that differ; more are counted
+MOST_NAMES: Final = 8  # of differing settings; more are counted
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:
-    """Raises InputError where two are of the same recording, or their measures are defined differently."""
+    """Raise InputError where two sessions are of the same recording, or their measures are defined differently."""
     first = sessions[0]
     for later in sessions[1:]:
         what = _other_definition(first, later)
@@ -134,7 +136,7 @@ def _full_stop(sentence: str) -> str:
 
 
 def _other_definition(first: Session, later: Session) -> str | None:
-    """How the definitions of two sessions' measures differ; None where they are the same."""
+    """Return how the definitions of two sessions' measures differ; None where they are the same."""
     old, new = first.definition, later.definition
     if old is None or new is None:
         return "one of them does not state how it was computed"
@@ -151,7 +153,7 @@ def _other_definition(first: Session, later: Session) -> str | None:
 
 
 def _units(session: Session) -> dict[str, str]:
-    """Of the measures that every session has; those of a part or a person depend on what happened."""
+    """Return the units of the measures that every session has; measures of a part or person depend on what happened."""
     return {m.measure: m.unit for m in session.measures if m.part is None and m.person is None}
 
 
@@ -178,7 +180,7 @@ def _settings(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
 
 
 def _changed(old: Any, new: Any) -> list[str]:
-    """The names of all numbers in two nested configs that differ, or stand in one of them only."""
+    """Return the names of all numbers that differ between two nested configs, or are in only one of them."""
     flat, own = _flat(old), _flat(new)
     return [name for name in dict.fromkeys([*flat, *own]) if flat.get(name) != own.get(name)]
 

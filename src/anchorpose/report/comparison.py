@@ -1,9 +1,10 @@
-"""comparison.html: several sessions of one patient side by side, and which changes are more than the errors.
+"""Write comparison.html: several sessions of one patient side by side, and which changes are more than the errors.
 
 A change is more than the errors where |b - a| > 1.96 sqrt(sigma_a^2 + sigma_b^2): the smallest change that errors of
 measurement alone, normal and independent between the sessions, would exceed only 5 times in 100 (the smallest
 detectable change; Weir 2005, doi:10.1519/15184.1). It does not cover how a patient differs from day to day, so that a
-larger change may still not be a change in the patient. A table of ``anchorpose reliability`` has thresholds that do.
+larger change may still not be a change in the patient. A table of ``anchorpose reliability`` has thresholds that do
+cover it.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def write_comparison(
     reliability: Path | None = None,
     dates: Sequence[str] = (),
 ) -> Path:
-    """Writes one page on two or more results folders, in the order given; the others are compared with the first.
+    """Write one page on two or more results folders, in the order given; the others are compared with the first.
 
     labels: one per session; by default the name of its recording, or of its folder where two recordings share a name.
     reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide. dates: one per
@@ -105,9 +106,10 @@ def _page(
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """difference: later minus first; detectable: the least that exceeds the errors, None where no error is stated.
+    """A change. difference: later minus first; detectable: the least change that exceeds the errors, None where no
+    error is stated.
 
-    repeated: detectable is of repeated sessions (MDC95), not of the stated errors.
+    repeated: whether detectable comes from repeated sessions (MDC95), not from the stated errors.
     """
 
     difference: float
@@ -116,12 +118,13 @@ class Change:
 
     @property
     def exceeds(self) -> bool | None:
-        """Whether it is more than the errors; None where no error is stated."""
+        """Return whether the change is more than the errors; None where no error is stated."""
         return None if self.detectable is None else abs(self.difference) > self.detectable
 
 
 def change_between(first: Measure, later: Measure, repeated: float | None = None) -> Change | None:
-    """None where one of them has no value; repeated: the measure's MDC95, in its unit, where it is known.
+    """Return the change of a measure; None where one of them has no value; repeated: the measure's MDC95, in its unit,
+    if known.
 
     Raises ValueError for different measures or units.
     """
@@ -151,14 +154,15 @@ REPEATED_VERDICTS: Final[dict[bool | None, tuple[str, str]]] = {
 
 
 class ChangeGroup(NamedTuple):
-    """Measures that stand together; rows: (title, meaning, a cell per session and per change since the first)."""
+    """Measures that are shown together; rows: (title, meaning, a cell per session and per change since the first)."""
 
     heading: str
     rows: list[tuple[str, str, list[Markup]]]
 
 
 def change_groups(sessions: Sequence[Session], detectable: Detectable | None = None) -> list[ChangeGroup]:
-    """The measures of all sessions side by side; detectable: minimal detectable changes of ``read_detectable``.
+    """Return the measures of all sessions side by side; detectable: minimal detectable changes of
+    ``read_detectable``.
 
     Measures of one person are left out: people have no names that persist from session to session.
     """
@@ -194,7 +198,9 @@ def _value(measure: Measure | None) -> Markup:
 
 
 def _change(first: Measure | None, later: Measure | None, unlike: str | None, repeated: float | None) -> Markup:
-    """unlike: why the change is shown but not tested; None where it is tested. repeated: as in ``change_between``."""
+    """Return the cell of a change; unlike: why it is shown but not tested, None where tested. repeated: as in
+    ``change_between``.
+    """
     limit = repeated if later is not None and later.part is None else None
     change = None if first is None or later is None else change_between(first, later, limit)
     if change is None or later is None:
@@ -218,7 +224,7 @@ def _signed(change: Change, measure: Measure) -> str:
 
 
 def angle_rows(sessions: Sequence[Session]) -> list[tuple[str, list[Markup]]]:
-    """(name, a cell per session): the range of each angle that all sessions have, and how much of it is inferred."""
+    """Return (name, a cell per session): the range of each angle that all sessions have, and its inferred share."""
     names = [name for name in sessions[0].angles.names if all(name in each.angles.names for each in sessions)]
     return [(named_part(name), [_range(session, name) for session in sessions]) for name in names]
 

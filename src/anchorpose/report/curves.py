@@ -1,10 +1,9 @@
-"""Curves of a quantity over time, left and right in one picture, as SVG paths in whole units.
+"""Draw curves of a quantity over time, left and right in one picture, as SVG paths in whole units.
 
-A thick line was seen and a thin one inferred; left is unbroken and right is dashed, and both are named at their ends;
-the band holds the truth 95 times in 100. Where a group of frames is drawn as one, the line runs in the middle of its
-lowest and highest value, and a darker band reaches from one to the other. The rows below have, for each curve, columns
-of half the height where it was inferred and of full height where it is lost. Colour only repeats this, so that nothing
-is lost without it.
+A thick line means seen, a thin line inferred; left is solid and right is dashed, and both are named at their ends; the
+band contains the truth 95 times in 100. Where a group of frames is drawn as one point, the line runs midway between its
+lowest and highest value, and a darker band spans both. The rows below have, for each curve, columns of half height
+where it was inferred and of full height where it is lost. Colour only repeats this, so no information depends on it.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """What the curves of one picture have in common: name, unit in text and in column names, decimals, least span."""
+    """The common properties of one picture's curves: name, unit in text and in column names, decimals, least span."""
 
     label: str
     unit: str
@@ -66,7 +65,7 @@ class Quantity:
 
 
 def curve_row(curves: Sequence[Curve], quantity: Quantity, bins: Bins, height: int) -> Row:
-    """The picture of the curves over one pair of axes."""
+    """Return the picture of the curves over one pair of axes."""
     lines = [envelope(curve.value, bins) for curve in curves]
     bands = [_band(curve, bins) for curve in curves]
     axis = make_axis([(e.low, e.high) for e in lines], bands, quantity.least_span)
@@ -77,7 +76,7 @@ def curve_row(curves: Sequence[Curve], quantity: Quantity, bins: Bins, height: i
 
 
 def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
-    """One low row per curve: where it was inferred or lost; none where all was seen throughout."""
+    """Return one low row per curve, which shows where it was inferred or lost; none where all was seen."""
     rows = []
     for curve in curves:
         state = worst(curve.state_code, bins)
@@ -91,7 +90,7 @@ def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
 
 
 def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_state: bool = True) -> Reading:
-    """What the slider reads of a curve; one state serves several curves of a joint."""
+    """Return the slider's reading of a curve; one state serves several curves of a joint."""
     name = f"{curve.key}_{{}}_{quantity.unit_name}"
     columns = lowest_and_highest(name, curve.value, bins, quantity.decimals)
     if with_state:
@@ -119,7 +118,7 @@ def _shapes(
 
 
 def end_marks(sides: Sequence[str], lines: Sequence[Envelope], axis: Axis, height: int) -> tuple[Mark, ...]:
-    """The initials of the curves beside their last value, pushed apart where they would meet."""
+    """Return the curves' initials beside their last values, pushed apart where they would overlap."""
     known = [(side, line.high[np.isfinite(line.high)]) for side, line in zip(sides, lines, strict=True)]
     places = sorted((float(axis.down(values[-1:])[0]) / UNITS, side) for side, values in known if len(values))
     if len(places) == 2 and places[1][0] - places[0][0] < LETTER_PX / height:
@@ -147,7 +146,7 @@ def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tup
 
 
 def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
-    """A filled outline between two curves (b,), one for each run without a gap."""
+    """Return a filled outline between two curves (b,), one for each run without a gap."""
     across, finite = _across(bins.place), np.isfinite(low) & np.isfinite(high)
     top, bottom = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (high, low))
     outlines = []
@@ -159,7 +158,7 @@ def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
 
 
 def step_path(level: np.ndarray, bins: Bins) -> str:
-    """Columns from the bottom up, each as wide as its group, ``level`` (b,) of the height; 0 draws nothing."""
+    """Return columns from the bottom up, each as wide as its group, ``level`` (b,) of the height; 0 draws nothing."""
     place, height = bins.place, np.array(_across(np.nan_to_num(level)))  # a group without a value draws nothing
     middle = (place[1:] + place[:-1]) / 2.0  # neighbours meet there, but at their own places beside a pause
     left = _across(np.append(0.0, np.where(bins.after_pause[1:], place[1:], middle)))
@@ -172,7 +171,7 @@ def step_path(level: np.ndarray, bins: Bins) -> str:
 
 
 def _across(share: np.ndarray) -> list[int]:
-    """Whole units of shares of the width, or of the height."""
+    """Convert shares of the width or height to whole units."""
     return _whole(np.round(UNITS * share))
 
 
@@ -181,12 +180,12 @@ def _whole(values: np.ndarray) -> list[int]:
 
 
 def _runs(known: np.ndarray, bins: Bins) -> list[slice]:
-    """Each run of known groups without a pause."""
+    """Return each run of known groups without a pause."""
     return runs_of(known, ~bins.after_pause[1:])
 
 
 def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
-    """Splits a run so that neighbouring pieces share a group; a link is seen where both of its ends are."""
+    """Split a run so that neighbouring pieces share a group; a link is seen where both of its ends are."""
     if run.stop - run.start == 1:
         return [(run, bool(seen[run.start]))]
     link = seen[run.start : run.stop - 1] & seen[run.start + 1 : run.stop]
@@ -195,7 +194,7 @@ def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
 
 
 def _trace(points: Points) -> str:
-    """Relative steps, which are shorter than places. A lone point is a step of no length: a dot."""
+    """Return relative steps, which are shorter than places. A single point is a step of no length: a dot."""
     x, y = points[0]
     steps = [f"M{x} {y}l"]
     for next_x, next_y in points[1:] or points:

@@ -1,4 +1,4 @@
-"""The minimal detectable change of each measure, as 'anchorpose reliability' wrote it from repeated sessions."""
+"""Read the minimal detectable change of each measure, as 'anchorpose reliability' wrote it from repeated sessions."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from anchorpose.errors import InputError
 from anchorpose.recording.document import read_rows, require_distinct
 
 Detectable = dict[tuple[str, str | None, str], float]
-"""By measure, side and unit: the least change that errors and days alone exceed 5 times in 100."""
+"""By measure, side and unit: the least change that errors and day-to-day variation alone exceed 5 times in 100."""
 
 RELIABILITY_COLUMNS: Final = ("measure", "side", "unit", "mdc95")
 RELIABILITY_REMEDY: Final = "give the table that 'anchorpose reliability SESSIONS.csv -o FILE.csv' writes"
 
 
 def read_detectable(path: Path) -> Detectable:
-    """The measures that have a value; raises InputError for another table."""
+    """Read the measures that have a value; raises InputError for another table."""
     lines = [line for _, line in read_rows(path)]
     head = lines[0] if lines else []
     require_distinct(path, head)

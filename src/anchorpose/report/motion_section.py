@@ -1,4 +1,4 @@
-"""Joint angles and paths of joints: tables of ranges and states, and a chart of each, left and right together."""
+"""Write joint angles and paths of joints: tables of ranges and states, and a chart of each, left and right together."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GROUPS: Final = {
     "Arms": ("shoulder", "elbow", "wrist", "forearm"),
     "Head and neck": ("neck", "head"),
 }
-"""Headings, and with which words the names of their angles begin; others come last."""
+"""Headings, and the first words of the names of their angles; others come last."""
 
 OTHERS: Final = "Other angles"
 
@@ -39,7 +39,7 @@ AXES: Final = {"x": "forward (X), m", "y": "up (Y), m", "z": "to the right (Z), 
 
 
 class AngleGroup(NamedTuple):
-    """The angles of a part of the body; rows: (name, cells) of its table; charts: a sentence where there is none."""
+    """The angles of a part of the body; rows: (name, cells) of its table; charts: a sentence replaces a missing one."""
 
     heading: str
     rows: list[tuple[str, list[Markup]]]
@@ -47,7 +47,7 @@ class AngleGroup(NamedTuple):
 
 
 def angle_section(session: Session) -> list[AngleGroup]:
-    """For each part of the body, in the order from the ground up, a table of ranges and the charts."""
+    """Return, for each part of the body from the ground up, a table of ranges and the charts."""
     groups = []
     for heading, bases in grouped_angles(session.angles.names).items():
         charts = [_angle_chart(session, base, names) for base, names in bases.items()]
@@ -57,7 +57,7 @@ def angle_section(session: Session) -> list[AngleGroup]:
 
 
 def grouped_angles(names: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
-    """Heading to angle without its side to the angles of both sides, left first."""
+    """Return, by heading, each angle without its side and the angles of both sides, left first."""
     groups: dict[str, dict[str, list[str]]] = {heading: {} for heading in (*GROUPS, OTHERS)}
     for name in sorted(names, key=lambda name: (names.index(name), split_side(name)[1] or "")):
         base, _ = split_side(name)
@@ -123,7 +123,7 @@ def known_median(values: np.ndarray) -> float | None:
 
 
 def state_table(session: Session) -> list[tuple[str, list[Markup]]]:
-    """(name, cells) of each joint: per cent of its frames in each state, and its typical uncertainty."""
+    """Return (name, cells) of each joint: per cent of its frames in each state, and its typical uncertainty."""
     return [(named_part(name), _joint_cells(session, JOINT_INDEX[name])) for name in JOINT_NAMES]
 
 
@@ -134,7 +134,7 @@ def _joint_cells(session: Session, joint: int) -> list[Markup]:
 
 
 def joint_charts(session: Session) -> list[Chart | str]:
-    """The path of each joint or pair of joints (forward, up, to the right); a sentence where both are lost."""
+    """Return the path of each joint or pair of joints (forward, up, to the right); a sentence where both are lost."""
     pairs: dict[str, list[str]] = {}
     for name in JOINT_NAMES:
         pairs.setdefault(split_side(name)[0], []).append(name)
@@ -175,11 +175,12 @@ def _path_curve(session: Session, name: str, axis: str) -> Curve:
 
 
 def on_shortest_arc(degrees: np.ndarray) -> np.ndarray:
-    """degrees (n,) from -180 to 180, NaN where not known: the same angles on the shortest arc that holds all of them.
+    """Shift degrees (n,) from -180 to 180, NaN where unknown, by whole turns to the shortest arc that holds all of
+    them.
 
     A patient who faces against X has a pelvis at 179 in one frame and at -179 in the next: two degrees apart, not 358.
-    Some values move by a whole turn, such that the median is from -180 to 180. Angles within half a turn stay as they
-    are.
+    Some values are shifted by a whole turn, such that the median is from -180 to 180. Angles within half a turn stay
+    unchanged.
     """
     known = np.sort(degrees[np.isfinite(degrees)])
     if len(known) < 2:

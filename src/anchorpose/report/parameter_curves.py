@@ -1,4 +1,4 @@
-"""Curves of measures over the numbers that were set in each trial, such as an amplitude, with their uncertainty."""
+"""Draw curves of measures over the numbers set in each trial, such as an amplitude, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ MOST_TICKS: Final = 9
 
 
 class Level(NamedTuple):
-    """All trials with the same number: at, how many, their mean, and half of its 95 % interval (NaN: not known)."""
+    """All trials with the same number: the number, their count, their mean, and half of its 95 % interval (NaN:
+    unknown).
+    """
 
     at: float
     trials: int
@@ -30,10 +32,10 @@ class Level(NamedTuple):
 
 
 def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray) -> list[Level]:
-    """The mean of the trials at each number, in rising order.
+    """Return the mean of the trials at each number, in rising order.
 
-    at, value, sigma (n,); sigma NaN where unknown. The interval holds the scatter of the trials, at least their random
-    errors; of a single trial these alone. The systematic error, which would move all levels alike, is left out.
+    at, value, sigma (n,); sigma NaN where unknown. The interval covers the scatter of the trials, at least their random
+    errors; for a single trial only these. The systematic error, which would shift all levels alike, is left out.
     """
     return [_level(float(place), value[at == place], sigma[at == place]) for place in np.unique(at)]
 
@@ -50,7 +52,7 @@ def _level(at: float, value: np.ndarray, sigma: np.ndarray) -> Level:
 
 
 def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure]]) -> list[StillChart]:
-    """A chart for each measure and numeric column with two numbers or more; left and right in one chart."""
+    """Return a chart for each measure and numeric column with two numbers or more; left and right in one chart."""
     names = dict.fromkeys(key[0] for key in found)
     numeric = [column for column in trials.columns if column.unit is not None]
     charts = (
@@ -62,7 +64,7 @@ def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure
 
 
 def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure]]) -> StillChart | None:
-    """None where no side has values at two numbers."""
+    """Return the chart of one measure over a column; None where no side has values at two numbers."""
     cells = dict(zip([trial.number for trial in trials.rows], trials.column(column.name), strict=True))
     points, lines, table = list[Points](), list[Line](), list[tuple[str, Sequence[str]]]()
     times, unit = unit_of(sides[0][0].unit)
@@ -108,7 +110,7 @@ def _cells(side: str, level: Level, column: TrialColumn, unit: str) -> tuple[str
 
 
 def _ticks(levels: np.ndarray, span: tuple[float, float]) -> list[tuple[float, str]]:
-    """Every level, or the first, the last and some between them."""
+    """Return every level, or the first, the last and some between them."""
     if len(levels) > MOST_TICKS:
         levels = levels[np.unique(np.linspace(0, len(levels) - 1, MOST_TICKS).astype(int))]
     return [(float(share), f"{level:g}") for share, level in zip(across(levels, span), levels.tolist(), strict=True)]

@@ -1,7 +1,7 @@
-"""A chart that does not move: measured points with their errors, and a line with its band, over any horizontal axis.
+"""Build a static chart: measured points with their errors, and a line with its band, over any horizontal axis.
 
 As in the curves over time, left is solid and right dashed, their points are round and square, and colour only repeats
-this. Every number of a chart stands in the table below it.
+this. Every number of a chart is in the table below it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from anchorpose.report.curves import end_marks
 
 HEIGHT: Final = 170
 MARGIN: Final = 0.06
-"""Share of the width that is left free at either end, so that no point lies on the border."""
+"""Share of the width left free at either end, so that no point lies on the border."""
 
 APART: Final = 6
 """Units between the left and the right side's points at one place, so that both are seen."""
@@ -46,8 +46,9 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StillChart:
-    """identity: its id on the page; title: for those who cannot see it; caption: above it; row: the picture; ticks:
-    (share of the width, text) along the bottom; head, rows: the numbers as a table, cells of texts."""
+    """A static chart. identity: its id on the page; title: for people who cannot see it; caption: above it; row: the
+    picture; ticks: (share of the width, text) along the bottom; head, rows: the numbers as a table, cells of texts.
+    """
 
     identity: str
     title: str
@@ -59,14 +60,14 @@ class StillChart:
 
 
 def across(values: np.ndarray, span: tuple[float, float]) -> np.ndarray:
-    """Shares of the width; span: the least and the greatest value."""
+    """Convert values to shares of the width; span: the least and the greatest value."""
     low, high = span
     share = (values - low) / (high - low) if high > low else np.full(np.shape(values), 0.5)
     return MARGIN + (1.0 - 2.0 * MARGIN) * np.asarray(share, dtype=np.float64)
 
 
 def still_row(label: str, points: Sequence[Points], lines: Sequence[Line], span: tuple[float, float]) -> Row:
-    """The picture; span: the least and the greatest x."""
+    """Return the picture; span: the least and the greatest x."""
     values = [(each.y, each.y) for each in points] + [(each.y, each.y) for each in lines]
     bands = [(np.where(np.isnan(p.reach), p.y, p.y - p.reach), p.y + np.nan_to_num(p.reach)) for p in points]
     bands += [(np.fmin(each.low, each.y), np.fmax(each.high, each.y)) for each in lines]

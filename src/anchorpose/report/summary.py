@@ -1,4 +1,4 @@
-"""What was recorded, how good it is, and the moments to check, in plain words, from the tables alone."""
+"""Write in plain words what was recorded, how good it is, and the moments to check, from the tables alone."""
 
 from __future__ import annotations
 
@@ -32,21 +32,23 @@ from anchorpose.results.records import (
 from anchorpose.results.uncertainty import NORMAL_95
 
 SELDOM_SEEN, USUALLY_SEEN = 0.5, 0.9
-"""Shares of the frames. Below the first a joint's curve is more inference than measurement, and is named."""
+"""Shares of the frames in which a joint is seen. Below the first its curve is more inference than measurement, and is
+named.
+"""
 
 MUCH_LOST, MOSTLY_LOST = 0.1, 0.5
-"""Shares of all joint positions; above the first it is the first thing that a reader has to know."""
+"""Shares of lost joint positions; above the first it is the first information for a reader."""
 
 
 def summary(session: Session) -> list[Markup]:
-    """Paragraphs: what was recorded, what the patient did, how much of it can be used."""
+    """Return paragraphs: what was recorded, what the patient did, how much of it can be used."""
     if session.joints.lost.all():  # nothing is known of what the patient did
         return [_recorded(session), NEVER_FOUND]
     return [_recorded(session), Markup(" ").join([_posture(session), _touch(session)]), _quality(session)]
 
 
 def seen_shares(session: Session) -> np.ndarray:
-    """(21,) share of the frames in which each joint was seen."""
+    """Return (21,) share of the frames in which each joint was seen."""
     shares: np.ndarray = (session.joints.state_code == 0).mean(axis=0)
     return shares
 
@@ -63,7 +65,7 @@ def _recorded(session: Session) -> Markup:
 
 
 def _duration_s(session: Session) -> float:
-    """As the measures have it, in which the last frame lasts as long as the others."""
+    """Return the duration as the measures have it: the last frame lasts as long as the others."""
     measured = _measure(session, "recorded_time")
     if measured is None or measured.value is None:
         return float(np.ptp(session.joints.time_s))
@@ -75,7 +77,7 @@ def _measure(session: Session, name: str) -> Measure | None:
 
 
 def _posture(session: Session) -> Markup:
-    """The share that stands in the table of measures, and for how long posture is unknown."""
+    """Return a sentence on the upright share, as in the table of measures, and on the time of unknown posture."""
     share, unknown = _measure(session, "upright_share"), _measure(session, "unknown_time")
     if share is None or share.value is None:
         why = "measures.parquet does not say" if share is None else str(share.why)
@@ -90,7 +92,7 @@ def _posture(session: Session) -> Markup:
 
 
 def _transitions(session: Session) -> Markup:
-    """How often each was seen, which is a lower bound where posture is not known throughout."""
+    """Return a sentence on the transitions seen, which is a lower bound where posture is not known throughout."""
     seen, least = [], "at least " if (session.posture.upright == UNKNOWN).any() else ""
     for kind, words in ((SIT_TO_STAND, "stood up"), (STAND_TO_SIT, "sat down")):
         count = sum(episode.kind == kind for episode in session.episodes)
@@ -102,7 +104,7 @@ def _transitions(session: Session) -> Markup:
 
 
 def _events(session: Session) -> Markup:
-    """How many events were seen; nothing where there were none, since some may have been hidden."""
+    """Return a sentence on the events seen; empty without events, since some may have been hidden."""
     words = (
         ("knee buckle", "knee buckles", (BUCKLE_LEFT, BUCKLE_RIGHT)),
         ("failed stand", "failed stands", (FAILED_STAND,)),
@@ -114,7 +116,7 @@ def _events(session: Session) -> Markup:
 
 
 def _touch(session: Session) -> Markup:
-    """Who touched the patient, and in how much of the session that can be known at all."""
+    """Return a sentence on who touched the patient, and for how much of the session this is known."""
     if session.contacts is None:
         return Markup("Whether anybody touched the patient is not known: the folder has no {}.").format(CONTACTS_FILE)
     lost = session.joints.lost.all(axis=1)
@@ -136,7 +138,7 @@ def _rested(contacts: Sequence[Contact]) -> Markup:
 
 
 def _touched_by(contacts: Sequence[Contact], everywhere: bool) -> Markup:
-    """everywhere: the patient was found in all frames."""
+    """Return who touched the patient; everywhere: the patient was found in all frames."""
     people, parts = len({c.person for c in contacts}), len({c.part for c in contacts})
     again = "" if everywhere else ", and so is everybody after the patient was lost"
     return Markup(
@@ -168,7 +170,7 @@ def _quality(session: Session) -> Markup:
 
 
 def _verdict(session: Session) -> Markup:
-    """How much is lost, and how much was seen of what is not: one does not make up for the other."""
+    """Return how much is lost, and how much of the rest was seen: one does not make up for the other."""
     lost = float(session.joints.lost.mean())
     seen = float(seen_shares(session).mean()) / (1.0 - lost)
     sentences = [_lost_verdict(lost), _seen_verdict(seen, whole=lost <= MUCH_LOST)]
@@ -182,7 +184,9 @@ def _lost_verdict(lost: float) -> str:
 
 
 def _seen_verdict(seen: float, whole: bool) -> str:
-    """whole: hardly anything is lost, so that what is known stands for the session."""
+    """Return a verdict on seen joints; whole: hardly anything is lost, so that the known part stands for the
+    session.
+    """
     if seen < SELDOM_SEEN:
         return "Most of what follows is inferred, not seen: do not rely on it without looking at the pictures."
     if seen < USUALLY_SEEN:
@@ -203,7 +207,7 @@ def _weak(session: Session) -> str:
 
 
 def _problems(session: Session) -> Markup:
-    """With a link to the list of them, which only the page of one session has."""
+    """Return a sentence on problems with a link to their list, which only the page of one session has."""
     count = len({drop["frame"] for drop in session.run.get("dropped", [])})
     if not count:
         return Markup()
@@ -229,7 +233,7 @@ class MomentSection(NamedTuple):
 
 
 def moment_section(session: Session) -> MomentSection | None:
-    """Return the moments that the body explains worst; None where it explains all frames, or this is not known."""
+    """Return the moments that the body explains worst; None where it explains all frames, or this is unknown."""
     table = session.explained
     moments = () if table is None else worst_moments(table)
     if table is None or not moments:

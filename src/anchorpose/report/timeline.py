@@ -1,7 +1,7 @@
-"""The session over time: posture, contacts, what could be seen, how certain the joints are, what was left out.
+"""Draw the session over time: posture, contacts, visibility, certainty of the joints, omitted frames.
 
 A contact is light from its beginning to its end, and dark up to the share of the touching skin that was seen. That
-share is one number for the whole contact: the tables do not say which of its moments were seen.
+share is one number for the whole contact: the tables do not state which of its moments were seen.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ SHARES: Final = Axis(0.0, 100.0, (0.0, 100.0))
 
 
 def timeline(session: Session) -> Chart:
-    """The whole chart, with a heading above each kind of rows."""
+    """Return the whole chart, with a heading above each kind of rows."""
     shares = [(state, _share(session, state)) for state in JointState]
     shares = [(state, share) for state, share in shares if state is JointState.OBSERVED or share.max() > 0]
     return Chart(
@@ -87,7 +87,7 @@ def timeline(session: Session) -> Chart:
 
 
 def short_timeline(session: Session, label: str) -> Chart:
-    """Posture and contacts only, to stand beside those of other sessions."""
+    """Return posture and contacts only, to be shown beside other sessions."""
     return Chart(
         identity=f"timeline-{session.name}",
         title=f"Posture and contacts of {label}",
@@ -100,11 +100,11 @@ def short_timeline(session: Session, label: str) -> Chart:
 
 
 MOST_CONDITIONS: Final = 12
-"""Rows at most: with more names the page of measures is easier to read than a picture."""
+"""Largest number of rows: with more names the page of measures is easier to read than a picture."""
 
 
 def condition_rows(session: Session) -> list[Row]:
-    """A row per condition with its trials; none without trials, or with very many conditions."""
+    """Return a row per condition with its trials; none without trials, or with very many conditions."""
     trials = session.trials
     if trials is None or len(trials.conditions) > MOST_CONDITIONS:
         return []
@@ -119,7 +119,7 @@ def condition_rows(session: Session) -> list[Row]:
 
 
 def trial_readings(session: Session) -> list[Reading]:
-    """The trials of each group of frames; nothing without trials."""
+    """Return the trials of each group of frames; nothing without trials."""
     if session.trials is None:
         return []
     texts: list[list[str]] = [[] for _ in range(session.bins.count)]
@@ -136,12 +136,12 @@ def _trial_files(session: Session) -> tuple[str, ...]:
 
 
 def _event_files(session: Session) -> tuple[str, ...]:
-    """The tables that posture and contacts come from, of those that there are."""
+    """Return the tables that posture and contacts come from, of those that there are."""
     return (POSTURE_FILE, EPISODES_FILE, *(() if session.contacts is None else (CONTACTS_FILE,)))
 
 
 def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) 1.96 sigma of the median and of the worst joint that is not lost, NaN in frames without any."""
+    """Return (n,) 1.96 sigma of the median and of the worst joint that is not lost, NaN in frames without any."""
     reach_mm = 1000.0 * NORMAL_95 * session.joints.sigma_m
     known = np.isfinite(reach_mm).any(axis=1)
     median, highest = np.full((2, len(reach_mm)), np.nan)
@@ -150,7 +150,7 @@ def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
 
 
 def matched_percent(session: Session) -> np.ndarray | None:
-    """(n,) of run.json's ``association.matched_share``, NaN where no point was followed, or None."""
+    """Return (n,) of run.json's ``association.matched_share``, NaN where no point was followed, or None."""
     shares = session.run.get("association", {}).get("matched_share", [])
     if len(shares) != len(session.joints.frame):
         return None
@@ -162,7 +162,7 @@ def _share(session: Session, state: JointState) -> np.ndarray:
 
 
 def _share_row(label: str, percent: np.ndarray, bins: Bins, name: str) -> Row:
-    """Dark up to the lowest share of each group of frames, lighter up to the highest."""
+    """Return a row that is dark up to the lowest share of each group of frames, lighter up to the highest."""
     shape, ground = envelope(percent, bins), np.zeros(bins.count)
     high, low = (band_path(ground, edge, bins, SHARES) for edge in (shape.high, shape.low))
     shapes = ((f"area {name} light", high), (f"area {name}", low))
@@ -205,7 +205,9 @@ def _confidence_readings(session: Session) -> list[Reading]:
 
 
 def kept_rows(session: Session) -> list[Row]:
-    """Frames with problems, frames marked unusable by a reviewer, and the pictures, each a link to its section."""
+    """Return rows of frames with problems, of frames marked unusable by a reviewer, and of pictures, each linked to its
+    section.
+    """
     bad = np.isin(session.joints.frame, [drop["frame"] for drop in session.run.get("dropped", [])])
     rows = [
         *marked_row(session, "frames with problems", bad),
@@ -216,7 +218,7 @@ def kept_rows(session: Session) -> list[Row]:
 
 
 def unusable_frames(session: Session) -> np.ndarray:
-    """(n,) bool: the frames that a reviewer marked as unusable."""
+    """Return (n,) bool: the frames that a reviewer marked as unusable."""
     entries = (session.run.get("corrections") or {}).get("unusable", [])
     frame, marked = session.joints.frame, np.zeros(len(session.joints.frame), dtype=bool)
     for entry in entries:
@@ -225,14 +227,14 @@ def unusable_frames(session: Session) -> np.ndarray:
 
 
 def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
-    """One row with a column wherever one of the ``frames`` (n,) bool lies; no row where there are none."""
+    """Return one row with a column for each of the ``frames`` (n,) bool; no row where there are none."""
     if not frames.any():
         return []
     return [_state_row(label, session.bins, 12, lost=worst(frames.astype(float), session.bins))]
 
 
 def _state_row(label: str, bins: Bins, height: int, **levels: np.ndarray) -> Row:
-    """A low row of columns; levels: their heights (b,) by CSS classes, with ``_`` for a space."""
+    """Return a low row of columns; levels: their heights (b,) by CSS classes, with ``_`` for a space."""
     shapes = tuple((kind.replace("_", " "), step_path(level, bins)) for kind, level in levels.items())
     return Row(label=label, height=height, shapes=shapes, kind="state")
 
@@ -256,7 +258,8 @@ POSTURE_WORDS: Final = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN:
 
 
 def posture_rows(session: Session) -> list[Row]:
-    """A full column is upright, none is not upright, half a column is unknown; a light one is inferred.
+    """Return the posture rows: a full column is upright, none is not upright, half a column is unknown; light is
+    inferred.
 
     The worst of a group of frames is drawn: dark only where all its upright frames were seen.
     """
@@ -285,7 +288,7 @@ EVENTS: Final = {
 
 
 def event_rows(session: Session) -> list[Row]:
-    """A row of marks per kind of event that was seen; no row where there was none."""
+    """Return a row of marks per kind of event that was seen; no row without events."""
     rows: dict[str, list[Mark]] = {}
     for episode in session.episodes:
         if episode.kind in EVENTS:
@@ -295,7 +298,7 @@ def event_rows(session: Session) -> list[Row]:
 
 
 def _depth(episode: Episode) -> str:
-    """How far an event went, with 1.96 of its sigma."""
+    """Return how far an event went, with 1.96 of its sigma."""
     times, after = unit_of(episode.unit or "1")
     depth, reach = times * (episode.depth or 0.0), times * NORMAL_95 * (episode.sigma or 0.0)
     decimals = decimals_for(reach, depth)
@@ -303,7 +306,7 @@ def _depth(episode: Episode) -> str:
 
 
 def posture_readings(session: Session) -> list[Reading]:
-    """For each group of frames: every posture in it, and the transitions and events under way."""
+    """Return for each group of frames every posture in it, and the transitions and events under way."""
     bins = session.bins
     words = [
         POSTURE_WORDS[code] + ("" if seen or code == UNKNOWN else " (inferred)")
@@ -338,7 +341,7 @@ SEEN_SHARE: Final = Form(times=100.0, after=" % seen", share=True)
 
 
 def touch_rows(session: Session) -> list[Row]:
-    """One row per part of the body and who or what touches it, from head to foot."""
+    """Return one row per part of the body and toucher, from head to foot."""
     rows = [heading("Touched by")]
     if session.contacts is None:
         return [*rows, _state_row("not known: no contacts.parquet", session.bins, 14)]
@@ -356,7 +359,7 @@ def touch_rows(session: Session) -> list[Row]:
 
 
 def touch_reading(session: Session) -> Reading:
-    """For each group of frames: every part that is touched in it, by whom or what, and how much of that was seen."""
+    """Return for each group of frames every touched part, by whom or what, and how much of that was seen."""
     first, last = session.bins.frame[session.bins.start], session.bins.frame[session.bins.last]
     texts: list[list[str]] = [["not known: patient lost"] if lost else [] for lost in _lost(session)]
     for contact in sorted(session.contacts or (), key=lambda c: (REGIONS.index(c.part), c.toucher, c.start_s)):
@@ -367,12 +370,12 @@ def touch_reading(session: Session) -> Reading:
 
 
 def _lost(session: Session) -> np.ndarray:
-    """(b,) 1.0 for groups of frames in one of which no joint was found."""
+    """Return (b,) 1.0 for groups of frames in one of which no joint was found."""
     return worst(session.joints.lost.all(axis=1).astype(float), session.bins)
 
 
 def _held_and_seen(contacts: Sequence[Contact], bins: Bins) -> tuple[np.ndarray, np.ndarray]:
-    """(b,) 1.0 for groups of frames in which one of the contacts goes on; and the least share seen of those."""
+    """Return (b,) 1.0 for groups of frames in which one of the contacts goes on; and the least share seen of those."""
     held, seen = np.zeros(bins.count), np.ones(bins.count)
     for contact in contacts:
         there = (contact.first_frame <= bins.frame[bins.last]) & (contact.last_frame >= bins.frame[bins.start])
@@ -381,7 +384,7 @@ def _held_and_seen(contacts: Sequence[Contact], bins: Bins) -> tuple[np.ndarray,
 
 
 def _natural(item: tuple[int, str]) -> tuple[int, int, str]:
-    """Person 10 after person 9."""
+    """Return a sort key that puts person 10 after person 9."""
     part, person = item
     digits = "".join(filter(str.isdigit, person))
     return part, int(digits) if digits else 0, person

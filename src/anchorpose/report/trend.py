@@ -1,4 +1,5 @@
-"""The trend of each measure over the dates of several sessions: a straight line with its 95 % band, or why it has none.
+"""Compute the trend of each measure over the dates of several sessions: a straight line with its 95 % band, or why it
+has none.
 
 Ordinary least squares over time. A session is the unit, and sessions are taken to scatter independently about the line.
 The scatter counts at least as much as the stated errors of measurement, so that three sessions that happen to lie on a
@@ -31,7 +32,7 @@ from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_SESSIONS: Final = 3
 DAYS: Final = 7.0
-"""Slopes are per week."""
+"""Days per unit of slope: slopes are per week."""
 
 NO_DATES: Final = "There is no trend: the dates of the sessions are not known. Give --date once for each session."
 TOO_FEW: Final = "There is no trend: it needs {} sessions of different days at least, and these are {}."
@@ -39,7 +40,7 @@ NOT_MEASURED: Final = ("recorded_time", "found_time", "unknown_time", "sway_time
 
 
 def parse_dates(texts: Sequence[str], count: int, page: Path) -> list[date] | None:
-    """The dates of the sessions in their order; None for none. Raises InputError for others."""
+    """Parse the dates of the sessions in their order; None for none. Raises InputError for others."""
     if not texts:
         return None
     if len(texts) != count:
@@ -55,11 +56,11 @@ def _parse(text: str, page: Path) -> date:
     try:
         return date.fromisoformat(text)
     except ValueError:
-        raise InputError(page, f"the date '{text[:40]}' is none", "write year, month and day as 2025-03-28") from None
+        raise InputError(page, f"'{text[:40]}' is not a date", "write year, month and day as 2025-03-28") from None
 
 
 def dates_in(labels: Sequence[str]) -> list[str]:
-    """The labels where all of them are dates in the order of time, else nothing."""
+    """Return the labels if all of them are dates in the order of time, else an empty list."""
     try:
         dates = [date.fromisoformat(label) for label in labels]
     except ValueError:
@@ -69,8 +70,9 @@ def dates_in(labels: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A straight line through sessions: slope per unit of x with its 95 % half interval, intercept, and what the band
-    needs: the scatter about the line, the quantile of t, the mean of x, the sum of squares of x and their count."""
+    """A straight line through sessions: slope per unit of x with its 95 % half interval, intercept, and the inputs of
+    the band: the scatter about the line, the quantile of t, the mean of x, the sum of squares of x and their count.
+    """
 
     slope: float
     half: float
@@ -82,13 +84,15 @@ class Fit:
     count: int
 
     def band(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The line at x (k,), and half of its 95 % interval there."""
+        """Return the line at x (k,), and half of its 95 % interval there."""
         half = self.quantile * self.scatter * np.sqrt(1.0 / self.count + (x - self.middle) ** 2 / self.squares)
         return self.intercept + self.slope * x, half
 
 
 def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
-    """Least squares through x, y (n,), n at least 3 with different x; sigma (n,), NaN where no error is stated."""
+    """Fit a line by least squares through x, y (n,), n at least 3 with different x; sigma (n,), NaN where no error is
+    stated.
+    """
     count, middle = len(x), float(x.mean())
     squares = float(np.sum((x - middle) ** 2))
     slope = float(np.sum((x - middle) * (y - y.mean())) / squares)
@@ -110,7 +114,7 @@ class TrendRow(NamedTuple):
 
 
 class TrendSection(NamedTuple):
-    """why: why there is no trend at all; else rows and charts."""
+    """The trends. why: why there is no trend at all; else rows and charts."""
 
     why: str
     rows: list[TrendRow]
@@ -118,7 +122,7 @@ class TrendSection(NamedTuple):
 
 
 def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, detectable: Detectable) -> TrendSection:
-    """The trends of the main measures, in the order of reading; detectable: as for changes between sessions."""
+    """Return the trends of the main measures, in the order of reading; detectable: as for changes between sessions."""
     if dates is None:
         return TrendSection(NO_DATES, [], [])
     days = len(set(dates))
@@ -140,8 +144,9 @@ def _keys(sessions: Sequence[Session]) -> list[MeasureKey]:
 
 
 class _Followed(NamedTuple):
-    """A measure over all sessions: like one of its rows; x, value, sigma (n,), NaN where there is none; why: why it is
-    not fitted."""
+    """A measure over all sessions. like: one of its rows; x, value, sigma (n,), NaN where missing; why: why it is not
+    fitted.
+    """
 
     like: Measure
     x: np.ndarray
@@ -207,7 +212,7 @@ def _interval(value: float, half: float, like: Measure) -> Markup:
 
 
 def _chart(name: str, sides: Sequence[_Followed], dates: Sequence[date]) -> StillChart:
-    """All sessions of a measure, left and right in one chart, with the lines and their bands."""
+    """Return all sessions of a measure, left and right in one chart, with the lines and their bands."""
     points, lines, table = list[Points](), list[Line](), list[tuple[str, Sequence[str]]]()
     times, unit = unit_of(sides[0].like.unit)
     span = (float(sides[0].x[0]), float(sides[0].x[-1]))
@@ -232,7 +237,7 @@ def _chart(name: str, sides: Sequence[_Followed], dates: Sequence[date]) -> Stil
 
 
 DRAWN: Final = 25
-"""Places along a line at which its band, which is curved, is drawn."""
+"""Number of places along a line at which its curved band is drawn."""
 
 
 def _line(side: str, followed: _Followed, span: tuple[float, float], times: float) -> Line:
@@ -255,11 +260,11 @@ def _cells(side: str, followed: _Followed, dates: Sequence[date]) -> list[tuple[
 
 
 APART: Final = 0.12
-"""Share of the width between the written dates, about that of a date."""
+"""Share of the width between the written dates, about the width of a date."""
 
 
 def _spread(shares: np.ndarray, dates: Sequence[date]) -> list[tuple[float, date]]:
-    """The dates that have room beside each other."""
+    """Return the dates that have enough space beside each other."""
     kept = list[tuple[float, date]]()
     for share, day in zip(shares.tolist(), dates, strict=True):
         if not kept or share - kept[-1][0] >= APART:

@@ -1,4 +1,4 @@
-"""How pages say things: their templates, tables of words, names, and numbers with no more digits than they carry."""
+"""Format the pages' words: templates, tables of words, names, and numbers with no more digits than they justify."""
 
 from __future__ import annotations
 
@@ -32,24 +32,25 @@ _SIDED: Final = re.compile(r"(.*)_(left|right)$")
 
 
 def spaced(name: str) -> str:
-    """``hip_flexion`` and ``SpineBase`` as people write them: hip flexion, spine base."""
+    """Write ``hip_flexion`` and ``SpineBase`` as people do: hip flexion, spine base."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name).replace("_", " ").lower()
 
 
 def split_side(name: str) -> tuple[str, str | None]:
-    """``knee_flexion_left`` is (``knee_flexion``, ``left``); without a side, None. ``KneeLeft`` likewise."""
+    """Split ``knee_flexion_left`` into (``knee_flexion``, ``left``); without a side, None. ``KneeLeft`` likewise."""
     match = _SIDED.match(name) or re.match(r"(.*)(Left|Right)$", name)
     return (match.group(1), match.group(2).lower()) if match else (name, None)
 
 
 def named_part(part: str) -> str:
-    """``knee_left`` as left knee."""
+    """Write ``knee_left`` as left knee."""
     base, side = split_side(part)
     return f"{side} {spaced(base)}" if side else spaced(base)
 
 
 def decimals_for(uncertainty: float | None, value: float) -> int:
-    """Digits after the point: as many as the uncertainty justifies, or three significant ones where there is none.
+    """Return the digits after the point: as many as the uncertainty justifies, or three significant ones without
+    one.
 
     An uncertainty that begins with 100 to 354 keeps two digits, a larger one a single digit (the rule of the
     Particle Data Group, doi:10.1103/PhysRevD.110.030001, section 5.3 of its introduction).
@@ -63,26 +64,26 @@ def decimals_for(uncertainty: float | None, value: float) -> int:
 
 
 def number(value: float, decimals: int) -> str:
-    """With narrow spaces between thousands and a true minus; never a negative zero."""
+    """Format a number with narrow spaces between thousands and a true minus; never a negative zero."""
     text = f"{value:,.{decimals}f}".replace(",", "\u202f")
     return text.lstrip("-") if not text.strip("-0.\u202f") else text.replace("-", "\u2212")
 
 
 def listed(names: Sequence[str]) -> str:
-    """One, two and three."""
+    """Join names as one, two and three."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def counted(count: int, one: str, many: str | None = None) -> str:
-    """1 frame, 2 frames."""
+    """Format a count: 1 frame, 2 frames."""
     return f"{number(count, 0)} {one if count == 1 else many or one + 's'}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """How a number is written: times a factor, with so many decimals, and words before and after it.
+    """The form of a number: times a factor, with this many decimals, and words before and after it.
 
-    share: of a whole; a small share is not written as 0, nor a large one as all.
+    share: whether it is a share of a whole; a small share is not written as 0, nor a large one as all.
     """
 
     decimals: int = 0
@@ -92,7 +93,7 @@ class Form:
     share: bool = False
 
     def write(self, value: float) -> str:
-        """The text people read."""
+        """Return the text people read."""
         text = number(self.times * value, self.decimals)
         if self.share and 0 < value < 1 and text in ("0", "100"):
             text = "under 1" if text == "0" else "over 99"
@@ -110,7 +111,7 @@ def figure(value: float | None, form: Form) -> Markup:
 
 
 def render_page(package: str, template: str, **values: object) -> str:
-    """The filled template, a file of ``package``; every value is escaped unless it is ``Markup``.
+    """Fill the template, a file of ``package``; every value is escaped unless it is ``Markup``.
 
     Templates include others of the package and ``page_head.html``, which needs a ``title``, by name;
     ``inline(name)`` puts in a file as it is. Raises jinja2.UndefinedError for a value that is missing.
@@ -129,5 +130,5 @@ def _environment(package: str) -> Environment:
 
 
 def read_words(package: str, name: str) -> list[dict[str, str]]:
-    """The rows of a CSV of ``package``, by the names of their columns."""
+    """Read the rows of a CSV of ``package``, by the names of their columns."""
     return list(csv.DictReader(resources.files(package).joinpath(name).read_text("utf-8").splitlines()))

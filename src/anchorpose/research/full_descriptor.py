@@ -1,4 +1,4 @@
-"""The full unoccluded descriptor f^U (paper, Definition 1): the distances between all nodes. A reference."""
+"""Compute the full unoccluded descriptor f^U (paper, Definition 1), the distances between all nodes, as a reference."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from anchorpose.surface.surface import Surface
 
 
 def full_descriptor(surface: Surface, solver: Solver = Solver.EXACT) -> np.ndarray:
-    """(n, n) float32 metres: row v is f^U(v), its entries in the order of the surface's nodes.
+    """Return (n, n) float32 metres: row v is f^U(v), its entries in the order of the surface's nodes.
 
     That order is the mesh's own: rows of two meshes can be compared only through a map between their nodes (see
     ``features.gmds``). One solve per node: for meshes of a few hundred.
@@ -28,6 +28,6 @@ def full_descriptor(surface: Surface, solver: Solver = Solver.EXACT) -> np.ndarr
 
 
 def count_holes(faces: np.ndarray, vertices: int) -> int:
-    """Number of holes of a connected sheet: 1 - (V - E + F), by Euler's characteristic."""
+    """Return the number of holes of a connected sheet: 1 - (V - E + F), by Euler's characteristic."""
     sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     return 1 - (vertices - len(np.unique(sides, axis=0)) + len(faces))

@@ -1,4 +1,4 @@
-"""Other solvers of geodesic distance, to compare fast marching with.
+"""Provide other solvers of geodesic distance, to compare fast marching with.
 
 | solver | what it is | early stop | links and edges without triangles |
 |---|---|---|---|
@@ -25,7 +25,7 @@ from anchorpose.surface.links import links, pieces, straight_m
 from anchorpose.surface.mesh import faces, grid_edges
 from anchorpose.surface.surface import Surface
 
-LONGEST_M: Final = 1e6  # solvers give huge numbers for what they did not reach
+LONGEST_M: Final = 1e6  # solvers return huge numbers for unreached nodes
 
 
 class Solver(StrEnum):
@@ -40,7 +40,7 @@ class Solver(StrEnum):
 def solve_distance(
     surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf, solver: Solver = Solver.EXACT
 ) -> np.ndarray:
-    """(s, n) float32 metres from each source, as ``geodesic_distance``, by any solver.
+    """Return (s, n) float32 metres from each source, as ``geodesic_distance``, by any solver.
 
     HEAT and EXACT know triangles only: they give NaN at nodes that are connected by other edges only, and raise
     ValueError where the surface has links or a source has no triangle; MissingPackage where their package is not
@@ -55,7 +55,7 @@ def solve_distance(
 
 
 def edge_graph(surface: Surface) -> csr_array:
-    """(n, n) symmetric sparse matrix of edge lengths in metres, links included."""
+    """Return (n, n) symmetric sparse matrix of edge lengths in metres, links included."""
     grid, (linked, link_length_m) = grid_edges(surface), links(surface)
     pair = np.concatenate([grid, linked])
     length = np.concatenate([straight_m(surface.points_m, grid), link_length_m]).astype(np.float64)
@@ -64,7 +64,8 @@ def edge_graph(surface: Surface) -> csr_array:
 
 
 def edge_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """(s, n) float32: shortest path along edges from each of the nodes (s,); missing values as ``geodesic_distance``.
+    """Return (s, n) float32: shortest path along edges from each of the nodes (s,); missing values as
+    ``geodesic_distance``.
 
     Source: Dijkstra 1959 (doi:10.1007/BF01386390) by scipy, which stops at ``max_distance_m``.
     """
@@ -74,14 +75,14 @@ def edge_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = n
 
 
 Prepared = Callable[[np.ndarray], np.ndarray]
-"""From some vertices of a patch to the distance (k,) of all its vertices to the nearest of them."""
+"""Function from some vertices of a patch to the distance (k,) of all its vertices to the nearest of them."""
 
 Solve = Callable[[np.ndarray, np.ndarray], Prepared]
-"""Prepares one patch, vertices (k, 3) and faces, for many solutions."""
+"""Function that prepares one patch, vertices (k, 3) and faces, for many solutions."""
 
 
 def _exact(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
-    """Source: Mitchell, Mount and Papadimitriou 1987 (doi:10.1137/0216045) by pygeodesic."""
+    """Prepare the exact solver. Source: Mitchell, Mount and Papadimitriou 1987 (doi:10.1137/0216045) by pygeodesic."""
     try:
         from pygeodesic.geodesic import PyGeodesicAlgorithmExact
     except ImportError as error:
@@ -96,7 +97,8 @@ def _exact(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
 
 
 def _heat(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
-    """Heat method: on a body within 1 cm on average; heat decays over thousands of edges, so not for whole rooms.
+    """Prepare the heat method: within 1 cm on average on a body; heat decays over thousands of edges, so it does not
+    suit whole rooms.
 
     Source: Crane, Weischedel and Wardetzky 2013 (doi:10.1145/2516971.2516977) by potpourri3d, on its robust Laplacian.
     """
@@ -128,7 +130,7 @@ class TriangleMesh:
 
 
 def triangle_mesh(surface: Surface) -> TriangleMesh:
-    """The triangles of ``surface.mesh.faces``, separated where they meet in a single corner."""
+    """Return the triangles of ``surface.mesh.faces``, separated where they meet in a single corner."""
     triangle = faces(surface).astype(np.int64)
     corner = np.arange(triangle.size).reshape(triangle.shape)
     sides = np.stack([triangle, np.roll(triangle, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -147,13 +149,13 @@ def triangle_mesh(surface: Surface) -> TriangleMesh:
 
 
 def _components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(count,) int32: the connected component of each, under the pairs."""
+    """Return (count,) int32: the connected component of each, under the pairs."""
     graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
     return connected_components(graph, directed=False)[1].astype(np.int32)
 
 
 def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: float, solve: Solve) -> np.ndarray:
-    """(s, n) float32, one field per source; a patch is prepared once for all of them."""
+    """Return (s, n) float32, one field per source; a patch is prepared once for all of them."""
     if len(surface.link_node):
         raise ValueError(
             "a surface with links between cameras or across gaps is more than its triangles;"
@@ -170,7 +172,7 @@ def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: 
 
 
 def _field(surface: Surface, mesh: TriangleMesh, node: int, solve: Solve, prepared: dict[int, Prepared]) -> np.ndarray:
-    """(n,) float64; NaN on the node's piece of surface where no triangle leads, inf beyond it."""
+    """Return (n,) float64; NaN on the node's piece of surface where no triangle leads, inf beyond it."""
     field = np.full(len(surface), np.inf)
     field[node] = 0.0
     sources = np.flatnonzero(mesh.node == node)

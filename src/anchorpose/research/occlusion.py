@@ -1,4 +1,4 @@
-"""The effect of an occlusion on geodesic distance: bright and shadow regions (paper, Definitions 4 and 5).
+"""Compute the effect of an occlusion on geodesic distance: bright and shadow regions (paper, Definitions 4 and 5).
 
 The occlusion O is a set of nodes removed from the whole surface; the rest is the seen surface. The distance between two
 nodes is distorted where it is longer on the seen surface than on the whole one. docs/occlusion.md states which of the
@@ -18,9 +18,10 @@ from anchorpose.surface.mesh import edges, faces, keep_nodes
 from anchorpose.surface.surface import Surface
 
 TOLERANCE_M: Final = 1e-4
-"""What counts as undistorted with the exact solver: rounding, and cells at the rim that are cut along the other
-diagonal. A larger tolerance would call bright what lies around a corner: a path that bends by 0.1 rad 0.1 m before its
-end is 0.5 mm longer. With fast marching take 4 mm, its own error between two meshes."""
+"""Difference in metres that counts as undistorted with the exact solver: rounding, and cells at the rim that are cut
+along the other diagonal. A larger tolerance would call bright what lies around a corner: a path that bends by 0.1 rad
+0.1 m before its end is 0.5 mm longer. With fast marching take 4 mm, its own error between two meshes.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,19 +66,19 @@ class Light:
 
     @property
     def bright(self) -> Region:
-        """The bright region (Definition 4): the part of the occlusion's boundary with undistorted distances."""
+        """Return the bright region (Definition 4): the part of the occlusion's boundary with undistorted distances."""
         lit = np.zeros(len(self.distortion_m), bool)
         lit[self.occlusion.boundary.nodes] = True
         return _within(lit & (self.distortion_m <= self.occlusion.tolerance_m), self.occlusion.boundary.edges)
 
     @property
     def shadow(self) -> Region:
-        """Shadow nodes and edges (Definition 5): all that is seen at a distorted distance."""
+        """Return the shadow nodes and edges (Definition 5): everything seen at a distorted distance."""
         return _within(self._dark, self.occlusion.node[edges(self.occlusion.seen)])
 
     @property
     def shadowed_boundary(self) -> Region:
-        """The shadowed occlusion boundary (Definition 5): shadow nodes and edges on the occlusion's boundary."""
+        """Return the shadowed occlusion boundary (Definition 5): shadow nodes and edges on the occlusion's boundary."""
         on_it = np.zeros(len(self.distortion_m), bool)
         on_it[self.occlusion.boundary.nodes] = True
         return _within(on_it & self._dark, self.occlusion.boundary.edges)
@@ -106,7 +107,7 @@ def occlude(
 
 
 def light_from(occlusion: Occlusion, node: int) -> Light:
-    """The effect of the occlusion on distances from one seen node; ValueError for a hidden one."""
+    """Return the effect of the occlusion on distances from one seen node; ValueError for a hidden one."""
     if not 0 <= node < len(occlusion.whole) or occlusion.hidden[node]:
         raise ValueError(f"node {node} is not on the seen surface")
     place = int(np.searchsorted(occlusion.node, node))
@@ -119,7 +120,7 @@ def light_from(occlusion: Occlusion, node: int) -> Light:
 
 
 def border_is_covered(lights: Sequence[Light]) -> bool:
-    """Whether the union of the bright regions covers the occlusion's boundary, every edge of it (Proposition 2).
+    """Return whether the union of the bright regions covers the occlusion's boundary, every edge of it (Proposition 2).
 
     If so, every seen node has an undistorted distance to at least one of the lights' nodes, where Proposition 1 holds
     (docs/occlusion.md); otherwise, nodes just outside a dark edge have none.
@@ -131,7 +132,7 @@ def border_is_covered(lights: Sequence[Light]) -> bool:
 
 
 def _boundary(whole: Surface, seen: Surface, node: np.ndarray) -> Region:
-    """Outline of the seen triangles, without the outline of the whole surface."""
+    """Return the outline of the seen triangles, without the outline of the whole surface."""
     ends, count = _outline(node[faces(seen)]), len(whole)
     key = ends.astype(np.int64) @ [count, 1]
     new = ends[~np.isin(key, _outline(faces(whole)).astype(np.int64) @ [count, 1])]
@@ -139,13 +140,13 @@ def _boundary(whole: Surface, seen: Surface, node: np.ndarray) -> Region:
 
 
 def _outline(triangles: np.ndarray) -> np.ndarray:
-    """(e, 2) sides that belong to one triangle only."""
+    """Return (e, 2) sides that belong to one triangle only."""
     sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     unique, count = np.unique(sides, axis=0, return_counts=True)
     return unique[count == 1]
 
 
 def _within(nodes: np.ndarray, candidates: np.ndarray) -> Region:
-    """The nodes of a (n,) bool mask and those of the edges that connect two of them."""
+    """Return the nodes of a (n,) bool mask and those of the edges that connect two of them."""
     inside = nodes[candidates].all(axis=1) if len(candidates) else np.zeros(0, bool)
     return Region(np.flatnonzero(nodes).astype(np.int32), np.sort(candidates[inside], axis=1).astype(np.int32))

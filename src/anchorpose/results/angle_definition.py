@@ -1,11 +1,11 @@
-"""What an angle is: its names, the joints that it is computed from, the formula, and the axes of the body's segments.
+"""Define angles: names, the joints they are computed from, formulas, and the axes of the body's segments.
 
 Vectors have their components first, (3, ...): numpy then works on whole rows of frames, several times as fast. Axes are
 x forward, y up, z to the patient's right (ISB).
 
 Sources: Wu et al. 2002 (doi:10.1016/S0021-9290(01)00222-6) for pelvis and spine, Wu et al. 2005
-(doi:10.1016/j.jbiomech.2004.05.042) for thorax and arm. Their bony landmarks are not seen by depth; docs/angles.md says
-which joint centres stand for them.
+(doi:10.1016/j.jbiomech.2004.05.042) for thorax and arm. Depth does not show their bony landmarks; docs/angles.md states
+which joint centres replace them.
 """
 
 from __future__ import annotations
@@ -20,39 +20,41 @@ from anchorpose import rotations
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(...) of vectors (3, ...)."""
+    """Return the dot product (...) of vectors (3, ...)."""
     product: np.ndarray = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return product
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(3, ...)."""
+    """Return the cross product (3, ...)."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def length(vector: np.ndarray) -> np.ndarray:
-    """(...) of vectors (3, ...)."""
+    """Return the length (...) of vectors (3, ...)."""
     return np.sqrt(dot(vector, vector))
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
-    """(3, ...) of length one; NaN where the vector has no length."""
+    """Return vectors (3, ...) of length one; NaN where the vector has no length."""
     return rotations.unit(vector, axis=0)
 
 
 def square_to(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """(3, ...) unit vector along the part of ``vector`` that is perpendicular to the unit vector ``axis``."""
+    """Return the unit vector (3, ...) along the part of ``vector`` that is perpendicular to the unit vector
+    ``axis``.
+    """
     return unit(vector - dot(vector, axis) * axis)
 
 
 def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(...) angle between vectors, exact for small ones too; NaN where one has no length."""
+    """Return the angle (...) between vectors, exact for small ones too; NaN where one has no length."""
     across, along = length(cross(a, b)), dot(a, b)
     return np.where((across == 0) & (along == 0), np.nan, np.arctan2(across, along))
 
 
 def arcsin(sine: np.ndarray) -> np.ndarray:
-    """(...) of numbers that rounding may have moved beyond one."""
+    """Return the arcsine (...) of numbers that rounding may have moved beyond one."""
     angle: np.ndarray = np.arcsin(np.clip(sine, -1.0, 1.0))
     return angle
 
@@ -70,14 +72,14 @@ Points = Mapping[str, np.ndarray]
 """Joint centres by name, (3, n) each, metres, world."""
 
 Reading = tuple[np.ndarray, "np.ndarray | float"]
-"""An angle (n,) in radians, and its lever (n,): 1 at best; no value is given below ``LEAST_LEVER``."""
+"""An angle (n,) in radians, and its lever (n,), at best 1; below ``LEAST_LEVER`` there is no value."""
 
 
 @dataclass(frozen=True, slots=True)
 class AngleGroup:
-    """Angles that one formula gives from the same joints, in the order of ``names``.
+    """Angles that one formula computes from the same joints, in the order of ``names``.
 
-    own_sigma: (n,) radians, one standard deviation of the formula's own error, with exact joints.
+    own_sigma: (n,) radians, standard deviation of the formula's own error, even with exact joints.
     """
 
     names: tuple[str, ...]
@@ -87,10 +89,10 @@ class AngleGroup:
 
 
 def hinge_sigma(points: Points, limb: tuple[str, str, str], aside_rad: float) -> np.ndarray:
-    """(n,) radians: standard deviation of the angle between the plane of a bent limb and that of its hinge.
+    """Return (n,) radians: standard deviation of the angle between the plane of a bent limb and that of its hinge.
 
-    limb: the joints at its root, hinge and end. aside_rad: standard deviation of how far limbs are bowed to a side; the
-    less the limb is bent, the more that rotates its plane.
+    limb: the joints at its root, hinge and end. aside_rad: standard deviation of how far limbs are bowed sideways; the
+    less the limb is bent, the more this rotates its plane.
     """
     root, hinge, end = (points[name] for name in limb)
     bent = np.sin(between(hinge - root, end - hinge))
@@ -107,7 +109,7 @@ class Axes(NamedTuple):
 
 
 def pelvis_axes(points: Points) -> Axes:
-    """z along the hip joints, y towards SpineMid as far as it is perpendicular to z."""
+    """Return the pelvis axes: z along the hip joints, y towards SpineMid, made perpendicular to z."""
     across = points["HipRight"] - points["HipLeft"]
     middle = 0.5 * (points["HipRight"] + points["HipLeft"])
     z = unit(across)
@@ -116,12 +118,14 @@ def pelvis_axes(points: Points) -> Axes:
 
 
 def thorax_axes(points: Points) -> Axes:
-    """y from SpineMid to SpineShoulder, z along the shoulders as far as it is perpendicular to y."""
+    """Return the thorax axes: y from SpineMid to SpineShoulder, z along the shoulders, made perpendicular to y."""
     return _upright_axes(points["SpineShoulder"] - points["SpineMid"], points)
 
 
 def trunk_axes(points: Points) -> Axes:
-    """y from SpineBase to SpineShoulder: the whole trunk; z along the shoulders as far as it is perpendicular to y."""
+    """Return the axes of the whole trunk: y from SpineBase to SpineShoulder, z along the shoulders, made perpendicular
+    to y.
+    """
     return _upright_axes(points["SpineShoulder"] - points["SpineBase"], points)
 
 

@@ -27,7 +27,9 @@ from anchorpose.results.uncertainty import NORMAL_95, SYSTEMATIC_SHARE
 CONFIDENCE: Final = 0.95
 
 PAIRS, BLOCKS, FREE = "pairs", "blocks", "free"
-"""How the order may have been drawn: within pairs of neighbouring trials, within named blocks, or over all trials."""
+"""How the order of conditions may have been drawn: within pairs of neighbouring trials, within named blocks, or over
+all trials.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +58,7 @@ class Effect:
 
     @property
     def shown(self) -> bool:
-        """Whether a difference is shown: p is below 0.05, and the errors of measurement do not explain it."""
+        """Return whether a difference is shown: p is below 0.05, and errors of measurement do not explain it."""
         if self.p is None or self.difference is None or self.p >= ALPHA:
             return False
         return self.detectable is None or abs(self.difference) > self.detectable
@@ -127,7 +129,7 @@ def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np
 
 
 def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
-    """Why a test cannot show anything, and what it would need."""
+    """Return why a test cannot show anything, and what it would need."""
     reference, treated = int((~blocks.treated).sum()), int(blocks.treated.sum())
     several = "" if comparisons == 1 else f" of {comparisons} comparisons"
     if design == PAIRS:

@@ -1,4 +1,4 @@
-"""From how near people and equipment are in each frame to contacts: what begins, goes on unseen, and has ended."""
+"""Turn each frame's distances to people and equipment into contacts that begin, continue unseen, and end."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from anchorpose.results.records import PERSON, Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
 FREE_SHARE: Final = 0.5
-"""Share of the skin last touched that must be seen without anybody on it for the contact to have ended."""
+"""Share of the last touched skin that must be seen without contact for the contact to have ended."""
 
 SHOWN_SHARE: Final = 0.2
 """Share of the skin beside a part of the equipment that must be seen for the contact to be seen; as for a joint."""
@@ -173,7 +173,9 @@ class ContactIntervals:
                 yield key, _Touch(none, bool(begins[row]), area_m2, float(shown[row]), gap_m)
 
     def _continues(self, now: tuple[int, float], near: Nearness, key: _Key, kept: _Open) -> bool:
-        """Whether a contact continues: touched in this frame, hidden with the person in reach, or just paused."""
+        """Return whether a contact continues: touched in this frame, hidden with the person in reach, or interrupted
+        briefly.
+        """
         if kept.last == now:
             return True
         if not key.is_equipment and kept.begun:

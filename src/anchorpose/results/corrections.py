@@ -1,8 +1,8 @@
 """Corrections of results by a reviewer, and their file.
 
 corrections.json, the format ``anchorpose-corrections``, is read by ``track --corrections`` and written by the viewer.
-Frames and times are those of the results' tables, positions are in their world frame. Nothing is ever lost: what a
-reviewer takes back, or corrects again, moves to ``withdrawn``; it comes back from there where the correction that
+Frames and times are those of the results' tables, positions are in their world frame. Nothing is ever lost: a
+correction that a reviewer takes back or replaces moves to ``withdrawn``; it returns from there when the correction that
 replaced it is taken back.
 """
 
@@ -30,7 +30,9 @@ CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
 LATEST_FRAME: Final = 2**31 - 1
 SUREST_M: Final = 1e-4
-"""Least sigma of a corrected joint: nobody places one within a tenth of a millimetre, and less would overflow."""
+"""Least sigma of a corrected joint: nobody places a joint within a tenth of a millimetre, and smaller values would
+overflow.
+"""
 
 
 def _require_utc(when: str) -> str:
@@ -87,7 +89,7 @@ class UnusableInterval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCorrection:
-    """Where a joint is in one frame, world frame, and the reviewer's uncertainty (one sigma per axis)."""
+    """The corrected place of a joint in one frame, world frame, and the reviewer's uncertainty (one sigma per axis)."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     frame: Frame
@@ -102,7 +104,7 @@ class JointCorrection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedPatient:
-    """Who the patient is: a point on the person's surface in one frame, world frame."""
+    """The named patient: a point on the person's surface in one frame, world frame."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     frame: Frame
@@ -114,7 +116,7 @@ class NamedPatient:
 
     @property
     def xz_m(self) -> tuple[float, float]:
-        """The place on the floor."""
+        """Return the place on the floor."""
         return self.position_m[0], self.position_m[2]
 
 
@@ -122,15 +124,18 @@ Correction = UnusableInterval | JointCorrection | NamedPatient
 
 
 def _subject(entry: Correction) -> tuple[int, str] | str | None:
-    """What an entry is about, of which one entry holds at a time: a joint in a frame, or who the patient is; None for
-    an interval, of which any number may hold."""
+    """Return the subject of an entry, of which only one entry is valid: a joint in a frame, or the patient; None for an
+    interval, of which any number is valid.
+    """
     if isinstance(entry, JointCorrection):
         return entry.frame, entry.joint
     return "patient" if isinstance(entry, NamedPatient) else None
 
 
 def _kind_of(value: Any) -> str:
-    """A correction is of a joint where it has the key ``joint``, else of the patient where it has a place."""
+    """Return the kind of a correction: of a joint if it has the key ``joint``, else of the patient if it has a
+    place.
+    """
     if not isinstance(value, dict):
         return "UnusableInterval"
     return "JointCorrection" if "joint" in value else "NamedPatient" if "position_m" in value else "UnusableInterval"
@@ -166,8 +171,9 @@ EachJointOnce = Annotated[tuple[JointCorrection, ...], AfterValidator(_require_e
 
 @dataclass(frozen=True, slots=True)
 class CorrectionsRecord:
-    """The corrections file as in run.json: name, hash and entries, and a sentence for each that could not be
-    followed."""
+    """The corrections file as in run.json: name, hash and entries, and a sentence for each entry that could not be
+    followed.
+    """
 
     file: str
     sha256: Sha256
@@ -179,7 +185,7 @@ class CorrectionsRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """The corrections that hold, and those that were taken back. patient: None where nobody was named."""
+    """The valid corrections, and the ones that were taken back. patient: None where nobody was named."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     recording: ReviewedRecording
@@ -190,7 +196,7 @@ class Corrections:
 
     @property
     def valid(self) -> tuple[Correction, ...]:
-        """All that hold."""
+        """Return all valid corrections."""
         return (*self.unusable, *self.joints, *(() if self.patient is None else (self.patient,)))
 
     def added(self, entry: Correction) -> Corrections:
@@ -229,12 +235,12 @@ class Corrections:
 
 
 def now_utc() -> str:
-    """The time for ``when``, to the second."""
+    """Return the time for ``when``, to the second."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def require_recording(path: Path, corrections: Corrections, recording: ReviewedRecording) -> None:
-    """Raises InputError where the corrections read from ``path`` are about another recording or another world."""
+    """Raise InputError where the corrections read from ``path`` are about another recording or another world."""
     theirs = corrections.recording
     if theirs.sha256 != recording.sha256:
         problem = f"is about another recording ('{theirs.name}', other depth images or times)"
@@ -246,7 +252,7 @@ def require_recording(path: Path, corrections: Corrections, recording: ReviewedR
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class CorrectionsDocument(Corrections):
-    """corrections.json."""
+    """The content of corrections.json."""
 
     format: Literal["anchorpose-corrections"]
     version: Version
@@ -255,7 +261,9 @@ class CorrectionsDocument(Corrections):
 
 
 def corrections_beside(results: Path) -> Path:
-    """``RESULTS.corrections.json``: next to the folder, not in it, so that tracking again does not replace it."""
+    """Return ``RESULTS.corrections.json``: next to the folder, not in it, so that tracking again does not replace
+    it.
+    """
     folder = results.resolve()
     return folder.with_name(f"{folder.name}.corrections.json")
 
@@ -274,7 +282,7 @@ def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
 
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
-    """Write the whole file or leave it as it was; raises InputError for corrections that could not be read back."""
+    """Write the whole file or leave it unchanged; raises InputError for corrections that could not be read back."""
     document = {"format": CORRECTIONS_FORMAT, "version": 1, **asdict(corrections)}
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False, default=np.ndarray.tolist)
     validate(path, CorrectionsDocument, json.loads(text))
@@ -282,11 +290,11 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
 
 
 def parse_correction(path: Path, values: dict[str, Any]) -> Correction:
-    """Return a correction that stands as in the file; raises InputError with the name ``path``."""
+    """Parse a correction as in the file; raises InputError with the name ``path``."""
     found: Correction = validate(path, cast("Any", AnyCorrection), values)
     return found
 
 
 def parse_withdrawal(path: Path, values: dict[str, Any]) -> Withdrawal:
-    """Return a withdrawal that stands as in the file; raises InputError with the name ``path``."""
+    """Parse a withdrawal as in the file; raises InputError with the name ``path``."""
     return validate(path, Withdrawal, values)

@@ -46,7 +46,7 @@ LIMBS_JUDGED: Final[Mapping[str, np.ndarray]] = {
 
 
 SEEN_SHARE: Final = 0.25
-"""Share of the skin around a joint that one camera must see for the joint to be seen by the truth."""
+"""Share of the skin around a joint that one camera must see for the joint to count as seen by the truth."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,8 +112,8 @@ def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, fl
 
 
 LEAST_SHARE: Final = 0.1
-"""Share of the frames that must have a partner, of the results' or of the truth's. Fewer match by chance, as where
-times are in another unit; a truth of every thirtieth frame matches whole."""
+"""Share of the frames, of results or truth, that must have a partner. Fewer match by chance, for example if times are
+in another unit; a truth of every thirtieth frame matches completely."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,7 +170,7 @@ def _angle_summary(error_deg: np.ndarray, within: np.ndarray) -> AngleError:
 
 
 def _mean(values: np.ndarray) -> float | None:
-    """None where there are none."""
+    """Return the mean; None where there are no values."""
     return float(values.mean()) if len(values) else None
 
 
@@ -248,7 +248,7 @@ CLOSER: Final = 10.0
 
 
 def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:
-    """Raises InputError where times are in minutes or hours; a truth of few, or of many more, frames is none."""
+    """Raise InputError where times are in minutes or hours; a truth with few frames, or with many more, is accepted."""
     if min(len(truth_s), len(results_s)) < 2:
         return
     steps, spans = ((each(results_s) / each(truth_s)) for each in (_median_step, np.ptp))

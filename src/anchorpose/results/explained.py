@@ -1,4 +1,4 @@
-"""explained.parquet: how well each reported pose explains what the cameras show, and the moments it does worst."""
+"""Write explained.parquet: how well each reported pose explains the depth images, and its worst moments."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:  # what reads results needs no kernels
     from anchorpose.body.explanation import Explanation
 
 PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
-"""The parts of ``Explanation.seen_past``, in its order; the trunk with the head."""
+"""The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # a hand; clothes and holds leave up to half of that
-SEEN_PAST: Final = 0.3  # share of a part's skin: a limb that is right shows less, at its edges and in loose clothes
-APART_S: Final = 0.5  # two moments closer than this show the same thing
+UNCOVERED_CM2: Final = 80.0  # area of a hand; clothes and grips leave up to half of it uncovered
+SEEN_PAST: Final = 0.3  # share of a part's skin: a rightly placed limb has less, at its edges and in loose clothes
+APART_S: Final = 0.5  # two moments closer than this show the same situation
 MOST_MOMENTS: Final = 5
 
 
@@ -53,7 +53,7 @@ class ExplainedTable:
 
 
 LARGEST_CM2: Final = 1e6
-"""A hundred square metres: more than the walls that a camera sees."""
+"""Upper limit of an area, a hundred square metres: more than the walls that a camera sees."""
 
 EXPLAINED: Final = FrameTable(
     file="explained.parquet",
@@ -68,7 +68,7 @@ EXPLAINED_FILE, read_explained, write_explained = EXPLAINED.file, EXPLAINED.read
 
 
 def explained_frame(frame: int, time_s: float, explanation: Explanation | None) -> ExplainedFrame:
-    """The row of a frame; explanation: None where the patient is lost."""
+    """Return the row of a frame; explanation: None where the patient is lost."""
     if explanation is None:
         return ExplainedFrame(frame, time_s, np.nan, np.full(PARTS, np.nan))
     anything_seen = len(explanation.covered) + len(explanation.node) > 0
@@ -77,15 +77,16 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
-    """(n,) how many times the limit is reached by the uncovered area or by the share of a part that is seen past,
-    whichever is more: from 1 on a limb is probably elsewhere. NaN where neither is known."""
+    """Return how many times (n,) the limit is reached by the uncovered area or by a part's share seen past, whichever
+    is more: from 1 on a limb is probably elsewhere. It is NaN where neither is known.
+    """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A frame whose pose explains little of it, and why, in words."""
+    """A frame whose pose explains it poorly, and the reason in words."""
 
     frame: int
     time_s: float
@@ -94,9 +95,10 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class ExplainedSummary:
-    """What run.json states: in which share of the frames more than ``uncovered_limit_cm2`` is uncovered, and the worst.
+    """The summary in run.json: the share of frames in which more than ``uncovered_limit_cm2`` is uncovered, and the
+    worst.
 
-    uncovered_share: of the frames in which the area is known, ``known_frames``; None where it is in none.
+    uncovered_share: of the ``known_frames``, in which the area is known; None if there are none.
     """
 
     uncovered_limit_cm2: float
@@ -106,14 +108,14 @@ class ExplainedSummary:
 
 
 def summarise(table: ExplainedTable) -> ExplainedSummary:
-    """Share of frames with uncovered surface, and the worst moments."""
+    """Compute the share of frames with uncovered surface, and the worst moments."""
     known = table.uncovered_cm2[np.isfinite(table.uncovered_cm2)]
     share = float((known >= UNCOVERED_CM2).mean()) if len(known) else None
     return ExplainedSummary(UNCOVERED_CM2, len(known), share, worst_moments(table))
 
 
 def worst_moments(table: ExplainedTable) -> tuple[Moment, ...]:
-    """At most ``MOST_MOMENTS`` frames, ``APART_S`` from each other, the least explained first."""
+    """Return at most ``MOST_MOMENTS`` frames, ``APART_S`` apart, the least explained first."""
     badness = unexplained(table)
     rows = worst_rows(np.where(badness >= 1.0, badness, np.nan), table.time_s, APART_S, MOST_MOMENTS)
     return tuple(Moment(int(table.frame[row]), float(table.time_s[row]), _reason(table, row)) for row in rows)
@@ -130,5 +132,5 @@ def _reason(table: ExplainedTable, row: int) -> str:
 
 
 def _words(part: str) -> str:
-    """``arm_left`` as left arm."""
+    """Write ``arm_left`` as left arm."""
     return " ".join(reversed(part.split("_")))

@@ -28,10 +28,10 @@ from anchorpose.recording.writable import check_place, new_folder, whole_file
 
 @dataclass(frozen=True, slots=True)
 class FolderKind:
-    """How a folder that a verb writes is recognised, and which files in it are the verb's own.
+    """How a verb's folder is recognised, and which files in it are the verb's own.
 
-    name: for messages. marks: files by which it is known, so that it may be replaced; own: patterns of paths in it, as
-    of ``fnmatch``. Files that match none of them are the user's: they are kept when the folder is replaced.
+    name: for messages. marks: files that identify the folder, so that it may be replaced; own: patterns of paths in it,
+    as for ``fnmatch``. Files that match none of them are the user's: they are kept when the folder is replaced.
     """
 
     name: str
@@ -39,11 +39,11 @@ class FolderKind:
     own: tuple[str, ...]
 
     def is_at(self, folder: Path) -> bool:
-        """Whether ``folder`` is one of this kind."""
+        """Return whether ``folder`` is of this kind."""
         return all((folder / mark).is_file() for mark in self.marks)
 
     def owns(self, file: str) -> bool:
-        """Whether a file, by its path in the folder, is the verb's own."""
+        """Return whether a file, by its path in the folder, is the verb's own."""
         return _is_own_file(file, self.own)
 
 
@@ -62,7 +62,7 @@ RESULTS: Final = FolderKind(
 def new_results_folder(
     path: Path, recording: Path, overwrite: bool = False, kind: FolderKind = RESULTS
 ) -> Iterator[Path]:
-    """A folder to write results of ``recording`` into that becomes ``path`` at the end; see ``whole_or_nothing``.
+    """Yield a folder for results of ``recording`` that becomes ``path`` at the end; see ``whole_or_nothing``.
 
     An existing result, known by its kind's marks, is replaced only with ``overwrite``; any other folder that is not
     empty is never touched. Raises InputError before anything is written where results may not go to ``path``.
@@ -74,7 +74,8 @@ def new_results_folder(
 
 @contextmanager
 def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
-    """A folder beside ``path`` that takes its place when the block ends without an error, and vanishes otherwise.
+    """Yield a folder beside ``path`` that replaces it when the block ends without an error, and is removed
+    otherwise.
 
     own: patterns of the files that may be replaced; see ``publish``. Raises InputError where nothing can be written
     there, or ``path`` is a link.
@@ -95,8 +96,9 @@ def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
 
 @contextmanager
 def naming_place(place: Path) -> Iterator[None]:
-    """Gives an error of the disk the place that was written to, where the system names none: a write that fails, as on
-    a full disk, knows only its number."""
+    """Add the written place to a disk error that lacks it: a failed write, as on a full disk, has only an error
+    number.
+    """
     try:
         yield
     except OSError as error:
@@ -106,7 +108,7 @@ def naming_place(place: Path) -> Iterator[None]:
 
 
 def publish(made: Path, path: Path, own: Sequence[str] = ()) -> None:
-    """Puts the finished folder ``made`` in the place of ``path``; what stands there is replaced where it is own.
+    """Put the finished folder ``made`` in place of ``path``, whose own files are replaced.
 
     own: patterns of the files that may be deleted, as of ``fnmatch``; none: only an empty folder is replaced. Files of
     ``path`` that match none stay, in a folder ``NAME.kept`` beside it. Raises InputError, with all of ``made`` in a
@@ -133,14 +135,14 @@ def _replaced(target: Path) -> Path:
 
 
 def _restore_replaced(target: Path, kind: FolderKind) -> None:
-    """Undoes a replacement that was killed half-way: the old folder was moved away, the new one is not there yet."""
+    """Undo a replacement that was killed half-way: the old folder was moved away, the new one is not in place yet."""
     old = _replaced(target)
     if not os.path.lexists(target) and not old.is_symlink() and kind.is_at(old):
         old.rename(target)
 
 
 def free_name(path: Path) -> Path:
-    """``path``, or ``path`` with the first number behind it that is not taken."""
+    """Return ``path``, or ``path`` with the first free number appended."""
     names = chain([path], (path.with_name(f"{path.name}-{number}") for number in count(2)))
     return next(name for name in names if not os.path.lexists(name))
 
@@ -150,7 +152,7 @@ def _is_own_file(file: str, own: Sequence[str]) -> bool:
 
 
 def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
-    """Deletes the own files of ``old`` and moves the folder to ``kept`` if others are left."""
+    """Delete the own files of ``old`` and move the folder to ``kept`` if others remain."""
     for file in [file for file in old.rglob("*") if not file.is_dir() or file.is_symlink()]:
         if _is_own_file(file.relative_to(old).as_posix(), own):
             file.unlink()
@@ -162,13 +164,13 @@ def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
 
 
 def write_text_whole(path: Path, text: str) -> None:
-    """Writes a text file in UTF-8 so that ``path`` holds all of it, or what it held before."""
+    """Write a text file in UTF-8 so that ``path`` holds all of it, or its earlier content."""
     with whole_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
 
 def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind: FolderKind = RESULTS) -> None:
-    """Raises InputError unless results of ``recording`` (None: of cameras) may be written to ``path``."""
+    """Raise InputError unless results of ``recording`` (None: of cameras) may be written to ``path``."""
     check_place(path, recording)
     target = path.resolve()
     if not path.is_symlink():
@@ -176,7 +178,7 @@ def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind
     if path.is_symlink() or (path.exists() and not path.is_dir()):
         raise InputError(path, "is a file or a link", "choose another name")
     if os.path.ismount(target):
-        raise InputError(path, "is where a disk is mounted", "choose a folder in it")
+        raise InputError(path, "is the mount point of a disk", "choose a folder in it")
     if not path.exists() or not any(path.iterdir()):
         return
     if not kind.is_at(path):
@@ -186,16 +188,16 @@ def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind
 
 
 JOURNAL: Final = "journal"
-"""The folder in an unfinished results folder that holds what the run has done so far."""
+"""The folder in an unfinished results folder that holds the run's progress so far."""
 
 EARLIER: Final = "earlier"
-"""The journal of the run that is being overwritten: it comes back unless the new run stores something."""
+"""The journal of the run that is being overwritten: it is restored unless the new run stores something."""
 
 LIVE: Final = "live session"
-"""How the identity of a live session begins: it cannot be tracked again, only finished."""
+"""Prefix of a live session's identity: it cannot be tracked again, only finished."""
 
 FIRST_SECONDS: Final = "first-seconds"
-"""The folder in a journal that holds the first seconds of a live session; alone, they are not worth keeping."""
+"""The folder in a journal with the first seconds of a live session; alone, they are not worth keeping."""
 
 BEGUN_FILE: Final = "begun.json"
 LOCK_FILE: Final = ".lock"
@@ -209,13 +211,14 @@ RESUME: Final = "the same command with --resume"
 def unfinished_results(
     path: Path, recording: Path | None, overwrite: bool = False, resume: bool = False, go_on: str = RESUME
 ) -> Iterator[Path]:
-    """The folder ``.NAME.unfinished`` beside ``path``, which becomes ``path`` when the block ends without an error.
+    """Yield the folder ``.NAME.unfinished`` beside ``path``, which becomes ``path`` when the block ends without an
+    error.
 
-    Otherwise it stays, if the run has stored anything in it, and ``resume`` goes on with it. A run that ``overwrite``
-    is to replace stays until the new one has stored something. The folder is locked: a second run into ``path`` at the
-    same time is refused. recording: None where the images come from cameras. go_on: what the user does to go on with a
-    run that was stopped. Raises InputError before anything is written where results may not go to ``path``, another
-    folder has that name, or an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
+    Otherwise it stays, if the run has stored anything in it, and ``resume`` continues it. A run that ``overwrite`` will
+    replace stays until the new one has stored something. The folder is locked: a second run into ``path`` at the same
+    time is refused. recording: None where the images come from cameras. go_on: how the user resumes a stopped run.
+    Raises InputError before anything is written where results may not go to ``path``, another folder has that name, or
+    an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)
@@ -240,7 +243,7 @@ def unfinished_results(
 
 
 def begun_identity(path: Path) -> str | None:
-    """The identity of the unfinished run into ``path``; None where there is none, or it cannot be read."""
+    """Return the identity of the unfinished run into ``path``; None where there is none, or it cannot be read."""
     work = _work_of(path)
     try:
         begun = read_json(_journal_of(work) / BEGUN_FILE, LARGEST_WITH_HASHES) if _is_own(work) else {}
@@ -251,7 +254,7 @@ def begun_identity(path: Path) -> str | None:
 
 
 def wait_until_free(path: Path, timeout_s: float) -> None:
-    """Waits while another run writes into ``path``, at most ``timeout_s``; a killed one takes a moment to end."""
+    """Wait while another run writes into ``path``, at most ``timeout_s``; a killed run takes a moment to end."""
     work = _work_of(path)
     if _is_own(work):
         with suppress(Timeout), FileLock(work / LOCK_FILE, timeout=timeout_s):
@@ -265,10 +268,11 @@ def _work_of(path: Path) -> Path:
 
 @contextmanager
 def _claimed(work: Path, path: Path) -> Iterator[None]:
-    """The folder, made where it is absent, marked and locked; raises InputError where it is not this program's, or
-    another run has it."""
+    """Yield the folder, made if absent, marked and locked; raises InputError where it is not this program's, or another
+    run has it.
+    """
     if os.path.lexists(work) and (work.is_symlink() or not work.is_dir()):
-        raise InputError(work, "is in the way, and not of an unfinished run", "rename it")
+        raise InputError(work, "is in the way, and is not an unfinished run", "rename it")
     with new_folder(work, path):
         if not any(work.iterdir()):
             with naming_place(path):
@@ -293,24 +297,24 @@ def _is_own(work: Path) -> bool:
 
 
 def _require_own(work: Path) -> None:
-    """Raises InputError unless this program has made the folder, and nothing in it leads out of it."""
+    """Raise InputError unless this program has made the folder, and nothing in it leads out of it."""
     marked = False
     with suppress(InputError):
         marked = not work.is_symlink() and read_text(work / MARK_FILE) == MARK
     if not marked:
-        raise InputError(work, "is in the way, and not of an unfinished run", "rename it")
+        raise InputError(work, "is in the way, and is not an unfinished run", "rename it")
     if link := next((entry for entry in work.rglob("*") if entry.is_symlink()), None):
-        raise InputError(link, f"is a link, so that {work.name} is in the way", "put there what it leads to")
+        raise InputError(link, f"is a link, so that {work.name} is in the way", "put the target of the link there")
 
 
 def _journal_of(work: Path) -> Path:
-    """The journal that counts: of the run that is being overwritten as long as the new one has stored nothing."""
+    """Return the valid journal: that of the overwritten run until the new run has stored something."""
     new, earlier = work / JOURNAL, work / EARLIER
     return earlier if os.path.lexists(earlier) and not _has_stored(new) else new
 
 
 def _keep_one_journal(work: Path) -> bool:
-    """Removes the journal that does not count; returns whether that of the run that was to be overwritten is back."""
+    """Remove the journal that is not valid; return whether that of the overwritten run was restored."""
     restored = _journal_of(work) == work / EARLIER
     if restored:
         _remove(work / JOURNAL)
@@ -321,7 +325,7 @@ def _keep_one_journal(work: Path) -> bool:
 
 
 def _has_stored(journal: Path) -> bool:
-    """Whether anything is in the journal besides its beginning, readable or not: what cannot be read is kept, too."""
+    """Return whether the journal has more than its beginning, readable or not: unreadable content is kept, too."""
     if not journal.is_dir():
         return os.path.lexists(journal)
     names = {entry.name for entry in journal.iterdir() if ".partial" not in entry.name}
@@ -355,7 +359,7 @@ def _clear(work: Path, keep: Sequence[str]) -> None:
 
 
 def _remove(entry: Path) -> None:
-    """Removes a file or a folder, if it is there."""
+    """Remove a file or a folder, if it exists."""
     if entry.is_dir():
         shutil.rmtree(entry)
     else:
@@ -363,13 +367,14 @@ def _remove(entry: Path) -> None:
 
 
 def clear_beside_journal(work: Path) -> None:
-    """Removes what a run with something stored has no use for: tables and pictures of one that was stopped, which are
-    written again, and the journal of one that is being overwritten. Everything that can be refused was read before."""
+    """Remove what a resumed run does not need: tables and pictures of a stopped run, which are written again, and the
+    journal of an overwritten one. All inputs that can be refused were read before.
+    """
     _clear(work, (LOCK_FILE, MARK_FILE, JOURNAL))
 
 
 def _leave(work: Path, error: BaseException, go_on: str, path: Path) -> None:
-    """Removes what is of no use any more, else notes how to go on; a refusal has its own remedy."""
+    """Remove what is no longer useful, else note how to resume; a refusal has its own remedy."""
     restored = _keep_one_journal(work)
     if _has_stored(work / JOURNAL):
         what = "The unfinished run that was there" if restored else "What was done"
@@ -380,7 +385,7 @@ def _leave(work: Path, error: BaseException, go_on: str, path: Path) -> None:
 
 
 def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
-    """The journal's folder in a results folder that is being made, new or of a run with the same identity.
+    """Return the journal's folder in a results folder that is being made, new or of a run with the same identity.
 
     identity: of inputs, settings and code; inputs: the hash of each file by its path in the recording. Raises
     InputError where the run that was begun had others, or its journal cannot be read; nothing was changed then.
@@ -407,7 +412,7 @@ def _require_same(results: Path, identity: str, inputs: dict[str, str]) -> None:
 
 
 def end_journal(results: Path) -> None:
-    """Removes what only an unfinished run needs."""
+    """Remove the files that only an unfinished run needs."""
     with suppress(FileNotFoundError):
         shutil.rmtree(results / JOURNAL)
 

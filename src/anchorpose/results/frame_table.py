@@ -1,4 +1,4 @@
-"""How a table with the same rows in every frame is declared, written and read; in memory it is a set of arrays."""
+"""Declare, write and read tables with the same rows in every frame; in memory a table is a set of arrays."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, re
 Frames = TypeVar("Frames")
 
 FRAMES_PER_ROW_GROUP: Final = 512
-"""Half a megabyte of joints in memory; fixed, since row groups decide the bytes of the file."""
+"""Frames per row group, half a megabyte of joints in memory; fixed, since row groups decide the bytes of the file."""
 
 UNKNOWN: Final = -1
-"""A flag that is neither 1 (yes) nor 0 (no)."""
+"""Value of a flag that is neither 1 (yes) nor 0 (no)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
     """Columns of one array (..., names), or (...) where there is one name; NaN is null in the file.
 
-    least, most: what a number may be, both included.
+    least, most: limits of a number, both allowed.
     """
 
     names: tuple[str, ...]
@@ -41,12 +41,14 @@ class Numbers:
         return [pa.field(name, self.type) for name in self.names]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
-        """The columns of an array."""
+        """Return the columns of an array."""
         flat = values.astype(self.type.to_pandas_dtype(), copy=False).reshape(-1, len(self.names))
         return [pa.array(column, self.type, from_pandas=True) for column in flat.T]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
-        """(rows, names), or (rows,) where there is one name; raises InputError for a number outside of its limits."""
+        """Return (rows, names), or (rows,) where there is one name; raises InputError for a number outside of its
+        limits.
+        """
         columns = [table[name].to_numpy(zero_copy_only=False) for name in self.names]
         for name, values in zip(self.names, columns, strict=True):
             require_within(path, name, values[~np.isnan(values)], (self.least, self.most), remedy)
@@ -61,15 +63,15 @@ class Codes:
     texts: tuple[str, ...]
 
     def schema(self) -> list[pa.Field]:
-        """A text in every row."""
+        """Return a text in every row."""
         return [pa.field(self.name, pa.string(), nullable=False)]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
-        """The column of an array."""
+        """Return the column of an array."""
         return [pa.array(np.array(self.texts, dtype=object)[values.ravel()], pa.string())]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
-        """(rows,) int8; raises InputError for a text that is not one of ``texts``."""
+        """Return (rows,) int8; raises InputError for a text that is not one of ``texts``."""
         return _codes(path, table[self.name], self.name, self.texts, remedy).astype(np.int8)
 
 
@@ -84,11 +86,11 @@ class Flags:
         return [pa.field(self.name, pa.bool_())]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
-        """The column of an array."""
+        """Return the column of an array."""
         return [pa.array(values == 1, mask=values == UNKNOWN)]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
-        """(rows,) int8."""
+        """Return (rows,) int8."""
         column = table[self.name].cast(pa.int8()).fill_null(UNKNOWN)
         flags: np.ndarray = column.to_numpy(zero_copy_only=False).astype(np.int8)
         return flags
@@ -102,10 +104,10 @@ class FrameTable(Generic[Frames]):
     """A table with the same rows in every frame.
 
     arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and the arrays of
-    ``columns`` by their names, (n, ...) or (n, things, ...). thing: the column that names what a row is about, such as
+    ``columns`` by their names, (n, ...) or (n, things, ...). thing: the column that names the subject of a row, such as
     "joint"; None where there is one row per frame. names: the things in their order; None where each file has its own,
-    which are then the field ``names``. text: a field that stands in the file's metadata, and its key there. agree:
-    whether the numbers and texts of the table fit each other.
+    which are then the field ``names``. text: a field stored in the file's metadata, and its key there. agree: function
+    that tests whether numbers and texts of the table are consistent.
     """
 
     file: str
@@ -118,7 +120,7 @@ class FrameTable(Generic[Frames]):
     remedy: str
 
     def schema(self) -> pa.Schema:
-        """The columns of the file."""
+        """Return the columns of the file."""
         start = [pa.field("frame", pa.int32(), nullable=False), pa.field("time_s", pa.float64(), nullable=False)]
         thing = [pa.field(self.thing, pa.string(), nullable=False)] if self.thing else []
         return pa.schema([*start, *thing, *(each for column in self.columns.values() for each in column.schema())])
@@ -153,7 +155,7 @@ class FrameTable(Generic[Frames]):
             groups.flush()
 
     def read(self, path: Path) -> Frames:
-        """Read the table, whichever order its rows are in.
+        """Read the table; its rows may be in any order.
 
         Raises InputError unless every frame has each thing once, times increase, and every number is one that can be.
         """
@@ -220,7 +222,9 @@ class FrameTable(Generic[Frames]):
 
 
 def _codes(path: Path, column: pa.ChunkedArray, what: str, texts: Sequence[str], remedy: str) -> np.ndarray:
-    """(n,) int64: the index of each row's text in ``texts``; raises InputError for a text that is not one of them."""
+    """Return (n,) int64: the index of each row's text in ``texts``; raises InputError for a text that is not one of
+    them.
+    """
     encoded = column.combine_chunks().dictionary_encode()
     found, index = encoded.dictionary.to_pylist(), {text: number for number, text in enumerate(texts)}
     for text in found:

@@ -1,4 +1,4 @@
-"""The time that each frame represents, and where frames are missing."""
+"""Compute the time that each frame represents, and find missing frames."""
 
 from __future__ import annotations
 
@@ -8,47 +8,52 @@ from typing import Final
 import numpy as np
 
 LONGEST_STEP: Final = 1.5
-"""In usual steps between frames. In a longer step at least one frame is missing."""
+"""Longest step, in usual steps between frames. In a longer step at least one frame is missing."""
 
 LONGEST_GAP_S: Final = 0.5
-"""A patient neither sits down nor stands up within this time, so a posture before and after a shorter gap continued in
-it. What happened in a longer gap is unknown."""
+"""Seconds within which a patient neither sits down nor stands up, so that a posture before and after a shorter gap
+continued in it. Events in a longer gap are unknown.
+"""
 
 
 FRAMES_AT_ONCE: Final = 4096
-"""What is made of their numbers on the way, also as text, takes some megabytes."""
+"""Frames processed at once: their intermediate values, also as text, take some megabytes."""
 
 
 def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
-    """All rows from 0 to ``frames``, ``at_once`` at a time (None: ``FRAMES_AT_ONCE``), for what needs much more memory
-    than its result."""
+    """Yield all rows from 0 to ``frames``, ``at_once`` at a time (None: ``FRAMES_AT_ONCE``), for what needs much more
+    memory than its result.
+    """
     at_once = FRAMES_AT_ONCE if at_once is None else at_once
     for first in range(0, frames, at_once):
         yield slice(first, min(first + at_once, frames))
 
 
 def usual_step_s(time_s: np.ndarray) -> float:
-    """The median step between frames; NaN for fewer than two."""
+    """Return the median step between frames; NaN for fewer than two."""
     return float(np.median(np.diff(time_s))) if len(time_s) > 1 else float("nan")
 
 
 def longest_even_step_s(time_s: np.ndarray) -> float:
-    """In a longer step a frame is missing, which matters to filters; NaN for fewer than two frames."""
+    """Return the step above which a frame is missing, which matters to filters; NaN for fewer than two frames."""
     return LONGEST_STEP * usual_step_s(time_s)
 
 
 def longest_known_gap_s(time_s: np.ndarray) -> float:
-    """What happened in a longer step is unknown; slow cameras may take ``LONGEST_STEP`` of their own steps."""
+    """Return the step above which events are unknown; slow cameras may take ``LONGEST_STEP`` of their own steps."""
     return max(LONGEST_GAP_S, longest_even_step_s(time_s))
 
 
 def recorded_seconds(time_s: np.ndarray) -> float:
-    """From the first frame to the last, which lasts a usual step; 0 for a single frame, which has no duration."""
+    """Return the time from the first frame to the last, which lasts a usual step; 0 for a single frame, which has no
+    duration.
+    """
     return float(time_s[-1] - time_s[0]) + usual_step_s(time_s) if len(time_s) > 1 else 0.0
 
 
 def frame_seconds(time_s: np.ndarray) -> np.ndarray:
-    """(n,) seconds: half the way to both neighbours, half a usual step at either end and at a gap of unknown time.
+    """Return the seconds (n,) of each frame: half the way to both neighbours, half a usual step at either end and at a
+    gap of unknown time.
 
     All zeros for a single frame, which has no duration. The sum is that of ``recorded_seconds`` less the unknown time.
     """
@@ -62,8 +67,8 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
 def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
     """``unbroken_runs`` of the frames that are ``known`` (n,) bool; unknown ones count as dropped.
 
-    So a joint that is lost for a moment ends no run. A run may contain unknown frames, but neither begins nor ends with
-    one.
+    A joint that is lost for a moment therefore ends no run. A run may contain unknown frames, but neither begins nor
+    ends with one.
     """
     rows = np.flatnonzero(known)
     runs = unbroken_runs(chosen[rows], time_s[rows], longest_known_gap_s(time_s))
@@ -71,7 +76,7 @@ def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> 
 
 
 def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float | None = None) -> list[slice]:
-    """Runs of frames that are all ``chosen`` (n,) bool; a step longer than longest_step_s ends them, too.
+    """Run of frames that are all ``chosen`` (n,) bool; a step longer than longest_step_s ends them, too.
 
     longest_step_s: ``longest_known_gap_s`` where None, so that a dropped frame does not end a run.
     """
@@ -80,7 +85,7 @@ def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float 
 
 
 def runs_of(chosen: np.ndarray, joined: np.ndarray | None = None) -> list[slice]:
-    """Runs of True in ``chosen`` (n,) bool.
+    """Return runs of True in ``chosen`` (n,) bool.
 
     joined (n - 1,) bool: whether a row and the next one belong together; None where all do.
     """
@@ -91,7 +96,9 @@ def runs_of(chosen: np.ndarray, joined: np.ndarray | None = None) -> list[slice]
 
 
 def worst_rows(badness: np.ndarray, time_s: np.ndarray, apart_s: float, most: int) -> list[int]:
-    """At most ``most`` rows by falling badness (n,), none within ``apart_s`` of a worse one; NaN is not a candidate."""
+    """Return at most ``most`` rows by falling badness (n,), none within ``apart_s`` of a worse one; NaN is no
+    candidate.
+    """
     chosen: list[int] = []
     for row in np.argsort(-badness, kind="stable"):
         if np.isnan(badness[row]) or len(chosen) == most:

@@ -1,4 +1,4 @@
-"""The angles of the body: how each follows from joint centres, and all of all frames with state and uncertainty.
+"""Compute the body's angles from joint centres, for all frames, with state and uncertainty.
 
 The pelvis is rotated, then raised on one side, then tilted (Baker 2001, doi:10.1016/S0966-6362(00)00083-7). In this
 order, the reverse of that for joints, each of the three is what clinicians call by its name, also for a patient who has
@@ -39,7 +39,8 @@ from anchorpose.results.tables import AngleTable, JointTable
 
 
 def trunk_lean(points: Points) -> tuple[Reading, ...]:
-    """The line from SpineBase to SpineShoulder against the world's vertical: forwards, then to the patient's right.
+    """Return the lean of the line from SpineBase to SpineShoulder against the vertical: forwards, then to the patient's
+    right.
 
     Forwards is horizontal and perpendicular to the hip joints; where their line is nearly vertical (lying on a side),
     both angles are undetermined.
@@ -54,13 +55,17 @@ def trunk_lean(points: Points) -> tuple[Reading, ...]:
 
 
 def trunk_heading(points: Points) -> tuple[Reading, ...]:
-    """Where the shoulders face, about the world's vertical: 0 = along the world's X, positive to the left."""
+    """Return the direction in which the shoulders face, about the vertical: 0 = along the world's X, positive to the
+    left.
+    """
     z = unit(points["ShoulderRight"] - points["ShoulderLeft"])
     return ((np.arctan2(z[0], z[2]), np.hypot(z[0], z[2])),)
 
 
 def trunk_on_pelvis(points: Points) -> tuple[Reading, ...]:
-    """Thorax against pelvis, Cardan angles in the order z, x, y: flexion, bend to the right, turn to the left."""
+    """Return thorax against pelvis, Cardan angles in the order z, x, y: flexion, bend to the right, turn to the
+    left.
+    """
     pelvis, thorax = pelvis_axes(points), thorax_axes(points)
     aside = dot(pelvis.z, thorax.y)
     lever = np.sqrt(np.clip(1.0 - aside**2, 0.0, 1.0))
@@ -69,7 +74,7 @@ def trunk_on_pelvis(points: Points) -> tuple[Reading, ...]:
 
 
 def neck_lean(points: Points) -> tuple[Reading, ...]:
-    """The line from Neck to Head against the thorax: flexion, then bend to the right."""
+    """Return the line from Neck to Head against the thorax: flexion, then bend to the right."""
     thorax, line = thorax_axes(points), unit(points["Head"] - points["Neck"])
     aside = dot(thorax.z, line)
     return (_flexion(thorax, line), np.sqrt(np.clip(1.0 - aside**2, 0.0, 1.0))), (arcsin(aside), 1.0)
@@ -80,7 +85,9 @@ def _flexion(axes: Axes, line: np.ndarray) -> np.ndarray:
 
 
 def pelvis_angles(points: Points) -> tuple[Reading, ...]:
-    """Tilt (front down positive), obliquity (right hip higher positive), rotation (turned to the left positive)."""
+    """Return tilt (front down positive), obliquity (right hip higher positive), rotation (turned to the left
+    positive).
+    """
     pelvis = pelvis_axes(points)
     z = pelvis.z
     level = np.hypot(z[0], z[2])
@@ -90,34 +97,39 @@ def pelvis_angles(points: Points) -> tuple[Reading, ...]:
 
 
 SOLE_SLOPE_DEG: Final = 19.3
-"""How far the line from ankle to toe base falls towards the toes when the sole is level: mean of the body asset's
-shapes; its standard deviation from person to person, 1.6 degrees, is not included in sigma."""
+"""Slope of the line from ankle to toe base, towards the toes, when the sole is level: mean of the body asset's shapes;
+its standard deviation between people, 1.6 degrees, is not included in sigma.
+"""
 
 
 VARUS_VALGUS_RAD: Final = np.radians(3.0)
-"""One standard deviation of how far knees are bowed in or out; assumed, not measured here."""
+"""Standard deviation of how far knees are bowed in or out; assumed, not measured here."""
 
 
 def hip_to_trunk(points: Points, side: str) -> tuple[Reading, ...]:
-    """Thigh against the whole trunk in the patient's sagittal plane: 0 = in line, positive = knee forward."""
+    """Return the thigh against the whole trunk in the patient's sagittal plane: 0 = in line, positive = knee
+    forward.
+    """
     right = unit(points["HipRight"] - points["HipLeft"])
     up = square_to(points["SpineShoulder"] - points["SpineBase"], right)
     return (_swing(up, right, unit(points[f"Knee{side}"] - points[f"Hip{side}"])),)
 
 
 def hip_to_pelvis(points: Points, side: str) -> tuple[Reading, ...]:
-    """Thigh against the pelvis in the joint coordinate system of ISB: flexion about the pelvis' z, then adduction."""
+    """Return the thigh against the pelvis in the joint coordinate system of ISB: flexion about the pelvis' z, then
+    adduction.
+    """
     pelvis, thigh = pelvis_axes(points), unit(points[f"Knee{side}"] - points[f"Hip{side}"])
     inwards = 1.0 if side == "Left" else -1.0
     return _swing(pelvis.y, pelvis.z, thigh), (inwards * arcsin(dot(thigh, pelvis.z)), 1.0)
 
 
 def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Rotation of the thigh about its long axis, by the plane in which the leg is bent: 0 = the shank points straight
-    back from the knee, perpendicular to the hip joints; positive = inwards, the foot to the outside.
+    """Return the rotation of the thigh about its long axis, by the plane in which the leg is bent: 0 = the shank points
+    straight back from the knee, perpendicular to the hip joints; positive = inwards, the foot to the outside.
 
-    The last of ISB's Cardan angles z, x, y, the plane's normal being the thigh's z. A leg that is bent by less than
-    ``PLANE_KNOWN_RAD`` has no such plane, and one that is bent backwards has it reversed: no value.
+    It is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. A leg that is bent by less
+    than ``PLANE_KNOWN_RAD`` has no such plane, and one that is bent backwards has it reversed: no value.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
@@ -130,11 +142,11 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
-    """How far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
+    """Return how far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
 
-    The plane of bending of a nearly straight leg is that of noise and of bow legs, so only the rotation about the line
-    of the hips counts, with either sign, so that noise about a straight knee has the mean zero. A clearly bent leg is
-    bent in the plane of its hinge, and the whole angle between thigh and shank counts. Between ``PLANE_UNKNOWN_RAD``
+    The plane in which a nearly straight leg bends is determined by noise and bow legs, so only the rotation about the
+    line of the hips counts, with either sign, so that noise about a straight knee has the mean zero. A clearly bent leg
+    is bent in the plane of its hinge, and the whole angle between thigh and shank counts. Between ``PLANE_UNKNOWN_RAD``
     and ``PLANE_KNOWN_RAD`` one passes into the other. No knee bends backwards further than that, so beyond it the angle
     is positive and does not need the line of the hips.
     """
@@ -150,7 +162,9 @@ def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def ankle_dorsiflexion(points: Points, side: str) -> tuple[Reading, ...]:
-    """Foot against shank: 0 = the sole of a mean foot perpendicular to the shank, positive = toes up (dorsiflexion)."""
+    """Return foot against shank: 0 = the sole of a mean foot perpendicular to the shank, positive = toes up
+    (dorsiflexion).
+    """
     knee, ankle, foot = (points[f"{name}{side}"] for name in ("Knee", "Ankle", "Foot"))
     return ((0.5 * np.pi + np.radians(SOLE_SLOPE_DEG) - between(knee - ankle, foot - ankle), 1.0),)
 
@@ -161,17 +175,19 @@ def _swing(up: np.ndarray, right: np.ndarray, thigh: np.ndarray) -> Reading:
 
 
 CARRYING_RAD: Final = np.radians(5.0)
-"""One standard deviation of the elbow's carrying angle; assumed, not measured here."""
+"""Standard deviation of the elbow's carrying angle; assumed, not measured here."""
 
 
 def shoulder_elevation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Upper arm against trunk, in whichever direction it is raised: 0 = along the trunk, pi = overhead."""
+    """Return upper arm against trunk, in any direction in which it is raised: 0 = along the trunk, pi = overhead."""
     trunk = points["SpineBase"] - points["SpineShoulder"]
     return ((between(trunk, points[f"Elbow{side}"] - points[f"Shoulder{side}"]), 1.0),)
 
 
 def shoulder_plane(points: Points, side: str) -> tuple[Reading, ...]:
-    """In which direction the arm is raised (ISB's plane of elevation): 0 = sideways, 90 degrees = forwards."""
+    """Return the direction in which the arm is raised (ISB's plane of elevation): 0 = sideways, 90 degrees =
+    forwards.
+    """
     trunk, arm = trunk_axes(points), unit(points[f"Elbow{side}"] - points[f"Shoulder{side}"])
     outwards = 1.0 if side == "Right" else -1.0
     ahead, aside = dot(arm, trunk.x), outwards * dot(arm, trunk.z)
@@ -179,8 +195,8 @@ def shoulder_plane(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Rotation of the upper arm about its long axis, by the plane in which the arm is bent: 0 = the forearm of the
-    hanging arm points forward; positive = inwards, the hand towards the other side.
+    """Return the rotation of the upper arm about its long axis, by the plane in which the arm is bent: 0 = the forearm
+    of the hanging arm points forward; positive = inwards, the hand towards the other side.
 
     It is the arm's rotation relative to the trunk without the shortest swing from hanging. ISB's third angle is
     undetermined for a hanging arm, which is where patients hold theirs. An arm that is bent by less than
@@ -199,7 +215,7 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def elbow_flexion(points: Points, side: str) -> tuple[Reading, ...]:
-    """How far the arm is bent at the elbow: 0 = straight, pi = folded."""
+    """Return how far the arm is bent at the elbow: 0 = straight, pi = folded."""
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     return ((between(elbow - shoulder, wrist - elbow), 1.0),)
 
@@ -208,11 +224,11 @@ _HINGES: Final = {
     hip_rotation: ("Hip* Knee* Ankle*", VARUS_VALGUS_RAD),
     shoulder_rotation: ("Shoulder* Elbow* Wrist*", CARRYING_RAD),
 }
-"""Of angles by a limb's plane of bending: its joints, and how far it is bowed to a side."""
+"""Angles that depend on a limb's plane of bending: the limb's joints, and how far it is bowed sideways."""
 
 
 def _sided(*rows: tuple[str, str, Callable[..., tuple[Reading, ...]]]) -> tuple[AngleGroup, ...]:
-    """The left groups, then the right ones, from rows of names, joints (with ``*`` for the side) and formula."""
+    """Return the left groups, then the right ones, from rows of names, joints (with ``*`` for the side) and formula."""
     return tuple(
         AngleGroup(
             tuple(f"{name}_{side.lower()}" for name in names.split()),
@@ -261,13 +277,14 @@ ARMS: Final = _sided(
 
 
 AT_ONCE: Final = 128
-"""Frames: with all their moved joints they stay in a core's cache."""
+"""Frames processed at once: with all their moved joints they fit into a core's cache."""
 
 
 def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A group's angles and their standard deviations, (k, n) radians each; NaN where a joint is or the lever is short.
+    """Return a group's angles and their standard deviations, (k, n) radians each; NaN where a joint is lost or the
+    lever is short.
 
-    position_m (21, 3, n), sigma_m (21, n): errors are taken as independent between joints and axes. Each coordinate is
+    position_m (21, 3, n), sigma_m (21, n): errors are assumed independent between joints and axes. Each coordinate is
     moved by its own sigma, both ways, instead of using a derivative: at a straight knee the derivative of the angle is
     not defined and would give no error at all. The formula's own error is added as squares.
     """
@@ -292,7 +309,8 @@ def _angles_of_some(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> t
 
 
 def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points:
-    """Each joint (3, 1 + 6 joints, n): as it is, then each coordinate of each joint moved by its sigma, down and up.
+    """Return each joint (3, 1 + 6 joints, n): unchanged, then with each coordinate of each joint moved by its sigma,
+    down and up.
 
     All at once, because a live frame, n = 1, would take longer to call the formula for each than to track.
     """
@@ -305,7 +323,7 @@ def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points
 
 
 def _shorter_way(angle: np.ndarray) -> np.ndarray:
-    """The same angle between minus pi and pi."""
+    """Return the same angle between minus pi and pi."""
     turn: np.ndarray = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
     return turn
 
@@ -319,8 +337,8 @@ ANGLE_NAMES: Final = tuple(name for group in ANGLE_GROUPS for name in group.name
 def joint_angles(joints: JointTable) -> AngleTable:
     """``ANGLE_NAMES`` of all frames; the state is the worst of the joints involved.
 
-    No value where one of them is lost (then the state is ``lost`` too) and where the pose leaves the angle undetermined
-    (then the state is that of the joints; docs/angles.md says for each angle when that is).
+    There is no value where one of the joints is lost (then the state is ``lost`` too), and where the pose leaves the
+    angle undetermined (then the state is that of the joints; docs/angles.md states when, for each angle).
     """
     shape = (len(joints.frame), len(ANGLE_NAMES))
     degrees, sigma_deg, state_code = np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.int8)

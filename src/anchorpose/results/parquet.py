@@ -1,6 +1,6 @@
 """Read and write the results' Parquet files, and declare tables of records. Equal values always give equal bytes.
 
-Nothing else opens a parquet file, since every page is written with a checksum and compared with it when it is read.
+No other module opens a parquet file, since every page is written with a checksum that is verified on reading.
 """
 
 from __future__ import annotations
@@ -23,43 +23,43 @@ from anchorpose.recording.regular_file import LARGEST_ARRAYS, require_regular
 Row = TypeVar("Row")
 
 ROWS_AT_ONCE: Final = 1 << 15
-"""Of a table that is read piece by piece: some megabytes."""
+"""Rows read at once from a table: some megabytes."""
 
 TRACK_AGAIN: Final = "track the recording again"
 MEASURE_AGAIN: Final = "run 'anchorpose measure' on its folder again"
 
 
 class RowGroups(Generic[Row]):
-    """Appends rows to an open parquet file; memory holds no more than one row group."""
+    """A writer that appends rows to an open parquet file; memory holds at most one row group."""
 
     def __init__(self, writer: Any, to_table: Callable[[Sequence[Row]], pa.Table], size: int) -> None:
         self._writer, self._to_table, self._size, self._rows = writer, to_table, size, list[Row]()
 
     def append(self, row: Row) -> None:
-        """Adds one row."""
+        """Add one row."""
         self._rows.append(row)
         if len(self._rows) == self._size:
             self.flush()
 
     def flush(self) -> None:
-        """Writes the rows that are still in memory."""
+        """Write the rows that are still in memory."""
         if self._rows:
             self._writer.write_table(self._to_table(self._rows))
             self._rows = []
 
 
 def open_parquet(path: Path, schema: pa.Schema) -> Any:
-    """A parquet writer with everything fixed that decides the bytes."""
+    """Open a parquet writer with everything fixed that decides the bytes."""
     return pq.ParquetWriter(
         path, schema, version="2.6", compression="zstd", compression_level=3, write_page_checksum=True
     )
 
 
 def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping[str, Any] | None = None) -> pa.Table:
-    """A table with exactly the columns of ``schema``, without a null where it has none; raises InputError otherwise.
+    """Read a table with exactly the columns of ``schema``, without forbidden nulls; raises InputError otherwise.
 
     rows: a pyarrow expression that selects the rows to read; None for all. later: columns that files of older versions
-    lack, and the value that they have there.
+    lack, and their values then.
     """
     table = _with_columns(read_any_parquet(path, rows), schema, later or {})
     require_columns(path, table.schema, schema)
@@ -70,7 +70,7 @@ def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping
 
 
 def _with_columns(table: pa.Table, schema: pa.Schema, later: Mapping[str, Any]) -> pa.Table:
-    """The table with each column of ``later`` that it lacks, at its place in ``schema``."""
+    """Add the columns of ``later`` that the table lacks, at their places in ``schema``."""
     for place, column in enumerate(schema):
         if column.name in later and column.name not in table.schema.names:
             values = pa.array([later[column.name]] * table.num_rows, column.type)
@@ -79,7 +79,7 @@ def _with_columns(table: pa.Table, schema: pa.Schema, later: Mapping[str, Any]) 
 
 
 def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = None) -> pa.Table:
-    """A table whatever its columns are, or those named; raises InputError where it is damaged or lacks one of them.
+    """Read a table with any columns, or the named ones; raises InputError where it is damaged or lacks one of them.
 
     rows: as of ``read_parquet``.
     """
@@ -90,7 +90,7 @@ def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = N
 
 
 def read_parquet_schema(path: Path) -> pa.Schema:
-    """The names, types and metadata of a table, without reading it; raises InputError where it is damaged."""
+    """Return the names, types and metadata of a table, without reading it; raises InputError where it is damaged."""
     with refuse_unreadable(path):
         schema = pq.read_schema(path)
         _require_names(schema)
@@ -98,7 +98,9 @@ def read_parquet_schema(path: Path) -> pa.Schema:
 
 
 def _require_names(schema: pa.Schema) -> list[str]:
-    """The names of the columns, which pyarrow decodes only here; raises UnicodeDecodeError where they are damaged."""
+    """Return the names of the columns, which pyarrow decodes only here; raises UnicodeDecodeError where they are
+    damaged.
+    """
     return list(schema.names)
 
 
@@ -145,7 +147,7 @@ def _attribute(column: str) -> str:
 
 @contextmanager
 def refuse_unreadable(path: Path) -> Iterator[None]:
-    """Raises InputError where the file at ``path`` proves in the block to be missing or unreadable."""
+    """Raise InputError where the file at ``path`` proves, in the block, to be missing or unreadable."""
     try:
         require_regular(path, LARGEST_ARRAYS)
         yield
@@ -159,13 +161,13 @@ def refuse_unreadable(path: Path) -> Iterator[None]:
 
 
 def require_columns(path: Path, found: pa.Schema, schema: pa.Schema) -> None:
-    """Raises InputError unless the file at ``path`` has the names and types of ``schema``."""
+    """Raise InputError unless the file at ``path`` has the names and types of ``schema``."""
     if found.names != schema.names or found.types != schema.types:
         raise InputError(path, f"its columns are not {', '.join(schema.names)}", TRACK_AGAIN)
 
 
 def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[float, float], remedy: str) -> None:
-    """Raises InputError where a value (n,) of a column is none, or outside of the limits, which it may be."""
+    """Raise InputError where a value (n,) of a column is missing, or outside of the limits, which are allowed."""
     wrong = values[~((values >= limits[0]) & (values <= limits[1]))]
     if len(wrong):
         raise InputError(path, f"has the {name} {wrong[0]:.6g}, not {limits[0]:g} to {limits[1]:g}", remedy)
@@ -175,10 +177,10 @@ def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[floa
 class RecordTable(Generic[Row]):
     """A table with one row per record.
 
-    record: the dataclass of a row, whose attributes have the names of the columns. known: the texts that may stand in a
-    column. limits: the least and the most that a number of a column may be. rows_per_group: fixed, since row groups
+    record: the dataclass of a row, whose attributes have the names of the columns. known: the allowed texts of a
+    column. limits: the least and the greatest allowed number of a column. rows_per_group: fixed, since row groups
     decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows. later: columns
-    that files of older versions lack, and the value that they have there.
+    that files of older versions lack, and their values then.
     """
 
     file: str
@@ -192,14 +194,14 @@ class RecordTable(Generic[Row]):
     remedy: str
 
     def write(self, path: Path, records: Sequence[Row], metadata: dict[str, str] | None = None) -> None:
-        """Writes the whole table, rows in the order given."""
+        """Write the whole table, rows in the order given."""
         schema = self.schema.with_metadata(metadata) if metadata else self.schema
         with open_parquet(path, schema) as writer:
             writer.write_table(self._to_table(records).replace_schema_metadata(metadata))
 
     @contextmanager
     def open(self, path: Path, metadata: dict[str, str] | None = None) -> Iterator[RowGroups[Row]]:
-        """Opens the file for writing row by row; it is complete when the block ends without an error."""
+        """Open the file for writing row by row; it is complete when the block ends without an error."""
         with open_parquet(path, self.schema.with_metadata(metadata) if metadata else self.schema) as writer:
             groups: RowGroups[Row] = RowGroups(
                 writer, lambda rows: self._to_table(rows).replace_schema_metadata(metadata), self.rows_per_group
@@ -208,14 +210,16 @@ class RecordTable(Generic[Row]):
             groups.flush()
 
     def read(self, path: Path, rows: Any = None) -> tuple[Row, ...]:
-        """All records, or those that the pyarrow expression ``rows`` selects; raises InputError for another table."""
+        """Read all records, or those that the pyarrow expression ``rows`` selects; raises InputError for another
+        table.
+        """
         table = read_parquet(path, self.schema, rows, self.later)
         if rows is None and not self.may_be_empty and not table.num_rows:
             raise InputError(path, "has no rows", self.remedy)
         return self.records(path, table)
 
     def records(self, path: Path, table: pa.Table) -> tuple[Row, ...]:
-        """The rows of a table as records; path: of its file, for messages."""
+        """Return the rows of a table as records; path: of its file, for messages."""
         for column, known in self.known.items():
             for text in table[column].unique().to_pylist():
                 if text not in known:
@@ -228,7 +232,7 @@ class RecordTable(Generic[Row]):
         try:
             return tuple(self.record(**row) for row in table.to_pylist())
         except ValueError as error:
-            raise InputError(path, f"has a row that cannot be: {error}", self.remedy) from None
+            raise InputError(path, f"has an impossible row: {error}", self.remedy) from None
 
     def _to_table(self, records: Sequence[Row]) -> pa.Table:
         columns = [

@@ -1,4 +1,4 @@
-"""Test whether two conditions differ, with trials as the unit, by every order in which they could have been done.
+"""Test whether two conditions differ, with trials as the unit, over every order in which they could have been done.
 
 Frames of a recording are not independent, trials are exchangeable if their condition was drawn: under the hypothesis
 that conditions make no difference every assignment of the conditions to the trials of a block is as probable as the
@@ -22,14 +22,14 @@ import numpy as np
 ALPHA: Final = 0.05
 
 MOST_EXACT: Final = 200_000
-"""Assignments that are all looked at, in a fraction of a second; of more a sample is drawn."""
+"""Largest number of assignments that are all examined, in a fraction of a second; of more a sample is drawn."""
 
 SAMPLED: Final = 9_999
 SEED: Final = 20_240_611
-"""Fixed, so that the same trials give the same p; with the observed assignment a sample has 10,000."""
+"""Fixed seed, so that the same trials give the same p; with the observed assignment a sample has 10,000."""
 
 TIE: Final = 1e-9
-"""Of the largest difference: sums in another order may differ by less."""
+"""Relative tolerance of ties: sums in another order may differ by less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,12 +46,12 @@ class Blocks:
 
     @property
     def members(self) -> list[np.ndarray]:
-        """The places of each block's trials."""
+        """Return the places of each block's trials."""
         return [np.flatnonzero(self.block == number) for number in dict.fromkeys(self.block.tolist())]
 
     @property
     def weights(self) -> np.ndarray:
-        """(n,) see above."""
+        """Return the weights (n,), see above."""
         found = np.zeros(len(self.treated))
         for places in self.members:
             treated = self.treated[places]
@@ -62,24 +62,27 @@ class Blocks:
 
     @property
     def assignments(self) -> int:
-        """How many assignments there could have been."""
+        """Return the number of possible assignments."""
         return math.prod(math.comb(len(places), int(self.treated[places].sum())) for places in self.members)
 
     @property
     def smallest_p(self) -> float:
-        """The smallest p of two sides that any values can give: 2 of all assignments where each has a mirror image."""
+        """Return the smallest two-sided p that any values can give: 2 of all assignments where each has a mirror
+        image.
+        """
         mirrored = all(2 * int(self.treated[places].sum()) == len(places) for places in self.members)
         return min(1.0, (2.0 if mirrored else 1.0) / self.assignments)
 
 
 def usable(treated: np.ndarray, block: np.ndarray) -> np.ndarray:
-    """(n,) bool: trials in blocks that have both conditions."""
+    """Return (n,) bool: trials in blocks that have both conditions."""
     both = [number for number in set(block.tolist()) if len(set(treated[block == number].tolist())) == 2]
     return np.isin(block, both)
 
 
 def neighbours(treated: np.ndarray) -> np.ndarray | None:
-    """(n,) block of each trial where trials in the order of time pair off, each pair with both conditions; else None.
+    """Return the block (n,) of each trial where trials in the order of time form pairs with both conditions; else
+    None.
 
     Of ABAB or ABBA the pairs are the first two and the last two; of ABABA the last trial has no partner: its block is
     its own.
@@ -90,7 +93,7 @@ def neighbours(treated: np.ndarray) -> np.ndarray | None:
 
 
 def permutation_p(value: np.ndarray, blocks: Blocks) -> tuple[float, bool]:
-    """p of two sides of the weighted difference of values (n,), and whether all assignments were looked at."""
+    """Return the two-sided p of the weighted difference of values (n,), and whether all assignments were examined."""
     observed = abs(float(blocks.weights @ value))
     limit = observed - TIE * max(float(np.abs(value - value.mean()).max()), observed)
     if blocks.assignments <= MOST_EXACT:
@@ -100,7 +103,7 @@ def permutation_p(value: np.ndarray, blocks: Blocks) -> tuple[float, bool]:
 
 
 def _all_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
-    """The weighted difference under every assignment."""
+    """Return the weighted difference under every assignment."""
     weights, total = blocks.weights, np.zeros(1)
     for places in blocks.members:
         treated = blocks.treated[places]
@@ -113,7 +116,7 @@ def _all_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 @lru_cache(8)
 def _choices(trials: int, treated: int) -> np.ndarray:
-    """(assignments, trials) bool: each choice of so many treated trials."""
+    """Return (assignments, trials) bool: each choice of this many treated trials."""
     places = np.array(list(combinations(range(trials), treated)))
     chosen = np.zeros((len(places), trials), dtype=bool)
     np.put_along_axis(chosen, places, True, axis=1)
@@ -122,7 +125,7 @@ def _choices(trials: int, treated: int) -> np.ndarray:
 
 
 def _drawn_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
-    """The weighted difference under a fixed sample of assignments."""
+    """Return the weighted difference under a fixed sample of assignments."""
     random, total = np.random.default_rng(SEED), np.zeros(SAMPLED)
     for places in blocks.members:
         weights = np.tile(blocks.weights[places], (SAMPLED, 1))
@@ -131,7 +134,9 @@ def _drawn_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """p adjusted for so many comparisons, in the order given: calling those below 0.05 errs at most 5 times in 100."""
+    """Adjust p for this many comparisons, in the order given: calling values below 0.05 significant errs at most 5
+    times in 100.
+    """
     adjusted, largest = [0.0] * len(p), 0.0
     for rank, place in enumerate(sorted(range(len(p)), key=lambda k: p[k])):
         largest = max(largest, min(1.0, (len(p) - rank) * p[place]))
@@ -140,18 +145,19 @@ def holm(p: Sequence[float]) -> list[float]:
 
 
 def pairs_needed(comparisons: int = 1) -> int:
-    """The least number of pairs with which p can fall below 0.05 over the number of comparisons: 2 of 2^n
-    assignments."""
+    """Return the least number of pairs with which p can fall below 0.05 over the number of comparisons: 2 of 2^n
+    assignments.
+    """
     return next(n for n in count(1) if 2.0 / 2**n < ALPHA / comparisons)
 
 
 def trials_needed(comparisons: int = 1) -> int:
-    """The same for trials of each condition in one block: 2 of (2n choose n) assignments."""
+    """Return the same for trials of each condition in one block: 2 of (2n choose n) assignments."""
     return next(n for n in count(1) if 2.0 / math.comb(2 * n, n) < ALPHA / comparisons)
 
 
 def blocks_needed(blocks: Blocks, comparisons: int = 1) -> int:
-    """The same for blocks like the first of these."""
+    """Return the same for blocks like the first of these."""
     first = blocks.members[0]
     treated = int(blocks.treated[first].sum())
     each, sides = math.comb(len(first), treated), 2.0 if 2 * treated == len(first) else 1.0

@@ -1,6 +1,6 @@
-"""Smooth and fill gaps: only when asked for, by a policy that is written down with what came of it.
+"""Smooth joints and fill gaps, only on request, by a policy that is stored with its outcome.
 
-Both smoothers are without delay: Kalman with Rauch, Tung and Striebel (1965, doi:10.2514/3.3166), and Butterworth.
+Both smoothers have no delay: Kalman with Rauch, Tung and Striebel (1965, doi:10.2514/3.3166), and Butterworth.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.results.uncertainty import random_sigma, systematic_sigma
 from anchorpose.settings import Positive, settings
 
-FIRST_SPEED_M_S: Final = 1.0  # standard deviations of what is not known before the first frame
+FIRST_SPEED_M_S: Final = 1.0  # standard deviations before the first frame
 FIRST_ACCELERATION_M_S2: Final = 10.0
 
 
 def smooth_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, jerk: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position (n, 3) and sigma (n,) of one joint that is known in all frames, time_s (n,) rising in any steps.
+    """Return smoothed position (n, 3) and sigma (n,) of one joint that is known in all frames; time_s (n,) rises in any
+    steps.
 
-    The acceleration is a random walk: it changes by ``jerk`` times the square root of the time. Only the random part of
-    sigma is smoothed away; the systematic part is added again, so sigma never falls below that.
+    The acceleration is a random walk: it changes by ``jerk`` times the square root of the time. Smoothing reduces only
+    the random part of sigma; the systematic part is added again, so sigma never falls below it.
     """
     course, variance = _smoothed_backwards(
         np.diff(time_s), np.ascontiguousarray(position_m), random_sigma(sigma_m) ** 2, jerk
@@ -43,7 +44,9 @@ def smooth_stretch(
 def _smoothed_backwards(
     steps_s: np.ndarray, position_m: np.ndarray, variance: np.ndarray, jerk: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position (n, 3) and its variance along each axis (n,); the state's rows are position, speed and acceleration."""
+    """Return position (n, 3) and its variance along each axis (n,); the state's rows are position, speed and
+    acceleration.
+    """
     count = len(position_m)
     mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # after each frame
     ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # as predicted from the frame before
@@ -72,14 +75,14 @@ def _motion(step_s: float) -> np.ndarray:
 
 @njit(cache=True)
 def _random_walk(step_s: float) -> np.ndarray:
-    """(3, 3) covariance that position, speed and acceleration gain in a step, for a jerk of one."""
+    """Return the covariance (3, 3) that position, speed and acceleration gain in a step, for a jerk of one."""
     h = step_s
     return np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
 
 
 @njit(cache=True)
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The product of two (3, 3); written out, since numba takes half a minute to compile one of any size."""
+    """Return the product of two (3, 3); written out, since numba takes half a minute to compile a general one."""
     product = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -89,7 +92,7 @@ def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _inverse(a: np.ndarray) -> np.ndarray:
-    """Of a (3, 3), by its cofactors."""
+    """Return the inverse of a (3, 3), by its cofactors."""
     inverse = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -99,24 +102,27 @@ def _inverse(a: np.ndarray) -> np.ndarray:
     return inverse / determinant
 
 
-_ORDER: Final = 2  # of one pass; forwards and backwards make it four
+_ORDER: Final = 2  # order of one pass; forwards and backwards make it four
 _TWICE: Final = (np.sqrt(2.0) - 1.0) ** 0.25
-"""Both passes together are 3 dB down at this share of the cutoff of one, both as tangents, which is how digital filters
-see frequencies (Winter, Biomechanics and Motor Control of Human Movement, on digital filtering)."""
+"""Share of the cutoff of one pass at which both passes together are 3 dB down, both as tangents, which is how digital
+filters see frequencies (Winter, Biomechanics and Motor Control of Human Movement, on digital filtering).
+"""
 
 
 def highest_cutoff_hz(rate_hz: float) -> float:
-    """The cutoff must lie below this: nine tenths of half the rate."""
+    """Return the upper limit of the cutoff: nine tenths of half the rate."""
     return 0.45 * rate_hz
 
 
 def shortest_frames(rate_hz: float, cutoff_hz: float) -> int:
-    """Frames a stretch must have: two periods of the cutoff, and more than the filter's own padding."""
+    """Return the least length of a stretch in frames: two periods of the cutoff, and more than the filter's own
+    padding.
+    """
     return max(3 * (2 * _ORDER + 1) + 1, int(np.ceil(2.0 * rate_hz / cutoff_hz)))
 
 
 def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray:
-    """Values (n, ...) filtered along the first axis by a Butterworth of effective order four, zero lag.
+    """Filter values (n, ...) along the first axis by a Butterworth of effective order four, zero lag.
 
     rate_hz: of the evenly spaced, finite values. cutoff_hz: where the two passes together are 3 dB down. Raises
     ValueError for a cutoff that is not below ``highest_cutoff_hz`` and for fewer than ``shortest_frames``.
@@ -132,11 +138,13 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
 
 
 MOST_UNEVEN: Final = 0.25
-"""Of the usual step. The filter needs even steps; stamps that jitter more are refused rather than resampled."""
+"""Largest deviation in usual steps. The filter needs even steps; time stamps that jitter more are refused, not
+resampled.
+"""
 
 
 def evenness(time_s: np.ndarray) -> float:
-    """The greatest deviation of a step within these frames (n,) from their usual one, in usual steps."""
+    """Return the greatest deviation of a step between these frames (n,) from the usual one, in usual steps."""
     step = np.diff(time_s)
     return float(np.abs(step / np.median(step) - 1.0).max()) if len(step) else 0.0
 
@@ -144,7 +152,8 @@ def evenness(time_s: np.ndarray) -> float:
 def filter_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, cutoff_hz: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Position (n, 3) and sigma (n,) of one joint that is known in all frames; None for too short a stretch.
+    """Return filtered position (n, 3) and sigma (n,) of one joint that is known in all frames; None for too short a
+    stretch.
 
     Sigma stays as it was, or becomes the rms of the neighbours within half a period of the cutoff where that is larger:
     systematic errors are not filtered away, and a poorly known frame moves its neighbours.
@@ -161,11 +170,13 @@ def filter_stretch(
 Filling = Literal["none", "linear", "spline"]
 
 LEAST_TRIALS: Final = 20
-"""Places of the recording in which the same gap is cut and filled on trial, to measure the error of a filling."""
+"""Places of the recording in which the same gap is cut and filled, to measure the error of a filling."""
 
 
 class Filled(NamedTuple):
-    """position_m (n, 3) and sigma_m (n,) of one joint, and filled (n,) bool: which frames were gaps before."""
+    """One joint with filled gaps: position_m (n, 3) and sigma_m (n,), and filled (n,) bool: frames that were gaps
+    before.
+    """
 
     position_m: np.ndarray
     sigma_m: np.ndarray
@@ -175,7 +186,7 @@ class Filled(NamedTuple):
 def fill_gaps(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, fill: Filling, longest_s: float
 ) -> Filled:
-    """One joint, position_m (n, 3), NaN where it is lost, with its gaps up to longest_s filled.
+    """Fill the gaps up to longest_s of one joint, position_m (n, 3), NaN where it is lost.
 
     A gap stays where it is longer (from the last frame before to the first after), where it begins or ends the
     recording, where frames are missing around it, and where the joint was not seen for long enough elsewhere to measure
@@ -199,7 +210,7 @@ def fill_gaps(
 
 
 def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -> list[tuple[int, int]]:
-    """First frame and one past the last of the gaps that may be filled."""
+    """Return first frame and one past the last of the gaps that may be filled."""
     found = []
     longest_step = longest_even_step_s(time_s)
     for start, stop in ((run.start, run.stop) for run in runs_of(~known)):
@@ -212,7 +223,7 @@ def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -
 
 
 def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
-    """(m, 2 or 4) weights of the known positions in each missing one.
+    """Return the weights (m, 2 or 4) of the known positions in each missing one.
 
     Two known ones give the straight line between them; four give the cubic that passes the inner two with the speed
     from the outer to the inner ones (Hermite).
@@ -231,7 +242,9 @@ def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
 def _trial_error(
     time_s: np.ndarray, position_m: np.ndarray, known: np.ndarray, reach: int, missing: int
 ) -> np.ndarray | None:
-    """(missing,) rms error along each axis of the same filling where the joint is known; None with too few places."""
+    """Return the rms error (missing,) along each axis of the same filling where the joint is known; None with too few
+    places.
+    """
     span = missing + 2 * reach
     if len(time_s) < span:
         return None
@@ -252,12 +265,12 @@ def _trial_error(
 Smoothing = Literal["none", "butterworth", "kalman"]
 
 DEFAULT_CUTOFF_HZ: Final = 6.0
-"""Usual for walking and standing (Winter, Biomechanics and Motor Control of Human Movement)."""
+"""Usual cutoff for walking and standing (Winter, Biomechanics and Motor Control of Human Movement)."""
 
 
 @settings
 class ProcessingConfig:
-    """How joints are smoothed and which gaps are filled; by default nothing is done.
+    """Settings of how joints are smoothed and which gaps are filled; by default nothing is done.
 
     smooth: "butterworth" (zero lag, effective order four, ``cutoff_hz``) or "kalman" (Rauch, Tung and Striebel with the
     joints' sigma; ``jerk`` says how freely the acceleration changes). fill: "linear" or "spline" for gaps up to
@@ -272,12 +285,12 @@ class ProcessingConfig:
 
     @property
     def active(self) -> bool:
-        """Whether anything is to be done."""
+        """Return whether anything is to be done."""
         return self.smooth != "none" or self.fill != "none"
 
 
 def policy_text(config: ProcessingConfig, counts: dict[str, int]) -> str:
-    """The settings as JSON, without those that were not used; counts: joint positions smoothed, filled and so on."""
+    """Return the settings as JSON, without unused ones; counts: joint positions smoothed, filled and so on."""
     used = asdict(config)
     if config.smooth != "butterworth":
         del used["cutoff_hz"]
@@ -300,7 +313,7 @@ class ProcessedJoints:
 
 
 def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoints:
-    """Gaps filled first, then every unbroken stretch smoothed by itself.
+    """Fill gaps first, then smooth every unbroken stretch separately.
 
     Raises AnchorposeError where the chosen filter does not fit the recording.
     """
@@ -343,7 +356,7 @@ def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAng
 def _smooth(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, config: ProcessingConfig
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Position (n, 3) and sigma (n,) of an unbroken stretch; None where it stays as it was measured."""
+    """Return position (n, 3) and sigma (n,) of an unbroken stretch; None where it stays as measured."""
     if config.smooth == "butterworth":
         if len(time_s) > 1 and len(time_s) >= shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
             _require_cutoff(time_s, config.cutoff_hz)  # of its own rate, which may be lower than that of the recording

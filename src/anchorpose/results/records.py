@@ -37,7 +37,7 @@ from anchorpose.results.parquet import (
 SEEN, INFERRED = "seen", "inferred"
 
 PERSON: Final = "person"
-"""In the column ``with`` of a contact that is not with equipment."""
+"""Value of the column ``with`` for a contact with a person, not with equipment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,12 +65,12 @@ class Contact:
 
     @property
     def state(self) -> str:
-        """``seen`` where most of the touching skin was, else ``inferred``."""
+        """Return ``seen`` where most of the touching skin was seen, else ``inferred``."""
         return SEEN if self.seen_share >= 0.5 else INFERRED
 
     @property
     def toucher(self) -> str:
-        """The person's name, or that of the part of the equipment."""
+        """Return the person's name, or that of the part of the equipment."""
         return self.with_ if self.person is None else self.person
 
 
@@ -85,7 +85,7 @@ def with_equipment(contacts: Iterable[Contact]) -> tuple[Contact, ...]:
 
 
 LARGEST_VALUE: Final = 1e12
-"""Of a measure, far above each in its unit, and of its sigma."""
+"""Upper limit of a measure, far above any in its unit, and of its sigma."""
 
 _SPAN_LIMITS: Final = {
     **dict.fromkeys(("first_frame", "last_frame"), (0, LATEST_FRAME)),
@@ -104,7 +104,7 @@ CONTACTS: Final = RecordTable(
 CONTACTS_FILE, read_contacts = CONTACTS.file, CONTACTS.read
 
 EQUIPMENT_KEY: Final = "equipment_parts"
-"""Of the schema's metadata: a JSON list of the parts of the equipment that contacts were looked for with."""
+"""Key in the schema's metadata: a JSON list of the equipment's parts with which contacts were searched."""
 
 
 def write_contacts(path: Path, equipment: Sequence[str] = ()) -> AbstractContextManager[RowGroups[Contact]]:
@@ -113,9 +113,9 @@ def write_contacts(path: Path, equipment: Sequence[str] = ()) -> AbstractContext
 
 
 def read_equipment_names(path: Path) -> tuple[str, ...]:
-    """Return the parts of the equipment that contacts were looked for with.
+    """Read the equipment's parts with which contacts were searched.
 
-    None of them where the recording had no model of the equipment, and in files of versions that did not look for such
+    It is empty where the recording had no model of the equipment, and in files of versions that did not search such
     contacts: whether the patient held on is then unknown. Raises InputError where the record cannot be read.
     """
     text = (read_parquet_schema(path).metadata or {}).get(EQUIPMENT_KEY.encode(), b"[]")
@@ -139,7 +139,7 @@ FAILED_STAND: Final = "failed_stand"
 RECOVERY_LEFT, RECOVERY_RIGHT = "recovery_step_left", "recovery_step_right"
 
 EVENT_KINDS: Final = (BUCKLE_LEFT, BUCKLE_RIGHT, FAILED_STAND, RECOVERY_LEFT, RECOVERY_RIGHT)
-"""Episodes that have a depth: something went wrong."""
+"""Episodes with a depth: events in which something went wrong."""
 
 EPISODE_KINDS: Final = (UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT, STEP_LEFT, STEP_RIGHT, *EVENT_KINDS)
 
@@ -167,7 +167,7 @@ class Episode:
 
     @property
     def seconds(self) -> float:
-        """From its first frame to its last."""
+        """Return the time from its first frame to its last."""
         return self.end_s - self.start_s
 
 
@@ -189,7 +189,7 @@ def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
 
 
 def read_episodes(path: Path) -> tuple[Episode, ...]:
-    """All rows of an episodes.parquet; raises InputError for another table."""
+    """Return all rows of an episodes.parquet; raises InputError for another table."""
     return tuple(replace(episode, state=JointState(episode.state)) for episode in EPISODES.read(path))
 
 
@@ -198,12 +198,12 @@ class Measure:
     """One number of docs/measures.md.
 
     side: "left", "right" or None. part: a region of the body (``REGIONS``), person: as in contacts.parquet; None where
-    the measure is not about a single part or person. value: None where it is unknown, and then ``why`` says why. sigma:
-    one standard deviation of the value, None where it is unknown (counts). frames: how many it rests on.
+    the measure is not about a single part or person. value: None where it is unknown, with the reason in ``why``.
+    sigma: one standard deviation of the value, None where it is unknown (counts). frames: how many it is based on.
     inferred_share: share of these frames in which a joint that it uses was inferred rather than seen. condition, trial:
     of which condition or trial of events.tsv (trials are numbered from 1); both None for the whole recording, only
-    trial None for a whole condition.
-    Raises ValueError unless exactly one of value and why is given, and for a trial without a condition.
+    trial None for a whole condition. Raises ValueError unless exactly one of value and why is given, and for a trial
+    without a condition.
     """
 
     measure: str
@@ -227,7 +227,7 @@ class Measure:
 
     @property
     def key(self) -> MeasureKey:
-        """What is measured, of which side, part and person, whatever trial it is of."""
+        """Return what is measured: measure, side, part and person, whatever its trial."""
         return self.measure, self.side, self.part, self.person
 
 
@@ -252,12 +252,12 @@ MEASURES_FILE: Final = MEASURES.file
 
 
 def read_measures(path: Path) -> tuple[Measure, ...]:
-    """The measures of the whole recording; raises InputError for another table."""
+    """Read the measures of the whole recording; raises InputError for another table."""
     return tuple(row for row in MEASURES.read(path) if row.condition is None)
 
 
 def read_trial_measures(path: Path) -> tuple[Measure, ...]:
-    """The measures of all trials, then of all conditions; none where the results have no trials.
+    """Read the measures of all trials, then of all conditions; none where the results have no trials.
 
     Raises InputError for another table.
     """
@@ -265,12 +265,12 @@ def read_trial_measures(path: Path) -> tuple[Measure, ...]:
 
 
 DEFINITION_KEY: Final = "measure_definition"
-"""Of the schema's metadata: a JSON text of ``Definition``."""
+"""Key in the schema's metadata: a JSON text of ``Definition``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """What the measures were computed by; another definition may give another number the same name.
+    """The definition by which measures were computed; another definition may give another number the same name.
 
     anchorpose: the version of the program. config: the thresholds, as nested dicts of JSON values.
     """
@@ -280,13 +280,13 @@ class Definition:
 
 
 def write_measures(path: Path, measures: Sequence[Measure], config: dict[str, Any]) -> None:
-    """Writes measures.parquet in the order given, with this version and ``config`` as its ``Definition``."""
+    """Write measures.parquet in the order given, with this version and ``config`` as its ``Definition``."""
     definition = json.dumps({"anchorpose": __version__, "config": config}, sort_keys=True)
     MEASURES.write(path, measures, {DEFINITION_KEY: definition})
 
 
 def read_definition(path: Path) -> Definition | None:
-    """The definition of a measures.parquet; None where the file is older than this record.
+    """Return the definition of a measures.parquet; None where the file is older than this record.
 
     Raises InputError where the record cannot be read.
     """
@@ -299,13 +299,13 @@ def read_definition(path: Path) -> Definition | None:
         raise InputError(path, "its definition of the measures cannot be read", MEASURE_AGAIN) from None
 
 
-FRAMES_KEPT: Final = 64  # read last, of all cameras: under a megabyte
+FRAMES_KEPT: Final = 64  # images kept in memory, of all cameras: under a megabyte
 
 ROOM: Final = 0
-"""Neither equipment nor a person: the room, small components, and pixels without a reading."""
+"""Label of pixels that are neither equipment nor a person: the room, small components, pixels without a reading."""
 
 _PNG_SETTINGS: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
-"""Large areas have one value: run lengths make the smallest files, 5 kB an image."""
+"""Settings of the label images: large areas have one value, so run lengths make the smallest files, 5 kB an image."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,7 +328,7 @@ PEOPLE_FILE, write_people = PEOPLE.file, PEOPLE.open
 
 
 def encode_labels(frame: int, camera: str, view: View) -> LabelImage:
-    """The segmentation of one camera's view."""
+    """Encode the person labels of one camera's view."""
     labelled = (view.labels >= PixelLabel.PATIENT) | (view.labels == PixelLabel.EQUIPMENT)
     labels = np.where(labelled, view.labels, np.uint8(ROOM))
     _, encoded = cv2.imencode(".png", labels, _PNG_SETTINGS)
@@ -336,7 +336,7 @@ def encode_labels(frame: int, camera: str, view: View) -> LabelImage:
 
 
 def decode_labels(image: LabelImage) -> np.ndarray:
-    """(height, width) uint8 labels. Raises ValueError where the bytes are not an 8-bit image."""
+    """Decode labels (height, width) uint8. Raises ValueError where the bytes are not an 8-bit image."""
     labels = cv2.imdecode(np.frombuffer(image.labels, np.uint8), cv2.IMREAD_UNCHANGED)
     if labels is None or labels.dtype != np.uint8 or labels.ndim != 2:
         raise ValueError(f"frame {image.frame}, camera {image.camera}: the labels are not an 8-bit image")
@@ -344,7 +344,9 @@ def decode_labels(image: LabelImage) -> np.ndarray:
 
 
 def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[int, str], LabelImage]:
-    """The images of some frames, or of all, still encoded, by frame and camera; raises InputError for two of one."""
+    """Return the images of some frames, or of all, still encoded, by frame and camera; raises InputError for two of
+    one.
+    """
     rows = PEOPLE.read(path, None if frames is None else pc.field("frame").isin(frames))
     images = {(row.frame, row.camera): row for row in rows}
     if len(images) != len(rows):
@@ -353,13 +355,13 @@ def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[i
 
 
 def frames_of_people(path: Path) -> np.ndarray:
-    """(k,) int32, increasing: the frames of which there is an image, without reading the images."""
+    """Return (k,) int32, increasing: the frames of which there is an image, without reading the images."""
     frames: np.ndarray = np.unique(read_any_parquet(path, columns=["frame"])["frame"].to_numpy())
     return frames
 
 
 class StoredPeople:
-    """The images of a people.parquet, read when they are needed: those of an hour would fill the memory.
+    """The images of a people.parquet, read on demand: all images of an hour would fill the memory.
 
     Raises InputError where the file is not such a table; threads may share it.
     """

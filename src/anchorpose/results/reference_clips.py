@@ -25,7 +25,7 @@ def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, ove
     """Write the movements of all sources to ``out`` and return them.
 
     sources: results folders, skeleton files and earlier files of reference movements. rate_hz: frames per second of
-    skeleton files that do not state it. Raises InputError before anything is written where one cannot be used.
+    skeleton files that do not state it. Raises InputError before anything is written where a source cannot be used.
     """
     if out.suffix != SUFFIX:
         raise InputError(out, f"does not end in {SUFFIX}", f"call it {out.name}{SUFFIX}")
@@ -47,7 +47,7 @@ def _read(source: Path, rate_hz: float | None) -> ReferenceClips:
 
 
 def clips_of_results(folder: Path) -> ReferenceClips:
-    """The stretches of a results folder, at least half a second long, in which no joint is lost.
+    """Return the stretches of a results folder, at least half a second long, in which no joint is lost.
 
     Frames with a lost joint and gaps in time end them. Raises InputError where the table cannot be used or no stretch
     is left.

@@ -1,4 +1,4 @@
-"""The recording and the world that corrections are about: a hash of depth images and times, and the camera poses."""
+"""Identify the recording and the world that corrections are about: a hash of images and times, and camera poses."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _Height = Annotated[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedCamera:
-    """A camera with its pose (4, 4), None where it was not used for want of one, and its clock, None where unknown."""
+    """A camera with its pose (4, 4), None where it was not used for lack of one, and its clock, None where unknown."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     name: Text
@@ -44,10 +44,9 @@ class ReviewedCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedRecording:
-    """What corrections are about: a name for people, a hash of depth images and times, and the world by its cameras.
+    """The subject of corrections: a name for people, a hash of depth images and times, and the world by its cameras.
 
-    Clocks and the height of the floor are those that were used, so that they need not be found again; None where not
-    known.
+    Clocks and the height of the floor are the used ones, so that they need not be found again; None where unknown.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -58,12 +57,12 @@ class ReviewedRecording:
 
     @property
     def poses(self) -> dict[str, np.ndarray | None]:
-        """T_world_camera (4, 4) by the camera's name."""
+        """Return T_world_camera (4, 4) by camera name."""
         return {camera.name: camera.camera_to_world for camera in self.cameras}
 
     @property
     def clocks(self) -> dict[str, Clock]:
-        """Those that are known, by the camera's name."""
+        """Return the known clocks, by camera name."""
         return {camera.name: camera.clock for camera in self.cameras if camera.clock is not None}
 
 
@@ -89,7 +88,7 @@ def reviewed_recording(
 
 
 def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
-    """The recording and the world of a run.json (``read_run``)."""
+    """Return the recording and the world of a run.json (``read_run``)."""
     poses = {
         camera["name"]: None if camera["camera_to_world"] is None else np.array(camera["camera_to_world"])
         for camera in run["cameras"]
@@ -100,12 +99,12 @@ def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
 
 
 def poses_of(cameras: Iterable[Camera]) -> dict[str, np.ndarray | None]:
-    """T_world_camera by name, for ``reviewed_recording``."""
+    """Return T_world_camera by name, for ``reviewed_recording``."""
     return {camera.name: camera.T_world_camera for camera in cameras}
 
 
 def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None]) -> bool:
-    """Whether two sets of camera poses, (4, 4) by name, are the same but for rounding."""
+    """Return whether two sets of camera poses, (4, 4) by name, are the same but for rounding."""
     nowhere = np.full((4, 4), np.nan)
     first, second = ([nowhere if pose is None else pose for _, pose in sorted(poses.items())] for poses in (a, b))
     pairs = zip(first, second, strict=False)
@@ -114,5 +113,6 @@ def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None])
 
 
 SAME_WORLD_M: Final = 0.001
-"""Camera poses closer than this, in every number of the matrix, are of the same world: a metre away from the camera
-a joint then moves by a millimetre or two, less than anybody can place it by hand."""
+"""Difference of camera poses, in every number of the matrix, below which worlds are the same: a metre from the camera a
+joint then moves by one or two millimetres, less than anybody can place it by hand.
+"""

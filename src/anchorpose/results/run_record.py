@@ -1,7 +1,7 @@
-"""run.json: what a result was made from and with, how long it took, what was left out, and the body that was learnt.
+"""Record in run.json what a result was made from and with, durations, omitted frames, and the learnt body.
 
-One set of types says what is written and what may be read. A run.json may have been edited or come from another
-program: keys that are not known are ignored, and keys that have a default here may be missing.
+One set of types defines what is written and what may be read. A run.json may have been edited or come from another
+program: unknown keys are ignored, and keys with a default here may be missing.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from anchorpose.versions import code_digest, machine, versions
 RUN_FILE: Final = "run.json"
 
 PICTURES: Final = "pictures"
-"""The folder in the results that holds what the report shows."""
+"""The folder in the results with the report's pictures."""
 
 NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -45,7 +45,9 @@ _is_sha256: Final = re.compile("[0-9a-f]{64}").fullmatch
 
 @dataclass(frozen=True, slots=True)
 class BoneRecord:
-    """A bone from joint to joint, the same in every frame; refined_m: change of its length by later frames."""
+    """A bone from joint to joint, with the same length in every frame; refined_m: change of its length by later
+    frames.
+    """
 
     bone: str
     length_m: NotNegative
@@ -55,10 +57,10 @@ class BoneRecord:
 
 @dataclass(frozen=True, slots=True)
 class BodyRecord:
-    """The body that was tracked, and how many seconds it was learnt from.
+    """The tracked body, and the seconds from which it was learnt.
 
-    Each sigma follows from the fit's equations: it covers noise, poses and what was hidden, but neither clothes nor
-    bodies unlike those of the shape space.
+    Each sigma follows from the fit's equations: it covers noise, poses and hidden parts, but neither clothes nor bodies
+    unlike those of the shape space.
     """
 
     learnt_from_s: float
@@ -81,8 +83,9 @@ def _require_noise(noise: DepthNoise) -> DepthNoise:
 
 @dataclass(frozen=True, slots=True)
 class DepthRecord:
-    """What the recording itself shows of a camera's depth: its noise; the step between readings, ``step_per_m z^2``
-    at a distance z in metres; how wide edges are."""
+    """The properties of a camera's depth by the recording itself: its noise; the step between readings, ``step_per_m
+    z^2`` at a distance z in metres; the width of edges.
+    """
 
     noise: Annotated[DepthNoise, AfterValidator(_require_noise)]
     step_per_m: NotNegative
@@ -91,7 +94,7 @@ class DepthRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraRecord:
-    """The pose that was used for a camera, whether it was given or found, and its clock as used."""
+    """The used pose of a camera, its source, and its clock as used."""
 
     name: Text
     camera_to_world: CameraPose | None  # (4, 4); None where the camera has no pose and was not used
@@ -102,7 +105,7 @@ class CameraRecord:
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """What a calibration left unexplained."""
+    """A remaining error of a calibration."""
 
     camera: str
     what: str  # for example "equipment, median distance to the model"
@@ -122,7 +125,7 @@ class StageTiming:
 class MatchedShares:
     """The share of the followed points that association found again, frame by frame.
 
-    The others stay at their prediction. None where there was nothing to match: in the frame that a track begins with,
+    Other points stay at their prediction. It is None where there was nothing to match: in the first frame of a track,
     and in frames that do not show the patient.
     """
 
@@ -130,7 +133,7 @@ class MatchedShares:
 
     @property
     def sentences(self) -> list[str]:
-        """For people: the mean share, and in how many frames nothing was matched."""
+        """Return sentences for people: the mean share, and in how many frames nothing was matched."""
         known = [share for share in self.matched_share if share is not None]
         if not known:
             return []
@@ -182,8 +185,9 @@ class PoorInterval:
 
 @dataclass(frozen=True, slots=True)
 class PatientRecord:
-    """Who was taken to be the patient: the place (x, z, metres) in the initial frame, and why, as the end of a sentence
-    that begins with "who"; rival_xz_m: another person who may be the patient."""
+    """The chosen patient: the place (x, z, metres) in the initial frame, and the reason, as the end of a sentence that
+    begins with "who"; rival_xz_m: another person who may be the patient.
+    """
 
     frame: Frame
     xz_m: tuple[float, float]
@@ -220,7 +224,7 @@ class RunRecord:
     versions: dict[str, str] = field(default_factory=dict)  # of this package and its libraries
     machine: dict[str, Any] = field(default_factory=dict)
     code: str = ""  # hash of the package's code
-    identity: str = ""  # SHA-256 over inputs, settings, code and libraries: the same one means the same joints
+    identity: str = ""  # SHA-256 of inputs, settings, code and libraries: equal identities mean equal joints
     recording: Text  # name of the recording folder, not its path: results travel
     recorded: RecordedSpan | None = None  # of all frames; None where all were tracked, and in older results
     frame_count: int = 0
@@ -238,14 +242,14 @@ class RunRecord:
     corrections: CorrectionsRecord | None = None
     calibration: CalibrationUsed | None = None  # None where poses are the recording's, or were found
     pictures: tuple[PictureRecord, ...] = ()
-    notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what needs care
+    notes: tuple[str, ...] = ()  # sentences for people: assumptions and cautions
     config: Any = None  # the resolved configuration, a dataclass of stage configurations
     inputs_sha256: dict[str, Sha256]  # by the file's path in the recording folder
     outputs_sha256: dict[str, Sha256] = field(default_factory=dict)  # by the file's path in the results folder
 
 
 def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str) -> None:
-    """Take in one more frame: the last interval goes on, a new one begins, or the patient is there (no why)."""
+    """Add one more frame: the last interval continues, a new one begins, or the patient is found (no why)."""
     if not why:
         return
     last = intervals[-1] if intervals else None
@@ -256,7 +260,7 @@ def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str
 
 
 def note_poor(intervals: list[PoorInterval], frame: int, time_s: float, poor: Sequence[PoorDepth]) -> None:
-    """Take in one more frame: of each camera that is poor in it, the last interval goes on, or a new one begins."""
+    """Add one more frame: for each poor camera, the last interval continues, or a new one begins."""
     for one in poor:
         at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], frame, one)), None)
         before = None if at is None else intervals[at]
@@ -278,7 +282,7 @@ _TOO_COARSE: Final = {PoorKind.EDGES: "edges are drawn out over", PoorKind.STEPS
 
 
 def sentence(poor: PoorDepth) -> str:
-    """For people, without a full stop."""
+    """Return a sentence for people, without a full stop."""
     if poor.kind in _TOO_COARSE:
         return (
             f"camera {poor.camera}: {_TOO_COARSE[poor.kind]} {1000 * poor.amount:.0f} mm at the patient, "
@@ -291,7 +295,7 @@ def sentence(poor: PoorDepth) -> str:
 
 
 def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ...]:
-    """(path relative to ``folder``, SHA-256 in hex) of each file.
+    """Return (path relative to ``folder``, SHA-256 in hex) of each file.
 
     Raises InputError for one of more than ``LARGEST_ARRAYS``: no table and no image is as large.
     """
@@ -305,12 +309,12 @@ def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ..
 
 
 def output_files(results: Path) -> list[Path]:
-    """Tables and pictures of a results folder, in a fixed order."""
+    """Return tables and pictures of a results folder, in a fixed order."""
     return sorted((*results.glob("*.parquet"), *results.glob("pictures/*.png")))
 
 
 def write_run_record(path: Path, record: RunRecord) -> None:
-    """Write run.json, with the hashes of all tables and pictures, which are there already, and of the program."""
+    """Write run.json with the hashes of all tables and pictures, which exist already, and of the program."""
     outputs = dict(hash_files(output_files(path.parent), path.parent))
     whole = replace(record, versions=versions(), machine=machine(), code=code_digest(), outputs_sha256=outputs)
     text = json.dumps(as_json(whole), indent=1, ensure_ascii=False, allow_nan=False)
@@ -335,7 +339,7 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
-    """The content without hashes that are sound: the 324,000 of an hour's inputs would cost more than the rest."""
+    """Return the content without valid hashes: the 324,000 of an hour's inputs would cost more than the rest."""
     hashes = run.get("inputs_sha256")
     if not isinstance(hashes, dict):
         return run
@@ -344,7 +348,7 @@ def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
 
 
 def as_json(value: Any) -> Any:
-    """Dataclasses, arrays, enums and paths as JSON values; a number that is not finite becomes null."""
+    """Convert dataclasses, arrays, enums and paths to JSON values; a number that is not finite becomes null."""
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, dict):

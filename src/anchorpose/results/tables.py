@@ -1,4 +1,4 @@
-"""The tables of a results folder that have the same rows in every frame: joints, anchors, bones, angles, posture."""
+"""Define the tables of a results folder with the same rows in every frame: joints, anchors, bones, angles, posture."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STATES: Final = tuple(str(state) for state in JointState)
 
 LARGEST_DEG: Final = 360.0
 LARGEST_SIGMA: Final = 1e6
-"""Metres, degrees or radians: an angle that a pose hardly determines has a sigma of many turns."""
+"""Limit of sigma in metres, degrees or radians: an angle that a pose hardly determines has a sigma of many turns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,7 +51,7 @@ class JointFrame:
 
     @property
     def state_code(self) -> np.ndarray:
-        """(21,) int8, ``STATE_CODE`` of each state."""
+        """Return (21,) int8, ``STATE_CODE`` of each state."""
         return np.array([STATE_CODE[state] for state in self.state], dtype=np.int8)
 
 
@@ -71,16 +71,16 @@ class JointTable:
 
     @property
     def lost(self) -> np.ndarray:
-        """(n, 21) bool."""
+        """Return (n, 21) bool: lost joints."""
         return self.state_code == LOST
 
     def frames(self, chosen: slice | np.ndarray) -> JointTable:
-        """Some of the frames."""
+        """Return some of the frames."""
         return JointTable(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
 def _numbers_agree(joints: JointFrame | JointTable) -> np.ndarray:
-    """(..., 21) bool: whether a lost joint has no numbers, and any other has all."""
+    """Return (..., 21) bool: whether a lost joint has no numbers, and any other has all."""
     known = np.isfinite(joints.position_m).all(axis=-1) & np.isfinite(joints.sigma_m) & (joints.sigma_m > 0)
     blank = np.isnan(joints.position_m).all(axis=-1) & np.isnan(joints.sigma_m)
     return np.where(joints.state_code == LOST, blank, known)
@@ -141,7 +141,8 @@ ANCHORS_FILE, read_anchors, write_anchors = ANCHORS.file, ANCHORS.read, ANCHORS.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AngleTable:
-    """frame (n,) int32, time_s (n,) float64, names (a,) of docs/angles.md; ``angle_definition`` says how.
+    """The angles of all frames. frame (n,) int32, time_s (n,) float64, names (a,) of docs/angles.md; defined in
+    ``angle_definition``.
 
     degrees and sigma_deg (n, a) float64, NaN where a joint is lost or the pose leaves the angle undetermined;
     state_code (n, a) int8 index into ``JointState``, the worst of the joints involved.
@@ -155,7 +156,7 @@ class AngleTable:
     sigma_deg: np.ndarray
 
     def column(self, name: str) -> int:
-        """Index of the angle ``name`` on the second axis; raises ValueError where there is none."""
+        """Return the index of the angle ``name`` on the second axis; raises ValueError where there is none."""
         return self.names.index(name)
 
 
@@ -172,14 +173,14 @@ ANGLES_FILE, read_angles, write_angles = ANGLES.file, ANGLES.read, ANGLES.write
 
 
 PROCESSING: Final = ("measured", "smoothed", "filled")
-"""What was done to an angle's joints, the worst of them; the codes of ``ProcessedAngles.processing``."""
+"""How an angle's joints were processed, the worst of them; the codes of ``ProcessedAngles.processing``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessedAngles(AngleTable):
     """Angles of joints that were smoothed or whose gaps were filled.
 
-    processing (n, a) int8 index into ``PROCESSING``; policy: the settings and what came of them, as JSON.
+    processing (n, a) int8 index into ``PROCESSING``; policy: the settings and their outcome, as JSON.
     """
 
     processing: np.ndarray
@@ -277,7 +278,7 @@ POSES_FILE, read_poses, write_poses = POSES.file, POSES.read, POSES.open
 
 
 def pose_of(asset: BodyAsset, head_m: np.ndarray, quaternion: np.ndarray) -> Pose:
-    """The body's pose in one frame of the table; ``BodyMesh.bone_transforms`` gives the place of every bone.
+    """Return the body's pose in one frame of the table; ``BodyMesh.bone_transforms`` gives the place of every bone.
 
     head_m (21, 3), quaternion (21, 4) of a frame in which the patient is not lost. Bones that do not move keep their
     rest pose. Raises ValueError for a lost frame.

@@ -1,4 +1,4 @@
-"""Read an events file for results that are there already, on the clock of the recording that they were made from."""
+"""Read an events file for existing results, on the clock of their recording."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 
 def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]:
-    """The trials, and the SHA-256 of the events file and of its file of units, by name.
+    """Read the trials, and the SHA-256 of the events file and of its file of units, by name.
 
     Raises InputError where the file cannot be used, or it is not known when the recording began.
     """
@@ -24,7 +24,7 @@ def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]
 
 
 def _span_of(results: Path) -> RecordedSpan:
-    """When the recording began and ended: as run.json states it, or as the joints show where all was tracked."""
+    """Return when the recording began and ended, by run.json or, if all frames were tracked, by the joints."""
     run: dict[str, Any] = read_run(results / RUN_FILE)
     if run.get("recorded"):
         return RecordedSpan(**run["recorded"])

@@ -1,7 +1,8 @@
 """The same measures for each trial and each condition: a session is cut into trials, and trials are averaged.
 
 Posture, transitions and steps are found in the whole recording first, so that a trial that begins while the patient
-stands begins upright. What a measure is computed from is then cut: a new measure needs nothing to be given per trial.
+stands begins upright. The inputs of a measure are then cut, so that a new measure is given per trial without further
+code.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ LEAST_FRAMES: Final = 2
 TOO_FEW_FRAMES: Final = "fewer than two frames of this trial were tracked"
 
 MeasureRows = Callable[[Session, slice], Sequence[Measure]]
-"""Measures of a session that was cut to these rows of the whole one."""
+"""Function that returns the measures of a session that was cut to these rows of the whole one."""
 
 
 def measures_by_trial(
@@ -63,7 +64,9 @@ def _of_trial(
 
 
 def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
-    """A time or a count of a part or a person that does not occur in a trial: 0, or unknown where contacts are."""
+    """Return a time or a count for a part or person that does not occur in a trial: 0, or unknown where contacts are
+    unknown.
+    """
     general = found.get((like.measure, None, None, None))
     if general is None or like.unit not in ("s", "count"):
         return None
@@ -99,7 +102,9 @@ def _cut(table: Table, rows: slice) -> Table:
 
 
 def within(found: Sequence[Found], rows: slice) -> list[Found]:
-    """Those whose ``frames`` lie in the rows from beginning to end, with frames counted from the first of them."""
+    """Return the items whose ``frames`` lie in the rows from beginning to end, with frames counted from the first
+    row.
+    """
     first = rows.start
     whole = [each for each in found if first <= each.frames.start and each.frames.stop <= rows.stop]  # type: ignore[attr-defined]
     return [
@@ -112,7 +117,7 @@ Interval = TypeVar("Interval", Contact, Episode)
 
 
 def _clipped(found: Sequence[Interval], frame: np.ndarray, time_s: np.ndarray) -> Iterator[tuple[int, Interval]]:
-    """Place and part of each interval that lies in the frames (k,) at time_s (k,)."""
+    """Yield place and part of each interval that lies in the frames (k,) at time_s (k,)."""
     for place, each in enumerate(found):
         inside = np.flatnonzero((frame >= each.first_frame) & (frame <= each.last_frame))
         if len(inside):
@@ -188,7 +193,7 @@ def _inferred(rows: Sequence[Measure]) -> float | None:
 
 
 def sigma_of_trial_mean(sigma: Sequence[float | None]) -> float | None:
-    """Sigma of the mean of trials of one recording; None where a trial has none.
+    """Return sigma of the mean of trials of one recording; None where a trial has none.
 
     The systematic share of the variance is common to all trials; the random rest is averaged.
     """

@@ -1,4 +1,4 @@
-"""Store the trials of a results folder, and which contacts and episodes lie in each: two tables beside the measures."""
+"""Store the trials of a results folder, and the contacts and episodes in each: two tables beside the measures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from anchorpose.settings import LARGEST, Unfit
 
 TRIALS_FILE: Final = "trials.parquet"
 COLUMNS_KEY: Final = "trial_columns"
-"""Of the schema's metadata: name, unit and description of each column of the user's own, as JSON."""
+"""Key in the schema's metadata: name, unit and description of each of the user's own columns, as JSON."""
 
 TRIALS_REMEDY: Final = "run 'anchorpose measure' on its folder again, with --events"
 
@@ -49,7 +49,7 @@ def write_trials(path: Path, trials: Trials) -> None:
 
 
 def read_trial_table(path: Path) -> Trials:
-    """The trials of a results folder; raises InputError for another table."""
+    """Read the trials of a results folder; raises InputError for another table."""
     table = read_any_parquet(path)
     columns = _columns(path, table.schema.metadata or {})
     own = [pa.field(column.name, _type_of(column)) for column in columns]
@@ -59,7 +59,7 @@ def read_trial_table(path: Path) -> Trials:
         values = [row[name] for name in ("onset_s", "duration_s", "start_s")]
         known = row["condition"] and row["trial"] == number and all(v is not None and abs(v) <= LARGEST for v in values)
         if not known or row["duration_s"] <= 0:
-            raise InputError(path, f"has a trial that cannot be, in row {number}", TRIALS_REMEDY)
+            raise InputError(path, f"has an impossible trial in row {number}", TRIALS_REMEDY)
     if not rows or len(rows) > MOST_TRIALS:
         raise InputError(path, f"holds {len(rows)} trials", TRIALS_REMEDY)
     return Trials(columns, tuple(_trial(row, columns) for row in rows))
@@ -92,7 +92,8 @@ def _columns(path: Path, metadata: dict[bytes, bytes]) -> tuple[TrialColumn, ...
 
 
 def trial_rows(trial: Trial, time_s: np.ndarray) -> slice:
-    """The rows of a trial among frames at time_s (n,), increasing; a frame at its end belongs to the next trial.
+    """Return the rows of a trial among frames at time_s (n,), increasing; a frame at its end belongs to the next
+    trial.
 
     Half a millisecond is allowed for the rounding of written times.
     """

@@ -1,4 +1,4 @@
-"""The truth of a recording, truth.npz, and whether joints of another origin are in our unit, axes and labels."""
+"""Read the truth of a recording, truth.npz, and check whether other joints are in our unit, axes and labels."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ class Truth:
     seen_share: np.ndarray | None = None
 
     def frames(self, chosen: slice | np.ndarray) -> Truth:
-        """Some of the frames."""
+        """Return some of the frames."""
         seen = None if self.seen_share is None else self.seen_share[chosen]
         return Truth(self.time_s[chosen], self.position_m[chosen], self.occluded[chosen], seen)
 
 
 def read_truth(path: Path) -> Truth:
-    """A truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and perhaps ``occluded`` (t) and
+    """Read a truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and optionally ``occluded`` (t) and
     ``seen_share`` (t, n, cameras).
 
-    Joints may come in any order and some may be missing (NaN). Raises InputError where that is not what it holds.
+    Joints may come in any order and some may be missing (NaN). Raises InputError where the content differs.
     """
     remedy = "give a truth.npz with joints (t, 21, 3), names (21) and time (t)"
     arrays = read_arrays(path, _READ, remedy)
@@ -60,7 +60,7 @@ def read_truth(path: Path) -> Truth:
             problem = f"has joints over {FARTHEST_CAMERA_M:g} m away, or times that are no seconds"
             raise InputError(path, problem, "write metres and seconds")
     if len(time_s) == 0 or not (np.diff(time_s) > 0).all():
-        raise InputError(path, "its times are none or do not increase", remedy)
+        raise InputError(path, "its times are missing or do not increase", remedy)
     require_seconds(path, time_s)
     order, seen = _order(path, names), arrays.get("seen_share")
     return Truth(
@@ -72,17 +72,17 @@ def read_truth(path: Path) -> Truth:
 
 
 def _checked_shares(path: Path, seen: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Raises InputError where the shares do not fit the joints (t, n) or are none."""
+    """Raise InputError where the shares do not fit the joints (t, n) or are invalid."""
     remedy = "give seen_share (t, n, cameras) with shares from 0 to 1, or leave it out"
     if seen.ndim != 3 or seen.shape[:2] != shape or seen.shape[2] == 0 or seen.dtype.kind not in "fiu":
         raise InputError(path, f"its seen_share {seen.shape} does not fit its joints {shape}", remedy)
     if not ((seen >= 0) & (seen <= 1)).all():
-        raise InputError(path, "its seen_share has values that are no shares", remedy)
+        raise InputError(path, "its seen_share has values outside of 0 to 1", remedy)
     return seen
 
 
 def _order(path: Path, names: list[str]) -> list[int]:
-    """The index in ``JOINT_NAMES`` of each column."""
+    """Return the index in ``JOINT_NAMES`` of each column."""
     for name in names:
         if name not in JOINT_INDEX or names.count(name) > 1:
             raise InputError(path, f"its joint '{name}' is unknown or given twice", f"use {', '.join(JOINT_NAMES)}")
@@ -90,7 +90,7 @@ def _order(path: Path, names: list[str]) -> list[int]:
 
 
 def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarray:
-    """(t, 21, k) in the order of ``JOINT_NAMES`` from (t, n, k); ``missing`` where there is no column."""
+    """Reorder (t, n, k) to (t, 21, k) in the order of ``JOINT_NAMES``; ``missing`` where there is no column."""
     if order == list(range(JOINT_COUNT)):
         return columns
     found = np.full((len(columns), JOINT_COUNT, columns.shape[2]), missing, columns.dtype)
@@ -100,8 +100,9 @@ def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueTouch:
-    """bones (t, b) bool: in each frame the bones whose skin another person, or the equipment, touches; names (b) of
-    the bones."""
+    """True contacts. bones (t, b) bool: in each frame the bones whose skin another person, or the equipment, touches;
+    names (b) of the bones.
+    """
 
     bones: np.ndarray
     names: tuple[str, ...]
@@ -111,8 +112,8 @@ FOOT_BONES: Final = frozenset(bone for region in FEET for bone in REGION_BONES[r
 
 
 def read_true_support(path: Path) -> TrueTouch | None:
-    """The contacts with equipment in a truth.npz, ``on_equipment`` (t, parts, b) and ``part_names`` (b); None where it
-    has none. Feet are left out, as in contacts.parquet.
+    """Return the contacts with equipment in a truth.npz, ``on_equipment`` (t, parts, b) and ``part_names`` (b); None
+    where it has none. Feet are left out, as in contacts.parquet.
 
     Raises InputError where the two do not fit each other.
     """
@@ -122,7 +123,7 @@ def read_true_support(path: Path) -> TrueTouch | None:
     touched, names = arrays["on_equipment"], tuple(map(str, arrays["part_names"].ravel()))
     shape = (*arrays["time"].shape, len(names))
     if touched.ndim != 3 or (touched.shape[0], touched.shape[2]) != shape or touched.dtype.kind not in "fiub":
-        raise InputError(path, "its on_equipment and part_names do not fit", SUPPORT_REMEDY)
+        raise InputError(path, "its on_equipment and part_names do not fit together", SUPPORT_REMEDY)
     judged = np.array([name not in FOOT_BONES for name in names])
     return TrueTouch(touched.astype(bool).any(axis=1) & judged, names)
 
@@ -131,7 +132,7 @@ SUPPORT_REMEDY: Final = "give on_equipment (t, parts, b) and part_names (b)"
 
 
 def read_true_touch(path: Path) -> TrueTouch | None:
-    """The contacts in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None where it has none.
+    """Return the contacts in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None where it has none.
 
     Raises InputError where the two do not fit each other, or none of the bones is one of the body's.
     """
@@ -143,22 +144,22 @@ def read_true_touch(path: Path) -> TrueTouch | None:
     known = {bone for bones in REGION_BONES.values() for bone in bones}
     is_number = touched.dtype.kind in "fiub"
     if touched.shape != (*arrays["time"].shape, len(names)) or not is_number or not known & set(names):
-        raise InputError(path, "its touched and part_names do not fit", remedy)
+        raise InputError(path, "its touched and part_names do not fit together", remedy)
     return TrueTouch(touched.astype(bool), names)
 
 
 WRONG_M: Final = 0.15
-"""Farther off than this, half a forearm, a joint says nothing about the patient, and its limb is wrong."""
+"""Error in metres, half a forearm, beyond which a joint means nothing for the patient, and its limb is wrong."""
 
 CLEARLY_BETTER: Final = 0.7
-"""Ratio of two misfits from which on the smaller is the right one. In six simulated laboratories it was at most 0.1."""
+"""Ratio of two misfits below which the smaller is right. In six simulated laboratories it was at most 0.1."""
 
 LARGEST_DEFINITION_M: Final = 0.03
-"""A misfit up to here needs no other explanation: joint centres of two systems differ by as much by definition."""
+"""Misfit in metres that needs no other explanation: joint centres of two systems differ by as much by definition."""
 
 
 class Sides(NamedTuple):
-    """What is the wrong way round."""
+    """The things that may be the wrong way round."""
 
     exchanged: bool
     mirrored: bool
@@ -184,7 +185,7 @@ WRONG: Final = {
 
 
 def require_as_is(path: Path, misfit: Mapping[Sides, float], is_length: bool) -> None:
-    """Raises InputError where the file fits much better with axes or labels the other way round.
+    """Raise InputError where the file fits much better with axes or labels the other way round.
 
     misfit: by what is reversed, in metres where it is a length; without an entry where nothing can be compared.
     """
@@ -206,7 +207,9 @@ _EXCHANGED: Final = [
 
 
 MOST_SCALE: Final = 1.5
-"""Ratio of bone lengths between truth and results. A wrong body differs by tens of percent, a foot by 3.3."""
+"""Ratio of bone lengths between truth and results. A wrong body differs by tens of percent, feet instead of metres by
+3.3.
+"""
 
 UPRIGHT_DEG, LYING_DEG = 45.0, 60.0
 """Tilt of the trunk up to which the results stand, and from which the truth lies or is upside down."""
@@ -220,10 +223,10 @@ _BONES: Final = np.array(LIMBS)
 
 
 def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> None:
-    """Raises InputError where the truth (n, 21, 3), in frames of ours (n, 21, 3), is in another unit or other axes.
+    """Raise InputError where the truth (n, 21, 3), in frames of ours (n, 21, 3), is in another unit or other axes.
 
-    What a right truth always has is asked of it alone, as far as that goes: a patient who was tracked back to front, or
-    elsewhere, is an error to be reported, as is any other misfit over ``WRONG_M``.
+    As far as possible, the truth alone is tested for what a right truth always has: a patient who was tracked back to
+    front, or elsewhere, is an error to be reported, as is any other misfit over ``WRONG_M``.
     """
     scale = _ratio(_bone_lengths(truth_m), _bone_lengths(ours_m))
     if not 1 / MOST_SCALE <= scale <= MOST_SCALE:
@@ -240,19 +243,19 @@ def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> N
 
 
 def _ratio(first: np.ndarray, second: np.ndarray) -> float:
-    """The median ratio of two arrays (k,), 1 where nothing can be compared."""
+    """Return the median ratio of two arrays (k,), 1 where nothing can be compared."""
     known = np.isfinite(first) & (second > 0)
     return float(np.median(first[known] / second[known])) if known.any() else 1.0
 
 
 def _bone_lengths(joints_m: np.ndarray) -> np.ndarray:
-    """(20,) the median over the frames, NaN where unknown; joints_m (n, 21, 3)."""
+    """Return (20,) the median over the frames, NaN where unknown; joints_m (n, 21, 3)."""
     length = np.linalg.norm(joints_m[:, _BONES[:, 1]] - joints_m[:, _BONES[:, 0]], axis=2)
     return _median(length)
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """(k,) the median of each column of (n, k) without NaN; NaN where it has nothing else."""
+    """Return (k,) the median of each column of (n, k) without NaN; NaN where it has nothing else."""
     columns = [column[np.isfinite(column)] for column in values.T]
     return np.array([np.median(known) if len(known) else np.nan for known in columns])
 
@@ -266,15 +269,16 @@ def _up(joints_m: np.ndarray) -> np.ndarray:
 
 
 def _trunk_tilt_deg(joints_m: np.ndarray) -> float:
-    """The median angle between the trunk and the vertical; NaN where unknown."""
+    """Return the median angle between the trunk and the vertical; NaN where unknown."""
     up = _up(joints_m)
     across = np.hypot(up[:, 0], up[:, 2])
     return float(_median(np.degrees(np.arctan2(across, up[:, 1]))[:, None])[0])
 
 
 def _handedness(joints_m: np.ndarray) -> float:
-    """Whether up, right and forward are right-handed: of -1 to 1, negative where toes and knees point backward of what
-    left, right, head and pelvis say. NaN where they show no direction."""
+    """Return whether up, right and forward are right-handed, -1 to 1: negative where toes and knees point backward
+    relative to left, right, head and pelvis. It is NaN where they show no direction.
+    """
     joint = {name: _joint(joints_m, name) for name in JOINT_NAMES}
     right = joint["HipRight"] - joint["HipLeft"] + joint["ShoulderRight"] - joint["ShoulderLeft"]
     forward = sum(
@@ -295,7 +299,7 @@ MIRRORED: Final = Sides(exchanged=False, mirrored=True)
 
 
 def _misfit_by_sides(ours_m: np.ndarray, truth_m: np.ndarray) -> dict[Sides, float]:
-    """The median distance (m) after the best motion about the vertical, and after the best one with a mirror.
+    """Return the median distance (m) after the best motion about the vertical, and after the best one with a mirror.
 
     With labels as they are or exchanged, whichever fits better: a patient may have been tracked back to front.
     """
@@ -308,7 +312,9 @@ def _misfit_by_sides(ours_m: np.ndarray, truth_m: np.ndarray) -> dict[Sides, flo
 
 
 def _misfit_m(ours_m: np.ndarray, truth_m: np.ndarray) -> float:
-    """The median distance after the motion about the vertical that fits best, least squares; inf where unknown."""
+    """Return the median distance after the motion about the vertical that fits best, least squares; inf where
+    unknown.
+    """
     known = np.isfinite(ours_m).all(axis=2) & np.isfinite(truth_m).all(axis=2)
     if not known.any():
         return np.inf

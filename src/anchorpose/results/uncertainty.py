@@ -1,4 +1,4 @@
-"""Systematic and random errors: how uncertain a mean over frames is.
+"""Compute the uncertainty of a mean over frames from systematic and random errors.
 
 Most of a joint's error is systematic, so a mean over more frames is hardly more certain.
 """
@@ -10,19 +10,21 @@ from typing import Final
 import numpy as np
 
 NORMAL_95: Final = 1.96
-"""Standard deviations within which 95 of 100 values of a normal distribution lie."""
+"""Standard deviations that contain 95 of 100 values of a normal distribution."""
 
 SYSTEMATIC_SHARE: Final = 0.7
 """Share of an error's variance that stays the same through a recording: errors of the learnt body's lengths, of
-clothes, and of how its joints lie in it. On simulated recordings it is 0.6 for angles and 0.8 for joints
-(docs/measures.md)."""
+clothes, and of the joints' places in it. On simulated recordings it is 0.6 for angles and 0.8 for joints
+(docs/measures.md).
+"""
 
 CORRELATION_S: Final = 1.5
-"""Correlation time of the random rest: after this time its correlation has fallen to about a third."""
+"""Correlation time of the random rest, in seconds, after which its correlation has fallen to about a third."""
 
 
 def sigma_of_mean(sigma: np.ndarray, seconds: float) -> float:
-    """Sigma of the mean of values (k,) that are spread over ``seconds`` and have the standard deviations ``sigma``.
+    """Return sigma of the mean of values (k,) that are spread over ``seconds`` and have the standard deviations
+    ``sigma``.
 
     The systematic share stays whole; the random rest shrinks as if every two correlation times gave one independent
     value.
@@ -32,17 +34,17 @@ def sigma_of_mean(sigma: np.ndarray, seconds: float) -> float:
 
 
 def systematic_sigma(sigma: np.ndarray) -> np.ndarray:
-    """The part of sigma that stays the same through a recording."""
+    """Return the part of sigma that stays the same through a recording."""
     return np.sqrt(SYSTEMATIC_SHARE) * sigma
 
 
 def random_sigma(sigma: np.ndarray) -> np.ndarray:
-    """The part of sigma that differs from time to time."""
+    """Return the part of sigma that differs from time to time."""
     return np.sqrt(1.0 - SYSTEMATIC_SHARE) * sigma
 
 
 def sigma_of_difference(first: float, second: float) -> float:
-    """Sigma of the difference between two times of one recording, from that of either value.
+    """Return sigma of the difference between two times of one recording, from that of either value.
 
     The systematic share is common to both and cancels as far as the two are alike.
     """

@@ -175,7 +175,7 @@ def _last_written(written: Mapping[str, str], log: Log) -> dict[str, str]:
 
 
 class Fits(StrEnum):
-    """What became of a file or a fact since the run."""
+    """The state of a file or a fact since the run."""
 
     SAME = "as it was written"
     MEASURED = "written again, as 'anchorpose measure' does"

@@ -1,1 +1,1 @@
-"""Simulated clinics: moving bodies, therapists who hold them, equipment, and depth sensors with their errors."""
+"""Simulate clinics: moving bodies, therapists who hold them, equipment, and depth sensors with their errors."""

@@ -1,7 +1,7 @@
-"""Kinds of equipment: standing frame, parallel bars and chest pad, walker, wheelchair, sling from above, stool.
+"""Build kinds of equipment: standing frame, parallel bars and chest pad, walker, wheelchair, sling, stool.
 
-All of it stands still. It is fitted around what the patient's skin sweeps over in the recording, so that nobody moves
-through it with the trunk.
+All equipment stands still. It is fitted around the space that the patient's skin sweeps over in the recording, so that
+no trunk moves through it.
 """
 
 from __future__ import annotations
@@ -14,38 +14,40 @@ from anchorpose.recording.equipment import Box, Cylinder, EquipmentPart
 from anchorpose.rotations import FORWARD, RIGHT, UP
 from anchorpose.simulate.person import Person
 
-ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # parts of their names
-LOOSE_M = 0.06  # a harness so far off the chest is still one
-WIDEST_M = 0.62  # between the middle and a rail: as far as bars are made
+ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # parts of the names of arm bones
+LOOSE_M = 0.06  # distance to the chest up to which a harness still is a harness
+WIDEST_M = 0.62  # between the middle and a rail: the widest bars that are made
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """Dressed skin of the patient at moments (k, v, 3), the vertices of the arms (v,) bool, and the pelvis (k, 3)."""
+    """The patient's dressed skin at moments (k, v, 3), the vertices of the arms (v,) bool, and the pelvis (k, 3)."""
 
     skin_m: np.ndarray
     arms: np.ndarray
     pelvis_m: np.ndarray
 
     def within(self, low_m: float, high_m: float, aside_m: float = np.inf, arms: bool = False) -> np.ndarray:
-        """(n, 3) all skin between two heights and near the middle plane; without the arms unless asked for."""
+        """Return all skin points (n, 3) between two heights and near the middle plane, without arms unless asked
+        for.
+        """
         skin = self.skin_m if arms else self.skin_m[:, ~self.arms]
         inside = (skin[..., 1] > low_m) & (skin[..., 1] < high_m) & (np.abs(skin[..., 2]) < aside_m)
         return np.asarray(skin[inside], dtype=np.float64)
 
     def standing(self) -> Sweep:
-        """The moment in which the pelvis is highest."""
+        """Return the moment in which the pelvis is highest."""
         highest = int(np.argmax(self.pelvis_m[:, 1]))
         return Sweep(self.skin_m[highest : highest + 1], self.arms, self.pelvis_m[highest : highest + 1])
 
     def seated(self) -> Sweep:
-        """The moment in which the pelvis is lowest."""
+        """Return the moment in which the pelvis is lowest."""
         lowest = int(np.argmin(self.pelvis_m[:, 1]))
         return Sweep(self.skin_m[lowest : lowest + 1], self.arms, self.pelvis_m[lowest : lowest + 1])
 
 
 def sweep_of(person: Person, bones: np.ndarray) -> Sweep:
-    """What bones (k, b, 4, 4) of a person sweep over."""
+    """Compute the space that a person's bones (k, b, 4, 4) sweep over."""
     asset = person.body.asset
     arms = np.array([any(part in asset.bone_names[bone] for part in ARM_BONES) for bone in asset.main_bone()])
     skin = np.stack([person.skin(moment, 0.0) for moment in bones])
@@ -64,10 +66,10 @@ class HeldEquipment:
 def fit_standing_frame(
     rng: np.random.Generator, pelvis_m: float, knee_m: float, front_m: float, half_width_m: float
 ) -> HeldEquipment:
-    """Posts, rails to hold, a cross-bar before the belly, a bar before the knees, runners on the floor.
+    """Build posts, rails to hold, a cross-bar before the belly, a bar before the knees, runners on the floor.
 
-    pelvis_m, knee_m: heights of pelvis and knees; front_m: x of the foremost of belly and knees; half_width_m: room
-    that the arms need beside the trunk.
+    pelvis_m, knee_m: heights of pelvis and knees; front_m: x of the foremost of belly and knees; half_width_m: space
+    for the arms beside the trunk.
     """
     bar_height_m = rng.uniform(0.05, 0.09)
     bar_depth_m = rng.uniform(0.03, 0.05)
@@ -91,7 +93,7 @@ def fit_standing_frame(
 
 
 def fit_parallel_bars(rng: np.random.Generator, pelvis_m: float, half_width_m: float) -> HeldEquipment:
-    """Two rails on four posts around a patient at the origin, the same from both ends."""
+    """Build two rails on four posts around a patient at the origin, the same from both ends."""
     rail_m = pelvis_m + rng.uniform(-0.06, 0.04)
     half_m = max(half_width_m, 0.32) + rng.uniform(0.0, 0.05)
     tube_m, length_m = rng.uniform(0.035, 0.045), rng.uniform(1.6, 2.2)
@@ -106,7 +108,7 @@ def fit_parallel_bars(rng: np.random.Generator, pelvis_m: float, half_width_m: f
 
 
 def build_stool(rng: np.random.Generator, center_m: tuple[float, float], height_m: float) -> tuple[EquipmentPart, ...]:
-    """A round or square stool whose top is at ``height_m``, centred at (x, z)."""
+    """Return a round or square stool whose top is at ``height_m``, centred at (x, z)."""
     x, z = center_m
     if rng.random() < 0.5:
         column_m = height_m - 0.06
@@ -125,7 +127,7 @@ def build_stool(rng: np.random.Generator, center_m: tuple[float, float], height_
 def fit_chest_pad(
     rng: np.random.Generator, sweep: Sweep, sternum_m: float, rail_m: float, half_m: float
 ) -> tuple[EquipmentPart, ...]:
-    """A pad before the sternum on a post that stands on a bar between the rails, and straps around the hips.
+    """Return a pad before the sternum on a post that stands on a bar between the rails, and straps around the hips.
 
     sternum_m, rail_m: heights; half_m: from the middle to a rail.
     """
@@ -155,7 +157,7 @@ def fit_chest_pad(
 
 
 def fit_walker(rng: np.random.Generator, sweep: Sweep, handle_m: float) -> HeldEquipment:
-    """Two side frames joined by bars in front."""
+    """Return two side frames joined by bars in front."""
     tube_m, length_m = rng.uniform(0.025, 0.032), rng.uniform(0.40, 0.48)
     body = sweep.within(0.1, handle_m + 0.1)
     half_m = float(np.clip(np.abs(body[:, 2]).max() + 0.07, 0.28, WIDEST_M))
@@ -175,7 +177,7 @@ def fit_walker(rng: np.random.Generator, sweep: Sweep, handle_m: float) -> HeldE
 
 
 def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[EquipmentPart, ...]:
-    """A wheelchair under a patient who sits at times, else parked behind; its leg rests are swung away."""
+    """Return a wheelchair under a patient who sits at times, else parked behind; its leg rests are swung away."""
     depth_m = rng.uniform(0.40, 0.44)
     seat = sweep.seated() if sits else sweep
     legs = sweep.standing().within(0.2, 0.6)
@@ -210,7 +212,9 @@ def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[
 
 
 def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_m: float) -> tuple[EquipmentPart, ...]:
-    """A spreader bar above the head, two straps beside it, and a harness on the chest of a trunk that keeps still."""
+    """Build a spreader bar above the head, two straps beside it, and a harness on the chest of a trunk that keeps
+    still.
+    """
     standing = sweep.standing()
     chest = standing.within(sternum_m - 0.1, sternum_m + 0.1, 0.2)
     middle_m = float(chest[:, 0].mean())
@@ -246,7 +250,7 @@ def _box(name: str, center_m: tuple[float, float, float], size_m: tuple[float, f
 def _tube(
     rng: np.random.Generator, name: str, center_m: tuple[float, float, float], tube_m: float, length_m: float, axis: int
 ) -> EquipmentPart:
-    """A round or a square tube along axis 0, 1 or 2."""
+    """Return a round or a square tube along axis 0, 1 or 2."""
     along = np.eye(3)[axis]
     if rng.random() < 0.5:
         return Cylinder(name, np.array(center_m), along, tube_m / 2.0, length_m)

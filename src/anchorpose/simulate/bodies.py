@@ -1,4 +1,4 @@
-"""Bodies that no shape space was made from: segments of any length and girth within human ranges, shoes, braces."""
+"""Draw bodies outside every shape space: segments of any length and girth within human ranges, shoes, braces."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ BUILDS: Final[tuple[Build, ...]] = get_args(Build)
 LENGTH_SPREAD: Final = {"UpLeg": 0.05, "Leg": 0.04, "Arm": 0.04, "ForeArm": 0.045, "Hand": 0.04, "Foot": 0.05}
 GIRTH_SPREAD: Final = {"UpLeg": 0.06, "Leg": 0.06, "Arm": 0.07, "ForeArm": 0.06, "Hand": 0.04, "Foot": 0.04}
 TRUNK: Final = ("LowerBack", "Spine", "Spine1")
-TRUNK_SPREAD: Final = (0.06, 0.035, 0.04)  # depth, height, breadth
-MOST_ASYMMETRIC: Final = 0.04  # between the two sides' lengths
-WASTED: Final = (0.75, 0.90)  # of the girth of thighs and shanks
-STRONGER: Final = (1.02, 1.10)  # of the girth of arms
+TRUNK_SPREAD: Final = (0.06, 0.035, 0.04)  # standard deviations of depth, height, breadth
+MOST_ASYMMETRIC: Final = 0.04  # relative difference between the two sides' lengths
+WASTED: Final = (0.75, 0.90)  # factor on the girth of thighs and shanks
+STRONGER: Final = (1.02, 1.10)  # factor on the girth of arms
 BELLY_M: Final = (0.03, 0.08)
 FATTER: Final = (1.05, 1.20)
-SHOE_M: Final = (0.003, 0.008)  # upper; bare feet have none
+SHOE_M: Final = (0.003, 0.008)  # thickness of the upper; bare feet have none
 SOLE_M: Final = (0.010, 0.030)
-SHOD_SHARE: Final = 0.75  # of the people
-BRACE_M: Final = (0.008, 0.018)  # how far a brace stands off the widest part of what it covers
+SHOD_SHARE: Final = 0.75  # share of the people who wear shoes
+BRACE_M: Final = (0.008, 0.018)  # how far a brace stands off the widest part of the covered segment
 BRACED: Final[dict[BraceName, tuple[str, ...]]] = {
     "left shank": ("LeftLeg",),
     "right shank": ("RightLeg",),
@@ -39,19 +39,19 @@ BRACED: Final[dict[BraceName, tuple[str, ...]]] = {
 
 @settings
 class OtherBody:
-    """How the patient's body differs from those of the asset."""
+    """The differences between the patient's body and those of the asset."""
 
     build: Build = "ordinary"
     braces: tuple[BraceName, ...] = ()  # stiff orthoses over these segments
-    file: Path | None = None  # a body of another source (``rigged_body``), instead of one drawn from the asset
+    file: Path | None = None  # a body of another source (``rigged_body``), in place of one drawn from the asset
     missing: tuple[MissingPart, ...] = ()  # limbs or parts that the patient lacks; recording.json states them
 
 
 @dataclass(frozen=True, slots=True)
 class Scales:
-    """How many times as long (b,) and as thick (b, 2) each bone's segment is as in the body it was made from.
+    """Factors on the length (b,) and thickness (b, 2) of each bone's segment, relative to the original body.
 
-    Thickness of limbs is one number; of the trunk depth and breadth.
+    For limbs both thicknesses are equal; for the trunk they are depth and breadth.
     """
 
     length: np.ndarray
@@ -59,7 +59,7 @@ class Scales:
 
 
 def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) -> Scales:
-    """Independent of each other, the two sides nearly alike."""
+    """Draw the scales independently, but the two sides nearly alike."""
     length, girth = np.ones(len(names)), np.ones((len(names), 2))
     if build == "ordinary":
         return Scales(length, girth)
@@ -83,7 +83,7 @@ def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) 
 
 
 def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
-    """The body with every bone's segment scaled along and across itself, joined again by its skinning weights."""
+    """Return the body with every bone's segment scaled along and across its axis, joined by its skinning weights."""
     asset, heads = body.asset, body.bone_heads
     stretch = np.tile(np.eye(3), (len(heads), 1, 1))
     for bone, name in enumerate(asset.bone_names):
@@ -109,21 +109,21 @@ def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
 
 
 def _carry_to_ends(names: tuple[str, ...], parents: np.ndarray, stretch: np.ndarray) -> None:
-    """Fingers and toes grow with hand and foot, in place."""
+    """Move fingers and toes with the growing hand and foot, in place."""
     for bone, name in enumerate(names):
         if name.endswith(("FingerBase", "HandFinger1", "Thumb", "ToeBase")):
             stretch[bone] = np.eye(3) * np.cbrt(np.linalg.det(stretch[parents[bone]]))
 
 
 def to_height(body: BodyMesh, height_m: float) -> BodyMesh:
-    """The whole body larger or smaller, its feet on the floor."""
+    """Scale the whole body to a height, with its feet on the floor."""
     factor = height_m / float(np.ptp(body.vertices[:, 1]))
     drop = np.array([0.0, body.vertices[:, 1].min(), 0.0])
     return BodyMesh(body.asset, *(factor * (part - drop) for part in (body.vertices, body.bone_heads, body.bone_tails)))
 
 
 def with_belly(body: BodyMesh, normals: np.ndarray, out_m: float) -> BodyMesh:
-    """A bulge of fat in front of the lower trunk."""
+    """Add a bulge of fat in front of the lower trunk."""
     asset = body.asset
     trunk = np.isin(asset.main_bone(), [asset.bone(name) for name in ("Hips", "LowerBack", "Spine")])
     waist_m = float(body.bone_heads[asset.bone("LowerBack"), 1] + 0.05)
@@ -134,7 +134,7 @@ def with_belly(body: BodyMesh, normals: np.ndarray, out_m: float) -> BodyMesh:
 
 
 def with_shoes(body: BodyMesh, normals: np.ndarray, upper_m: float, sole_m: float) -> BodyMesh:
-    """Skin of the feet off by the upper of a shoe all round, and by its sole below."""
+    """Move the skin of the feet outward by a shoe's upper, and downward by its sole."""
     asset = body.asset
     foot = np.isin(asset.bone_names, [f"{side}{end}" for side in ("Left", "Right") for end in ("Foot", "ToeBase")])
     share = (asset.skin_weights * foot[asset.skin_bones]).sum(axis=1)
@@ -145,9 +145,9 @@ def with_shoes(body: BodyMesh, normals: np.ndarray, upper_m: float, sole_m: floa
 
 
 def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[BodyMesh, np.ndarray]:
-    """A stiff shell around the segments of some bones, and which vertices (v,) it covers, 0 to 1.
+    """Add a stiff shell around the segments of some bones; return also how far (v,) it covers each vertex, 0 to 1.
 
-    The shell is as wide as nine tenths of the skin beneath it and as much as ``off_m`` wider.
+    The shell is wider than nine tenths of the skin beneath it by ``off_m``.
     """
     asset, vertices, covered = body.asset, body.vertices.copy(), np.zeros(len(body.vertices))
     for name in bones:
@@ -165,7 +165,7 @@ def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[Bo
 
 
 def amputated(body: BodyMesh, parts: tuple[MissingPart, ...]) -> BodyMesh:
-    """The body whose missing parts are a point at the stump, and move with what it hangs on; the bones stay."""
+    """Return the body whose missing parts collapse to the stump and move with it; the bones stay."""
     asset, vertices = body.asset, body.vertices.copy()
     bones, weights = asset.skin_bones.copy(), asset.skin_weights.copy()
     for part in parts:

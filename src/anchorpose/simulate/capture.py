@@ -1,4 +1,4 @@
-"""A captured movement as a course in time: directions of the segments, places of the feet; bones of no one's length."""
+"""Represent a captured movement over time: directions of segments and places of feet, without bone lengths."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, unit
 from anchorpose.simulate.movement_file import CLIP_HZ, SEATED, Clips, movement_of
 from anchorpose.simulate.timeline import ease
 
-SMOOTHING_S: Final = 0.07  # Kinect v2 joints jitter by millimetres to centimetres from frame to frame
+SMOOTHING_S: Final = 0.07  # Kinect v2 joints jitter by millimetres to centimetres between frames
 OVERLAP_S: Final = 0.4  # of one repetition with the next
-STRAIGHT_RAD: Final = 0.35  # a limb bent by less leaves its plane to the frames before
+STRAIGHT_RAD: Final = 0.35  # a limb bent by less takes its plane from earlier frames
 PLANE_MEMORY_S: Final = 0.5
 
 _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # the file's left, up and ahead in the world
@@ -23,12 +23,12 @@ _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # the file's left, up and ahead 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """A movement at CLIP_HZ from a start on; the subject faces +X on the average. The second axis of limbs is the side.
+    """A movement at CLIP_HZ from a start on; the subject faces +X on average. The second axis of limbs is the side.
 
     start_s: time of the first row. waist_m (n, 3); pelvis, thorax (n, 3, 3): turns from upright; head (n, 3):
     direction; arms, legs (n, 2, 2, 3): directions of upper and lower segment; arm_axis (n, 2, 3): axis that bends the
     elbow; knee_m (n, 2, 3): from the line between hip and ankle to the knee; ankle_m (n, 2, 3); toes (n, 2, 3):
-    direction of the foot; leg_m: length of a leg; seated: the movement leads to a seat.
+    direction of the foot; leg_m: length of a leg; seated: whether the movement leads to a seat.
     """
 
     start_s: float
@@ -47,7 +47,7 @@ class Capture:
 
 
 def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: float) -> Capture:
-    """Repetitions one after the other, so that time 0 falls into clip ``first`` at ``phase`` (0 start, 1 end)."""
+    """Lay out repetitions one after another, so that time 0 falls into clip ``first`` at ``phase`` (0 start, 1 end)."""
     rows_before = int(np.ceil(-from_s * CLIP_HZ))
     count = rows_before + int(np.ceil(until_s * CLIP_HZ)) + 2
     zero = int(phase * (len(clips.joints_m[first]) - 1))
@@ -62,13 +62,15 @@ def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: floa
 
 
 def _overlap(clips: Clips, index: int) -> int:
-    """Rows that a clip shares with the next one."""
+    """Return the rows that a clip shares with the next one."""
     shortest = min(len(clips.joints_m[index]), len(clips.joints_m[(index + 1) % len(clips.joints_m)]))
     return min(int(OVERLAP_S * CLIP_HZ), shortest // 3)
 
 
 def _chain(clips: Clips, index: int, count: int) -> np.ndarray:
-    """(count, j, 3) clips from ``index`` on, each moved so that its feet begin where those of the last end."""
+    """Return (count, j, 3) clips from ``index`` on, each moved so that its feet begin where those of the last one
+    end.
+    """
     feet = [clips.joint_names.index(name) for name in ("LFoot", "RFoot")]
     series = clips.joints_m[index].copy()
     while len(series) < count:
@@ -84,7 +86,7 @@ def _chain(clips: Clips, index: int, count: int) -> np.ndarray:
 
 
 def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float, seated: bool) -> Capture:
-    """Directions and turns of a subject turned to face +X."""
+    """Return directions and turns of a subject who is turned to face +X."""
     at = {name: joints_m[:, names.index(name)] for name in names}
     across = (at["RUpperLeg"] - at["LUpperLeg"]).mean(axis=0)
     heading = np.arctan2(across[0], across[2])  # of the way to the right, from +Z
@@ -118,14 +120,16 @@ def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float, seate
 
 
 def _frames(up: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) turns from upright of a segment that points ``up`` (n, 3) with its right side to ``right`` (n, 3)."""
+    """Return (n, 3, 3) turns from upright of a segment that points ``up`` (n, 3) with its right side to ``right`` (n,
+    3).
+    """
     return orthonormal_frame(up, right) @ orthonormal_frame(UP, RIGHT).T
 
 
 def _bending_axis(arm: np.ndarray) -> np.ndarray:
-    """(n, 3) axis about which a positive turn bends the elbow; arm (n, 2, 3).
+    """Return the axis (n, 3) about which a positive turn bends the elbow; arm (n, 2, 3).
 
-    A straight elbow has none: there the axis of the frames before is carried along with the upper arm.
+    A straight elbow has no axis: the axis of earlier frames is then carried along with the upper arm.
     """
     measured = np.cross(arm[:, 0], arm[:, 1])
     sine = np.linalg.norm(measured, axis=1)

@@ -1,4 +1,4 @@
-"""The patient who does a captured movement; hanging arms are held off a body that is broader than the subject's."""
+"""Draw a patient who does a captured movement; hanging arms are kept clear of a body broader than the subject's."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from anchorpose.simulate.timeline import ease
 
 MARGIN_S: Final = 3.0  # before and after the recording, for cameras whose clocks are wrong
 ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())
-GIVES_M: Final = 0.01  # soft tissue
-HANGING_RAD: Final = 1.0  # an upper arm raised by less keeps the whole angle,
-RAISED_RAD: Final = 1.6  # one raised by more keeps its direction
+GIVES_M: Final = 0.01  # depth to which soft tissue gives
+HANGING_RAD: Final = 1.0  # an upper arm raised by less than this is abducted by the whole angle,
+RAISED_RAD: Final = 1.6  # an arm raised by more than this keeps its direction
 DRAWS: Final = 6
 CHECK_HZ: Final = 3.0
-DEEPEST_M: Final = 0.15  # half a trunk: farther in, the nearest skin may be that of the other side
-UNDER_SKIN: Final = 0.7  # cosine: a point within the body has the nearest skin straight above it
+DEEPEST_M: Final = 0.15  # half a trunk: deeper inside, the nearest skin may be on the other side
+UNDER_SKIN: Final = 0.7  # cosine: a point inside the body has the nearest skin straight above it
 FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")  # parts of the names of bones that may meet the trunk
 ARMS: Final = (*FOREARMS, "Arm", "Shoulder")
 
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
-    """The configuration's movement, from a moment on that is drawn: a recording may begin in the middle of one.
+    """Draw the configuration's movement from a random moment on: a recording may begin in the middle of it.
 
-    Another subject's is drawn, a few times, where the arms cannot be kept out of the body.
+    If the arms cannot be kept out of the body, another subject's movement is drawn, a few times.
     """
     if config.movement_file is None or config.movement is None:
         raise ValueError("a captured movement needs movement_file and movement")
@@ -48,9 +48,10 @@ def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Pe
 
 
 def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor, bool]:
-    """The movement with arms abducted by the least angle at which no forearm is within trunk or legs, and True.
+    """Abduct the arms by the least angle at which no forearm is inside trunk or legs; return the movement and True.
 
-    The last of ``ANGLES_RAD`` and False where none of them is enough. seconds: how long from time 0 on matters.
+    If none of ``ANGLES_RAD`` suffices, the last is used and False returned. seconds: duration from time 0 that is
+    tested.
     """
     times_s = np.arange(0.0, seconds, 1.0 / CHECK_HZ)
     for angle in ANGLES_RAD:
@@ -62,7 +63,7 @@ def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor
 
 
 def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
-    """(t,) how deep forearms and hands are within trunk or legs at most, metres, 0 where they are outside."""
+    """Return the greatest depth (t,) of forearms and hands inside trunk or legs, metres, 0 where they are outside."""
     from scipy.spatial import cKDTree
 
     points = body_points()
@@ -82,7 +83,7 @@ def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
 
 
 def _abducted(capture: Capture, angle: float) -> Capture:
-    """Arms turned outward about the way the thorax faces, the less the higher they are raised."""
+    """Turn the arms outward about the thorax's forward axis, by less the higher they are raised."""
     arms, axes = capture.arms.copy(), capture.arm_axis.copy()
     forward = rotate(capture.thorax, np.broadcast_to(FORWARD, (len(arms), 3)))
     down = rotate(capture.thorax, np.broadcast_to(-UP, (len(arms), 3)))

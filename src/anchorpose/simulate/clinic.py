@@ -1,4 +1,4 @@
-"""Everybody and everything in the room, drawn from one seed, and where they are at any time."""
+"""Draw all people and things in the room from one seed, and compute where they are at any time."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ AZIMUTH_SPREAD_RAD = (0.08, 0.2, 0.2, 0.3)
 WALL_M = 2.7
 
 Programme = Callable[[np.random.Generator, Person], Actor]
-"""What a person is to do; the generator is for what is drawn."""
+"""Function that draws what a person does; the generator provides its random numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +68,7 @@ class Clinic:
         return np.array([x, 0.0, z]) if at_s is not None and time_s >= at_s else np.zeros(3)
 
     def true_times_s(self, camera: int) -> np.ndarray:
-        """(t,) when a camera really looks; its stamps say frame / fps since its epoch."""
+        """Return when (t,) a camera really takes its images; its stamps state frame / fps since its epoch."""
         stamps = np.arange(self.config.frames) / self.config.fps
         late = self.config.clock_late_s[camera] if self.config.clock_late_s else 0.0
         drift = self.config.clock_drift[camera] if self.config.clock_drift else 0.0

@@ -1,4 +1,4 @@
-"""What to simulate."""
+"""Configure what to simulate."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ CAPTURED_SHARE: Final = 0.6  # of the standing patients in rooms, where there is
 ABSENT_SHARE: Final = 0.15  # of the recording, before a patient who is late comes into view
 HIDDEN_S: Final = 2.0  # behind a curtain
 LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0
-THICKEST_CLOTHING_M: Final = 0.015  # beyond this the skin says little about the body
+THICKEST_CLOTHING_M: Final = 0.015  # thicker clothes would hide the body's shape
 
 ProperShare = Annotated[float, Field(ge=0, lt=1)]
 
@@ -87,7 +87,7 @@ class SimulationConfig:
     hole_radius_m: float = 0.0  # 0: no holes
     hole_share: Share = 0.5  # of the frames
     height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # None: drawn, adults from 1.5 to 1.9
-    body: OtherBody = OtherBody()  # of the patient; as it stands: drawn from the body asset
+    body: OtherBody = OtherBody()  # the patient's; default: drawn from the body asset
     pose_known: bool = True  # False: camera_to_world is null
     clock_late_s: tuple[float, ...] = ()  # one per camera: how much later than its stamps say it looked
     clock_drift: tuple[float, ...] = ()  # one per camera: seconds of further lateness per second
@@ -97,7 +97,8 @@ class SimulationConfig:
     doubled_share: ProperShare = 0.0  # of the files of every camera that hold the previous depth image once more
     starts_late_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the start
     ends_early_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the end
-    every: tuple[Count, ...] = ()  # one per camera, the first 1: of its images it records each so-manieth, a lower rate
+    # one per camera, the first 1: a camera records every n-th of its images, which lowers its rate
+    every: tuple[Count, ...] = ()
     room: RoomConfig | None = None  # a real room seen by one camera instead of a place of training
 
     def __post_init__(self) -> None:
@@ -183,8 +184,8 @@ def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationCon
 def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
     """``config`` with a patient who is easily lost: away at first or later, hidden behind a curtain, or seated.
 
-    Without the standing frame where the patient walks or sits; raises ValueError for other equipment that stands in the
-    way of walking, and for captured movements, which have no motions.
+    The standing frame is left out where the patient walks or sits. Raises ValueError for other equipment in the way of
+    walking, and for captured movements, which have no motions.
     """
     seconds = config.seconds
     equipment: Equipment = "none" if config.equipment == "standing-frame" else config.equipment

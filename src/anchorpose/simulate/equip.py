@@ -1,4 +1,4 @@
-"""Which equipment stands around the patient of a configuration, fitted to the patient."""
+"""Choose and fit the equipment around the patient of a configuration."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.timeline import Movement, ball_ahead_m, stand, standing_pelvis_m
 
 SWEEP_HZ = 5.0
-STOOL_HALF_M = 0.20  # half a stool and a little: legs that have stood up are before it
+STOOL_HALF_M = 0.20  # half a stool and a margin: the legs of a standing patient are in front of it
 CEILING_M = 2.65
 BELOW_NECK_M = 0.15  # from the joint between the shoulders down to the middle of the sternum
 HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that hands hold
 
 
 def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person) -> HeldEquipment | None:
-    """What a patient who follows motions stands in and holds; fitted to upright standing."""
+    """Build the equipment that holds a patient who follows motions; it is fitted to upright standing."""
     if config.equipment not in HELD:
         return None
     sweep = sweep_of(person, _posed(person).bones(np.zeros(1)))
@@ -47,7 +47,7 @@ def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person)
 def fit_around(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, held: HeldEquipment | None
 ) -> tuple[EquipmentPart, ...]:
-    """All equipment of a configuration; ``held``: what ``fit_held`` returned, None for a captured movement."""
+    """Build all equipment of a configuration; ``held``: result of ``fit_held``, None for a captured movement."""
     parts = () if held is None else held.parts
     captured = isinstance(patient, CapturedActor)
     if config.equipment != "none" and (captured or config.equipment not in HELD or config.chest_pad):
@@ -84,7 +84,7 @@ def _fit_swept(
 def _fit_frame(
     rng: np.random.Generator, config: SimulationConfig, person: Person, sweep: Sweep, half_width_m: float
 ) -> HeldEquipment:
-    """Parallel bars or a standing frame whose bars clear what the legs and the belly sweep over."""
+    """Build parallel bars or a standing frame whose bars clear the space that legs and belly sweep over."""
     pelvis_m = standing_pelvis_m(person.body)
     if config.equipment == "parallel-bars":
         return fit_parallel_bars(rng, pelvis_m=pelvis_m, half_width_m=half_width_m)
@@ -96,12 +96,12 @@ def _fit_frame(
 
 
 def _trunk_half_width_m(person: Person, sweep: Sweep) -> float:
-    """Half the width of trunk and legs with room for the arms."""
+    """Return half the width of trunk and legs, with space for the arms."""
     return float(np.abs(sweep.within(_knee_m(person) - 0.1, np.inf)[:, 2]).max()) + 0.14
 
 
 def _arms_half_width_m(sweep: Sweep, rail_m: float, least_m: float) -> float:
-    """Half the width that arms sweep over at the height of the rails, as far as rails can be set."""
+    """Return half the width that arms sweep over at the height of the rails, up to the widest rails."""
     arms = np.abs(sweep.within(rail_m - 0.12, rail_m + 0.12, arms=True)[:, 2])
     return float(np.clip(arms.max() + 0.05, min(least_m, WIDEST_M), WIDEST_M))
 
@@ -111,16 +111,16 @@ def _knee_m(person: Person) -> float:
 
 
 def _handle_m(person: Person) -> float:
-    """A walker's handles are as high as the wrists of hanging arms: a little below the hips."""
+    """Return the height of a walker's handles: that of the wrists of hanging arms, slightly below the hips."""
     return 0.96 * standing_pelvis_m(person.body)
 
 
 SEAT_BONES: Final = ("Hips", "LHipJoint", "RHipJoint", "LeftUpLeg", "RightUpLeg")
-"""Their skin is what a seated patient sits on."""
+"""Bones whose skin a patient sits on."""
 
 
 def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> tuple[EquipmentPart, ...]:
-    """A stool under the seated patient: its top just where the buttocks' lowest skin is."""
+    """Build a stool under the seated patient: its top is at the lowest skin of the buttocks."""
     person, foremost_m = patient.person, np.inf
     if isinstance(patient, CapturedActor):
         bones = patient.bones(patient.lowest_s())[0]
@@ -139,6 +139,6 @@ def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> t
 
 
 def _posed(person: Person) -> Actor:
-    """A person who stands as the asset does, for measuring."""
+    """Return a person who stands in the asset's rest pose, for measuring."""
     feet = stand(np.array([ball_ahead_m(person.body), 0.0]), 0.0, STANCE_M)
     return Actor(person, resting_channels(person, False), [Movement((), LONG_AGO_S, 1.0, 1e3, 1.0)], feet, ())

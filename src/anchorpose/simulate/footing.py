@@ -1,4 +1,4 @@
-"""Where the feet of a captured movement stand, step and rise: what hangs in the air follows the leg, the rest is still.
+"""Find where the feet of a captured movement stand, step and rise, and keep standing feet still.
 
 Kinect v2's ankles waver by centimetres while the foot stands. A foot that stands is therefore held in one place, a heel
 that rises turns about the ball, and only a foot that clearly leaves the floor moves freely.
@@ -15,13 +15,13 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
-WAVER_M: Final = 0.06  # ankles of standing feet rise and fall by so much
-CLEAR_M: Final = 0.06  # above that, until the whole height is believed
+WAVER_M: Final = 0.06  # range in which the ankles of standing feet rise and fall
+CLEAR_M: Final = 0.06  # height above this range at which the captured height is fully used
 HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # an ankle that rises and moves by less is a heel that rises
 MOVING_M_S: Final = 0.30  # a faster foot has left the floor
 SHORTEST_STAND_S: Final = 0.25
-SAME_PLACE_M: Final = 0.08  # a foot that comes down so near to where it stood has not moved
-EASE_S: Final = 0.15  # into and out of a stand
+SAME_PLACE_M: Final = 0.08  # a foot that comes down this near to its former place has not moved
+EASE_S: Final = 0.15  # duration of the transition into and out of a stand
 YAW_LIMIT: Final = 0.5
 
 Spans = list[tuple[int, int]]
@@ -42,9 +42,9 @@ class Footing:
 
 
 def find_footing(ankle_m: np.ndarray, height_m: np.ndarray, toes: np.ndarray, foot_m: float) -> Footing:
-    """Feet of ankles (n, 2, 3) that nothing holds.
+    """Compute the footing from captured ankles (n, 2, 3).
 
-    height_m (n, 2): above the floor as captured; toes (n, 2, 3): directions; foot_m: from the ankle to the ball.
+    height_m (n, 2): captured height above the floor; toes (n, 2, 3): directions; foot_m: from the ankle to the ball.
     """
     lift, heel_m = _lift(ankle_m, height_m)
     spans = [_stands(ankle_m[:, side], lift[:, side]) for side in (0, 1)]
@@ -58,7 +58,7 @@ def find_footing(ankle_m: np.ndarray, height_m: np.ndarray, toes: np.ndarray, fo
 
 
 def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 2) how high the foot is in the air, and how high a heel has risen while the toes stay down."""
+    """Return the height (n, 2) of each foot in the air, and the rise (n, 2) of a heel while the toes stay down."""
     floor = np.percentile(height_m, 10.0, axis=0)
     above = height_m - np.minimum(floor, floor.min() + WAVER_M)  # a leg may be held up all the time
     lift = above * ease((above - WAVER_M) / CLEAR_M)
@@ -72,13 +72,13 @@ def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _spans(chosen: np.ndarray) -> Spans:
-    """Runs of True: first row, and the row after the last."""
+    """Return each run of True: first row, and the row after the last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int64)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _stands(ankle_m: np.ndarray, lift_m: np.ndarray) -> Spans:
-    """Rows in which a foot stands in one place; ankle_m (n, 3), lift_m (n,)."""
+    """Return the rows in which a foot stands in one place; ankle_m (n, 3), lift_m (n,)."""
     course = gaussian_filter1d(ankle_m[:, [0, 2]], 2.0, axis=0)
     speed = np.linalg.norm(np.gradient(course, axis=0), axis=1) * CLIP_HZ
     spans = [span for span in _spans((speed < MOVING_M_S) & (lift_m <= 0.0)) if _lasts(span)]
@@ -98,7 +98,7 @@ def _lasts(span: tuple[int, int]) -> bool:
 
 
 def _weights(stands: Spans, rows: int) -> np.ndarray:
-    """(n,) 1 while the foot stands, 0 while it is on its way, eased."""
+    """Return weights (n,): 1 while the foot stands, 0 during a step, with smooth transitions."""
     row, weight, fade = np.arange(rows), np.zeros(rows), EASE_S * CLIP_HZ
     for a, b in stands:
         came = np.ones(rows) if a == 0 else ease((row - a) / fade + 1.0)
@@ -108,7 +108,9 @@ def _weights(stands: Spans, rows: int) -> np.ndarray:
 
 
 def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
-    """(n, 3) the ankle's course: still while the foot stands, shifted between so that it begins and ends there."""
+    """Return the ankle's course (n, 3): still while the foot stands, shifted between so that its ends meet the
+    stands.
+    """
     rows, course = np.arange(len(ankle_m)), ankle_m.copy()
     between = np.ones(len(rows), dtype=bool)
     known, offset = [], []
@@ -124,14 +126,14 @@ def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
 
 
 def _step_lift(place_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """(n, 2) least height of a foot on its way to another place."""
+    """Return the least height (n, 2) of a foot during a step."""
     speed = np.linalg.norm(np.gradient(place_m[..., [0, 2]], axis=0), axis=2) * CLIP_HZ
     speed = gaussian_filter1d(speed, 2.0, axis=0)
     return np.asarray((1.0 - stands) * 0.5 * STEP_HEIGHT_M * np.clip(speed / MOVING_M_S, 0.0, 1.0))
 
 
 def _yaws(toes: np.ndarray, stands: Spans) -> np.ndarray:
-    """(n,) radians to the left that the foot points: one value while it stands; toes (n, 3)."""
+    """Return the foot's direction (n,), radians to the left: constant while it stands; toes (n, 3)."""
     yaw = np.arctan2(-toes[:, 2], toes[:, 0])
     known, value = [], []
     for a, b in stands:

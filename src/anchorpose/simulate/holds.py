@@ -1,4 +1,4 @@
-"""Where on the patient a therapist's hands go."""
+"""Choose where on the patient a therapist's hands go."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from anchorpose.simulate.retarget import CapturedActor
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What a therapist does: where around the patient (azimuth ranges, radians, 0 in front, left positive) and what
-    each hand (the therapist's left, right) holds."""
+    """A therapist's task: the place around the patient (azimuth ranges, radians, 0 in front, left positive) and what
+    each hand (the therapist's left, right) holds.
+    """
 
     name: TaskName
     azimuth: tuple[float, float]
@@ -43,28 +44,28 @@ HOLD_BONES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hold:
-    """A therapist's two hands on the patient's skin: vertices (2,), joints (2,), and the way the fingers point."""
+    """A therapist's two hands on the patient's skin: vertices (2,), joints (2,), and the direction of the fingers."""
 
     vertices: np.ndarray
     joints: np.ndarray
     facing: np.ndarray  # (3,)
-    places_m: np.ndarray  # (2, 3) where the therapist found them on choosing a place to stand
+    places_m: np.ndarray  # (2, 3) the holds when the therapist chose where to stand
 
     @property
     def reference_m(self) -> np.ndarray:
-        """(3,) between the two."""
+        """Return the middle (3,) between the two holds."""
         return self.places_m.mean(axis=0)
 
 
 def nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: np.ndarray) -> float:
-    """When the joints to hold come nearest to the therapist, who needs room for it."""
+    """Return when the joints to hold are nearest to the therapist, who needs space for it."""
     joints_m = np.array([patient.person.body.joints(bones) for bones in patient.bones(times_s)])
     held = joints_m[:, [JOINT_INDEX[name] for name in task.holds]].mean(axis=1)
     return float(times_s[np.argmax(held @ outward)])
 
 
 def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, at_s: float) -> Hold:
-    """Skin points around the joints to hold, on the sides that the therapist's hands come to."""
+    """Choose skin points around the joints to hold, on the sides from which the therapist's hands come."""
     person = patient.person
     bones = patient.bones(np.array([at_s]))
     everything = np.arange(len(person.normals))
@@ -82,7 +83,7 @@ def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, 
 
 
 def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name: str, wanted: np.ndarray) -> int:
-    """The vertex of the parts beside a joint that lies farthest in a level direction, near the joint's height."""
+    """Return the vertex beside a joint that lies farthest in a horizontal direction, near the joint's height."""
     asset = person.body.asset
     side = "Left" if name.endswith("Left") else "Right"
     patterns = next(bones for key, bones in HOLD_BONES.items() if name.startswith(key))

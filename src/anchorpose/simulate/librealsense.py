@@ -1,4 +1,4 @@
-"""What librealsense does to depth when its post-processing is switched on: decimation, spatial and temporal smoothing.
+"""Imitate librealsense's post-processing of depth: decimation, spatial and temporal smoothing.
 
 Both smoothing filters work on disparity and blend only values that differ by less than a threshold. Source: Intel
 RealSense SDK 2.0, post-processing filters (spatial: Gastal and Oliveira 2011, doi:10.1145/1964921.1964964).
@@ -15,20 +15,20 @@ import numpy as np
 
 from anchorpose.simulate.sensor import SensorSpec, sense
 
-HALF: Final = 2  # pixels of the imager that become one
+HALF: Final = 2  # pixels of the imager joined to one
 # The filter's own settings are not in the recordings; these draw silhouettes out as the real ones are: 12 pixels
-SMOOTHING: Final = 0.3  # weight of a pixel against what the filter brings along
-JOINED_PX: Final = 25.0  # of disparity: only what is within half a metre of the camera keeps its edge
+SMOOTHING: Final = 0.3  # weight of a pixel relative to the filter's carried value
+JOINED_PX: Final = 25.0  # of disparity: only surfaces within half a metre of the camera keep their edges
 PASSES: Final = 2
-FILLED_PX: Final = 16  # the widest gap that the nearest values on the row or column fill
-STEPS: Final = 8.0  # to which a pixel of disparity is rounded at the end
-TEMPORAL: Final = 0.4  # weight of a frame against the one before
-STILL_PX: Final = 0.6  # of disparity: what changes by more is taken as it is
+FILLED_PX: Final = 16  # widest gap filled by the nearest values in the row or column
+STEPS: Final = 8.0  # steps to which a pixel of disparity is rounded at the end
+TEMPORAL: Final = 0.4  # weight of a frame relative to the one before
+STILL_PX: Final = 0.6  # of disparity: larger changes are taken over unchanged
 MEMORY: Final = 4  # frames; the weight of older ones is below a tenth
 
 
 def decimated_mm(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-    """(height, width) uint16 millimetres: the imager has twice as many rows and columns; the median of four."""
+    """Return depth (height, width) uint16 millimetres as the median of four pixels of an imager with twice the size."""
     imager = replace(spec, width=HALF * spec.width, height=HALF * spec.height, focal_px=HALF * spec.focal_px)
     fine = [np.repeat(np.repeat(layer, HALF, axis=0), HALF, axis=1) for layer in (depth_m, cosine)]
     reading = sense(rng, imager, fine[0], fine[1], np.zeros_like(fine[0])).astype(np.float32)
@@ -42,7 +42,7 @@ def decimated_mm(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray
 
 
 def smoothed_mm(spec: SensorSpec, readings_mm: Sequence[np.ndarray]) -> np.ndarray:
-    """The last of some consecutive depth images (height, width) uint16 millimetres, smoothed over space and time."""
+    """Smooth the last of some consecutive depth images (height, width) uint16 millimetres over space and time."""
     gain = np.float32(HALF * spec.focal_px * spec.baseline_m * 1000.0)
     blended: np.ndarray | None = None
     for reading in readings_mm[-MEMORY:]:
@@ -58,7 +58,7 @@ def smoothed_mm(spec: SensorSpec, readings_mm: Sequence[np.ndarray]) -> np.ndarr
 
 
 def _blend(before: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Disparities of two frames; a pixel without a reading keeps the one before."""
+    """Blend the disparities of two frames; a pixel without a reading keeps the previous one."""
     still = (before > 0) & (now > 0) & (np.abs(before - now) < STILL_PX)
     mixed = np.where(still, TEMPORAL * now + (1.0 - TEMPORAL) * before, now)
     return np.where(now > 0, mixed, before).astype(np.float32)
@@ -66,7 +66,7 @@ def _blend(before: np.ndarray, now: np.ndarray) -> np.ndarray:
 
 @nb.njit(cache=True)
 def _smooth_rows(disparity: np.ndarray, weight: float, joined: float, filled: int) -> None:
-    """A recursive filter along each row, in place; gaps of up to ``filled`` pixels take the last value."""
+    """Run a recursive filter along each row, in place; gaps of up to ``filled`` pixels take the last value."""
     for row in range(disparity.shape[0]):
         last, gap = disparity[row, 0], 0
         for column in range(1, disparity.shape[1]):

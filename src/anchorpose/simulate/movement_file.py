@@ -1,4 +1,4 @@
-"""Captured rehabilitation movements: the skeletons of UI-PRMD (Vakanski et al. 2018, doi:10.3390/data3010002)."""
+"""Read captured rehabilitation movements: the skeletons of UI-PRMD (Vakanski et al. 2018, doi:10.3390/data3010002)."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ MOVEMENTS: Final = {
     "shoulder-rotation": 9,
     "shoulder-scaption": 10,
 }
-"""The movements of the data set by their number in the names of its clips."""
+"""The movements of the data set, by their number in the names of its clips."""
 
 STEPPING: Final = frozenset({"hurdle-step", "inline-lunge", "side-lunge", "leg-raise"})
-"""Movements that need room in front of the patient and beside."""
+"""Movements that need space in front of the patient and beside."""
 
 SEATED: Final = frozenset({"sit-to-stand"})
 SUBJECTS: Final = (1, 2, 3, 4, 5, 6, 7)
@@ -55,14 +55,14 @@ NEEDED: Final = (
     "RFoot",
     "RToes",
 )
-"""Joints that a movement is taken from; ``Forearm`` is the elbow, ``Foot`` the ankle, ``LowerLeg`` the knee."""
+"""Joints that a movement needs; ``Forearm`` is the elbow, ``Foot`` the ankle, ``LowerLeg`` the knee."""
 
 _NAME: Final = re.compile(r"(?P<how>[ci])_m(?P<movement>\d\d)_s(?P<subject>\d\d)_e(?P<episode>\d\d)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clips:
-    """Clips of one subject and movement in the order they were recorded.
+    """Clips of one subject and movement in recorded order.
 
     names (c,); joints_m: (n, j, 3) metres each, x to the subject's left, y up, z ahead, 30 Hz; joint_names (j,).
     """
@@ -72,19 +72,19 @@ class Clips:
     joint_names: tuple[str, ...]
 
     def joint(self, clip: int, name: str) -> np.ndarray:
-        """(n, 3) metres."""
+        """Return (n, 3) metres."""
         return np.asarray(self.joints_m[clip][:, self.joint_names.index(name)])
 
 
 def movement_of(name: str) -> str | None:
-    """The movement of a clip's or a movement's name; None where it is neither."""
+    """Return the movement for the name of a clip or a movement; None for other names."""
     found = _NAME.fullmatch(name)
     names = [key for key, number in MOVEMENTS.items() if found and number == int(found["movement"])]
     return next(iter(names), name if name in MOVEMENTS else None)
 
 
 def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tuple[int, ...] = SUBJECTS) -> Clips:
-    """All repetitions by one subject, who is drawn, as is whether they were done correctly; or one clip by its name.
+    """Read all repetitions by one random subject, all done correctly or all not; or one clip by its name.
 
     movement: one of ``MOVEMENTS`` or the name of a clip, such as c_m05_s01_e01. Raises InputError where the file is
     not such a file or has no such movement by one of the subjects.
@@ -103,7 +103,7 @@ def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tu
 def _drawn(
     path: Path, arrays: dict[str, np.ndarray], movement: str, rng: np.random.Generator, subjects: tuple[int, ...]
 ) -> list[int]:
-    """Indices of the clips of one subject, all done correctly or all not."""
+    """Draw the clips of one subject, all done correctly or all not; return their indices."""
     series: dict[tuple[str, str], list[int]] = {}
     for index, name in enumerate(str(name) for name in arrays["names"]):
         found = _NAME.fullmatch(name)
@@ -119,7 +119,7 @@ def _drawn(
 
 
 def _loses_a_limb(arrays: dict[str, np.ndarray], index: int) -> bool:
-    """Whether a wrist or an ankle jumps from one frame to the next."""
+    """Return whether a wrist or an ankle jumps from one frame to the next."""
     ends = np.isin(arrays["joint_names"], ["LHand", "RHand", "LFoot", "RFoot"])
     clip = arrays["joints_mm"][arrays["offsets"][index] : arrays["offsets"][index + 1], ends]
     steps_m = np.linalg.norm(np.diff(clip.astype(np.float64), axis=0), axis=2) / 1000.0

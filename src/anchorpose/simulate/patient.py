@@ -1,4 +1,4 @@
-"""The patient: a person at the origin who follows a drawn programme of motions."""
+"""Draw the patient: a person at the origin who follows a random programme of motions."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from anchorpose.simulate.timeline import (
 )
 
 FARTHEST_FORWARD_M = 0.3  # of the feet: from there steps lead back
-SWAY_M = 0.005  # amplitude of each of the sway's waves
+SWAY_M = 0.005  # amplitude of each wave of the sway
 TREMOR_RAD = 0.004
 PALM_ABOVE_BONE_M = 0.018  # from the hand's bone to the skin of the palm
 GRIP_TILT_RAD = 0.5
 WRIST_TO_GRIP_M = 0.06  # the ball of the hand lies on the rail
-SIT_CHANCE = 0.4  # that a mixed programme with a stool begins or ends on it
+SIT_CHANCE = 0.4  # probability that a mixed programme with a stool begins or ends on it
 LONG_AGO_S = -100.0
 OUTSIDE_M = 2.4  # beside the place to train: out of the front camera's view
 STANCE_M = 0.26
@@ -45,7 +45,7 @@ WALK_S = 3.0  # from outside to the place of training
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wave:
-    """Small sinusoids on one channel: quiet sway and tremor."""
+    """Small sinusoids on one channel, for quiet sway and tremor."""
 
     channel: str
     amplitude: np.ndarray
@@ -53,7 +53,7 @@ class Wave:
     phase: np.ndarray
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
-        """(t,)."""
+        """Return the offset (t,) at times (t,)."""
         angle = 2.0 * np.pi * times_s[:, None] * self.frequency_hz + self.phase
         return (self.amplitude * np.sin(angle)).sum(axis=1)
 
@@ -70,19 +70,19 @@ class Actor:
     grip_m: np.ndarray | None = None  # (2, 3)
 
     def channels(self, times_s: np.ndarray) -> np.ndarray:
-        """(c, t)."""
+        """Return (c, t)."""
         values = channel_values(self.base, self.movements, times_s)
         for wave in self.waves:
             values[CHANNEL_INDEX[wave.channel]] += wave.at(times_s)
         return values
 
     def sits(self) -> bool:
-        """Whether the programme has the person seated at any time."""
+        """Return whether the person is seated at any time of the programme."""
         seated = seated_offsets(self.person)[0]
         return any(seated in movement.offsets for movement in self.movements)
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
-        """(t, b, 4, 4) T_world_rest."""
+        """Return (t, b, 4, 4) T_world_rest."""
         goals = HandGoals.none(len(times_s))
         if self.grip_m is not None:
             goals = _rail_goals(self.person, self.grip_m, len(times_s))
@@ -91,7 +91,7 @@ class Actor:
 
 
 def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
-    """(c,) upright, arms beside the body, or on the rails of a frame."""
+    """Return resting channels (c,): upright, arms beside the body, or on the rails of a frame."""
     base = np.zeros(len(CHANNELS))
     base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # the rest pose stands with bent knees
     for side in ("left", "right"):
@@ -104,7 +104,7 @@ def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
 
 
 def draw_waves(rng: np.random.Generator) -> tuple[Wave, ...]:
-    """Sway below 1 Hz of the pelvis, tremor of 4 to 8 Hz of the arms."""
+    """Draw sway of the pelvis below 1 Hz, and tremor of the arms of 4 to 8 Hz."""
 
     def wave(channel: str, amplitude: float, lowest_hz: float, highest_hz: float) -> Wave:
         amplitudes = amplitude * rng.uniform(0.3, 1.0, 3)
@@ -123,7 +123,7 @@ def draw_waves(rng: np.random.Generator) -> tuple[Wave, ...]:
 def draw_patient(
     rng: np.random.Generator, config: SimulationConfig, person: Person, frame: HeldEquipment | None
 ) -> Actor:
-    """A patient's programme for the recording."""
+    """Return a patient's programme for the recording."""
     base = resting_channels(person, frame is not None)
     if frame is None:
         _loosen_arms(rng, base)
@@ -161,7 +161,7 @@ def draw_patient(
 
 
 def _come_and_go(rng: np.random.Generator, footwork: Footwork, config: SimulationConfig) -> Footwork:
-    """Walks out to one side and in again from there, so as to be in place when the patient is not away."""
+    """Append walks out to one side and back, so that the patient is in place when not away."""
     home, facing = footwork.places_m.mean(axis=0), float(footwork.yaws.mean())
     for gone_s, back_s in config.away_s:
         outside = home + np.array([rng.uniform(-0.3, 0.0), rng.choice([-1.0, 1.0]) * OUTSIDE_M])
@@ -174,7 +174,7 @@ def _come_and_go(rng: np.random.Generator, footwork: Footwork, config: Simulatio
 
 
 def _loosen_arms(rng: np.random.Generator, base: np.ndarray) -> None:
-    """From arms that hang along the thighs to arms held away from the body, as people hold them for balance."""
+    """Move arms that hang along the thighs away from the body, as people hold them for balance."""
     away = rng.uniform(0.0, 1.0)
     for side in ("left", "right"):
         base[CHANNEL_INDEX[f"shoulder_abduct_{side}"]] += 0.35 * away * rng.uniform(0.7, 1.0)
@@ -182,7 +182,7 @@ def _loosen_arms(rng: np.random.Generator, base: np.ndarray) -> None:
 
 
 def _first_stance(rng: np.random.Generator, person: Person) -> Footwork:
-    """Ankles below a pelvis at the origin, feet 0.2 to 0.32 m apart, toes a little out."""
+    """Place the ankles below a pelvis at the origin, feet 0.2 to 0.32 m apart, toes slightly out."""
     places = stance_places(np.array([ball_ahead_m(person.body), 0.0]), 0.0, rng.uniform(0.20, 0.32))
     return Footwork(places + rng.uniform(-0.02, 0.02, (2, 2)), -OUTWARD * rng.uniform(0.0, 0.15, 2))
 
@@ -190,7 +190,7 @@ def _first_stance(rng: np.random.Generator, person: Person) -> Footwork:
 def _draw_sitting(
     rng: np.random.Generator, config: SimulationConfig, person: Person
 ) -> tuple[float, float, list[Movement]]:
-    """When the patient is standing (start, end), and the movements of standing up or sitting down."""
+    """Draw standing up or sitting down; return when the patient stands (start, end), and the movements."""
     named = "sit-to-stand" in config.motions
     possible = named or ("mixed" in config.motions and config.stool and config.equipment == "none")
     if not possible or (not named and rng.random() > SIT_CHANCE):
@@ -210,7 +210,7 @@ def _draw_sitting(
 
 
 def seated_offsets(person: Person) -> tuple[tuple[str, float], ...]:
-    """Thighs level, shanks upright."""
+    """Return the offsets of a seat: thighs level, shanks upright."""
     heads, asset = person.body.bone_heads, person.body.asset
     thigh_m = float(np.linalg.norm(heads[asset.bone("LeftLeg")] - heads[asset.bone("LeftUpLeg")]))
     return (
@@ -225,7 +225,7 @@ def seated_offsets(person: Person) -> tuple[tuple[str, float], ...]:
 def _draw_steps(
     rng: np.random.Generator, footwork: Footwork, start_s: float, pace: float, here: Situation
 ) -> tuple[Footwork, list[Movement]]:
-    """Two to four steps, in place or forward and back again, the weight over the standing foot."""
+    """Draw two to four steps, in place or forward and back again, with the weight over the standing foot."""
     places, yaws = final_stance(footwork)
     stride_m = 0.0 if here.in_frame or rng.random() < 0.4 else rng.uniform(0.12, 0.28)
     if float(np.mean(np.asarray(places)[:, 0])) > FARTHEST_FORWARD_M:
@@ -245,7 +245,7 @@ def _draw_steps(
 
 
 def _rail_goals(person: Person, grip_m: np.ndarray, times: int) -> HandGoals:
-    """Palms on the rails, fingers forward and down, wrists above the rail so that the forearms clear it."""
+    """Place palms on the rails, fingers forward and down, wrists above the rail so that the forearms clear it."""
     fingers = np.cos(GRIP_TILT_RAD) * FORWARD - np.sin(GRIP_TILT_RAD) * UP
     palm_out = -np.sin(GRIP_TILT_RAD) * FORWARD - np.cos(GRIP_TILT_RAD) * UP
     wrists, turns = [], []

@@ -1,4 +1,4 @@
-"""One simulated person: a body outside of every shape space, dressed in clothes that fold."""
+"""Draw one simulated person: a body outside every shape space, dressed in clothes that fold."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.rigged_body import read_rigged_body
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
-COEFFICIENT_SPREAD = 0.8  # of the shape space's standard deviations; below 1, for all sixteen vary at once
+COEFFICIENT_SPREAD = 0.8  # of the shape space's standard deviations; below 1, since all sixteen vary at once
 BUMPS = 14
 FOLDS = 7
 CHILD_HEIGHTS_M = (1.0, 1.5)
@@ -58,7 +58,7 @@ class Clothes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """A shaped body with the arrays its fast skinning needs, and what it wears."""
+    """A shaped body with the arrays for its fast skinning, and its clothes."""
 
     body: BodyMesh
     coefficients: np.ndarray  # (k,)
@@ -67,7 +67,7 @@ class Person:
     normals: np.ndarray  # (v, 3) outward at rest
 
     def skin(self, transforms: np.ndarray, time_s: float) -> np.ndarray:
-        """(v, 3) float32 dressed skin in the world for bone motions (b, 4, 4)."""
+        """Return (v, 3) float32 dressed skin in the world for bone motions (b, 4, 4)."""
         asset, clothes = self.body.asset, self.clothes
         rest = _RestSkin(
             self.body.vertices.astype(np.float32),
@@ -89,7 +89,7 @@ class Person:
 
 
 def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | None = None) -> Person:
-    """A random adult of the given height (drawn where None), with every shape coefficient in use."""
+    """Return a random adult of the given height (drawn where None), with every shape coefficient in use."""
     asset = stored_asset()
     height_m = float(rng.uniform(SHORTEST_M, TALLEST_M)) if height_m is None else height_m
     coefficients = np.zeros(asset.shape_count)
@@ -105,7 +105,7 @@ def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | N
 
 
 def draw_child(rng: np.random.Generator, clothing_m: float, height_m: float | None = None) -> Person:
-    """A random child of the given height (drawn where None); the asset's children, with less spread."""
+    """Return a random child of the given height (drawn where None); the asset's children, with less spread."""
     asset = stored_asset()
     height_m = float(rng.uniform(*CHILD_HEIGHTS_M)) if height_m is None else height_m
     drawn = rng.multivariate_normal(asset.child_mean, CHILD_SPREAD**2 * asset.child_covariance, 200)
@@ -117,7 +117,7 @@ def draw_child(rng: np.random.Generator, clothing_m: float, height_m: float | No
 
 
 def draw_patient_person(rng: np.random.Generator, config: SimulationConfig) -> Person:
-    """The patient of a recording."""
+    """Return the patient of a recording."""
     if config.body == OtherBody():
         return draw_person(rng, config.clothing_m, config.height_m)
     return draw_other_person(rng, config.body, config.clothing_m, config.height_m)
@@ -126,7 +126,7 @@ def draw_patient_person(rng: np.random.Generator, config: SimulationConfig) -> P
 def draw_other_person(
     rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None = None
 ) -> Person:
-    """A random person whose body is not of the asset's shape space, in trousers of other cloth than the shirt."""
+    """Draw a person whose body is outside the asset's shape space, in trousers of another cloth than the shirt."""
     plain = _draw_plain(rng, config, clothing_m, height_m)
     body = plain.body
     if config.file is None:
@@ -152,7 +152,7 @@ def draw_other_person(
 
 
 def _draw_plain(rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None) -> Person:
-    """The body before its segments are changed."""
+    """Draw the body before its segments are changed."""
     if config.file is not None:
         body = read_rigged_body(config.file)
         body = body if height_m is None else to_height(body, height_m)
@@ -165,7 +165,7 @@ def _draw_plain(rng: np.random.Generator, config: OtherBody, clothing_m: float, 
 
 
 def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:
-    """(v,) how many times as loose as the drawn clothes shirt and trousers are, each by itself."""
+    """Return how many times looser (v,) than drawn shirt and trousers are, each drawn separately."""
     shirt, trousers = rng.uniform(*LOOSE_SHIRT), rng.uniform(*LOOSE_TROUSERS)
     legs = np.array([name.endswith(("UpLeg", "Leg")) for name in asset.bone_names])
     share = (asset.skin_weights * legs[asset.skin_bones]).sum(axis=1)
@@ -173,7 +173,7 @@ def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:
 
 
 def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Some dressed skin points and their normals over time, (t, n, 3) each; folds at their mean height."""
+    """Return some dressed skin points and their normals over time, (t, n, 3) each; folds at their mean height."""
     asset, clothes = person.body.asset, person.clothes
     normals = person.normals[vertices]
     rest = person.body.vertices[vertices] + 0.75 * clothes.amplitude_m * clothes.cover[vertices, None] * normals
@@ -185,7 +185,7 @@ def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tupl
 
 
 def bends(asset: BodyAsset, transforms: np.ndarray) -> np.ndarray:
-    """(b,) how far each bone is turned from its parent since the rest pose, radians."""
+    """Return how far (b,) each bone is turned relative to its parent since the rest pose, radians."""
     turns = transforms[:, :3, :3]
     parents = np.maximum(asset.bone_parents, 0)
     cosine = (np.einsum("bij,bij->b", turns[parents], turns) - 1.0) / 2.0
@@ -193,7 +193,7 @@ def bends(asset: BodyAsset, transforms: np.ndarray) -> np.ndarray:
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(v, 3) area-weighted unit normals."""
+    """Return (v, 3) area-weighted unit normals."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     areas = np.cross(b - a, c - a)
     normals = np.zeros_like(vertices)
@@ -214,13 +214,13 @@ def _stature_gain_m(asset: BodyAsset) -> float:
 
 
 def _dressed(asset: BodyAsset) -> np.ndarray:
-    """(v,) 1 under clothes, 0 on hands, head and feet, between them at the hems."""
+    """Return (v,): 1 under clothes, 0 on hands, head and feet, values between at the hems."""
     wears = np.array([not any(bare in name for bare in BARE) for name in asset.bone_names], dtype=np.float64)
     return (asset.skin_weights * wears[asset.skin_bones]).sum(axis=1)
 
 
 def _bumps_m(rng: np.random.Generator, asset: BodyAsset, vertices: np.ndarray) -> np.ndarray:
-    """(v,) metres outward: what muscle, fat and a spasm add on one side only."""
+    """Return bumps (v,), metres outward, that muscle, fat and spasms add on one side only."""
     dressed = _dressed(asset)
     centres = vertices[rng.choice(np.flatnonzero(dressed > 0.9), BUMPS)]
     height_m = rng.normal(0.0, 0.005, BUMPS).clip(-0.008, 0.008)
@@ -230,7 +230,7 @@ def _bumps_m(rng: np.random.Generator, asset: BodyAsset, vertices: np.ndarray) -
 
 
 def _draw_clothes(rng: np.random.Generator, asset: BodyAsset, amplitude_m: float) -> Clothes:
-    """Folds of 6 to 25 cm from crest to crest, more across the limbs than along them."""
+    """Draw folds of 6 to 25 cm from crest to crest, more across the limbs than along them."""
     direction = rng.normal(size=(FOLDS, 3)) * [0.7, 1.0, 0.7]
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     wavelength_m = rng.uniform(0.06, 0.25, FOLDS)
@@ -245,7 +245,9 @@ def _draw_clothes(rng: np.random.Generator, asset: BodyAsset, amplitude_m: float
 
 
 class _RestSkin(NamedTuple):
-    """vertices, normals (v, 3) float32; the bones that move each vertex (v, w) int32, and their weights float32."""
+    """The skin at rest: vertices, normals (v, 3) float32; bones that move each vertex (v, w) int32, and weights
+    float32.
+    """
 
     vertices: np.ndarray
     normals: np.ndarray
@@ -289,7 +291,7 @@ def _dress_and_skin(rest: _RestSkin, folds: _Folds, transforms: np.ndarray, bend
 
 @nb.njit(cache=True)
 def _fold_m(folds: _Folds, place: np.ndarray, cover: np.float32, bent: np.float32) -> float:
-    """How far the clothes stand off the skin at one place of the rest skin, metres."""
+    """Return how far the clothes stand off one place of the rest skin, metres."""
     if not (cover > 0.0 and folds.amplitude_m > 0.0):
         return 0.0
     wave = np.float32(0.0)

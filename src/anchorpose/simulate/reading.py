@@ -1,4 +1,4 @@
-"""From the true image to what the recorder stores: the sensor's error, what the room takes from it, and its filters."""
+"""Turn a true image into what the recorder stores: the sensor's error, losses in a real room, and its filters."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from anchorpose.simulate.sensor import SensorSpec, sense
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reader:
-    """One camera: its kind, its steady error (height, width) metres, and what spoils its readings in a real room.
+    """The reading of one camera: its kind, its systematic error (height, width) metres, and what spoils readings in a
+    real room.
 
     shiny (height, width) bool: pixels of bare metal. recent: depth images before smoothing, by frame; it only saves
-    time, for whatever is not there is drawn again from the frame's own random stream.
+    time, since a missing image is drawn again from the frame's own random stream.
     """
 
     spec: SensorSpec
@@ -27,7 +28,7 @@ class Reader:
     recent: dict[int, np.ndarray] = field(default_factory=dict)
 
     def raw_mm(self, rng: np.random.Generator, image: TrueImage) -> np.ndarray:
-        """(height, width) uint16 millimetres before smoothing, 0 = no reading."""
+        """Return (height, width) uint16 millimetres before smoothing, 0 = no reading."""
         if self.spec.filtered:
             reading = decimated_mm(rng, self.spec, image.depth_m, image.cosine)
         else:
@@ -43,5 +44,5 @@ class Reader:
             del self.recent[old]
 
     def stored_mm(self, readings_mm: list[np.ndarray]) -> np.ndarray:
-        """What is stored of the last of some consecutive depth images before smoothing."""
+        """Return what the recorder stores for the last of some consecutive depth images."""
         return smoothed_mm(self.spec, readings_mm) if self.spec.filtered else readings_mm[-1]

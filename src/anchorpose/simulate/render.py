@@ -1,4 +1,4 @@
-"""Noise-free depth images: the room by rays, once; the people by a depth buffer, every frame.
+"""Render noise-free depth images: the room once, by rays; the people in every frame, by a depth buffer.
 
 A depth buffer over the 27,000 triangles of a body costs a few milliseconds; building a ray tree for as many costs tens.
 """
@@ -14,12 +14,12 @@ import numpy as np
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.lens import NOWHERE, lens_array, pixel_of_ray, rays_of_pixels
 
-NOTHING, EQUIPMENT, PATIENT = 0, 1, 2  # labels of a true image; therapists follow
+NOTHING, EQUIPMENT, PATIENT = 0, 1, 2  # labels of a true image; therapists have the next ones
 NEAREST_M = 0.15  # triangles nearer to the camera are not drawn
 
 
 class TrueImage(NamedTuple):
-    """What one camera would see without error, each (height, width).
+    """An image that one camera would see without error, arrays (height, width).
 
     depth_m float32 along the optical axis, 0 = nothing; cosine float32 of the incidence angle; label uint8; part uint8:
     1 + index of the bone that moves the skin there, 0 = nobody.
@@ -42,7 +42,7 @@ class Figure:
 
 
 def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> TrueImage:
-    """The room and the equipment, (n, 3, 3) triangles each; rays through pixel centres."""
+    """Return the room and the equipment, (n, 3, 3) triangles each; rays through pixel centres."""
     shape = (camera.height, camera.width)
     empty = TrueImage(
         np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
@@ -65,14 +65,14 @@ def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> Tru
 
 
 class Lens(NamedTuple):
-    """array: ``lens_array`` as float32; rays: ``rays_of_pixels``."""
+    """The lens for kernels. array: ``lens_array`` as float32; rays: from ``rays_of_pixels``."""
 
     array: np.ndarray
     rays: np.ndarray
 
 
 def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) -> TrueImage:
-    """``still`` with people in front of it, through the camera's lens."""
+    """Draw people in front of ``still``, through the camera's lens."""
     image = TrueImage(*(layer.copy() for layer in still))
     T_camera_world = invert_rigid(camera.require_pose())
     rays = rays_of_pixels(camera.intrinsics, camera.width, camera.height)
@@ -84,7 +84,7 @@ def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) 
 
 
 def ray_directions(camera: Camera) -> np.ndarray:
-    """(height * width, 3) float32 world; the optical axis where a pixel has no ray (``Camera.valid_pixels``)."""
+    """Return ray directions (height * width, 3) float32, world; the optical axis where a pixel has no ray."""
     rays = np.nan_to_num(camera.pixel_rays()).reshape(-1, 2)
     rays = np.column_stack([rays, np.ones(len(rays), np.float32)])
     return np.asarray((rays @ camera.require_pose()[:3, :3].T).astype(np.float32))
@@ -93,7 +93,7 @@ def ray_directions(camera: Camera) -> np.ndarray:
 def first_hits(
     origins_m: np.ndarray, directions: np.ndarray, triangles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First triangle along each ray (-1 none), how many directions away, and its normal.
+    """Return the first triangle along each ray (-1 none), its distance in ray lengths, and its normal.
 
     origins_m, directions (n, 3), triangles (m, 3, 3), float32 world metres.
     """
@@ -113,14 +113,16 @@ def first_hits(
 def _draw(
     points: np.ndarray, faces: np.ndarray, face_part: np.ndarray, label: int, lens: Lens, image: TrueImage
 ) -> None:
-    """Depth buffer; points (v, 3) in the camera. Edges are straight in the image: triangles are small."""
+    """Draw faces into a depth buffer; points (v, 3) in the camera. Edges are straight in the image: triangles are
+    small.
+    """
     for f in range(len(faces)):
         _draw_face(points, faces[f], face_part[f], label, lens, image)
 
 
 @nb.njit(cache=True)
 def _draw_face(points: np.ndarray, face: np.ndarray, part: int, label: int, lens: Lens, image: TrueImage) -> None:
-    """One triangle; a pixel belongs to it if its centre does."""
+    """Draw one triangle; a pixel belongs to it if its centre does."""
     height, width = image.depth_m.shape
     i, j, k = face
     z0, z1, z2 = points[i, 2], points[j, 2], points[k, 2]
@@ -159,7 +161,7 @@ def _draw_face(points: np.ndarray, face: np.ndarray, part: int, label: int, lens
 
 @nb.njit(cache=True)
 def _normal(points: np.ndarray, i: int, j: int, k: int) -> tuple[float, float, float]:
-    """Normal of a triangle, as long as twice its area."""
+    """Return the normal of a triangle, as long as twice its area."""
     ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
     bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

@@ -1,4 +1,4 @@
-"""A captured movement on another body: the segments' directions are the subject's, all lengths the patient's own."""
+"""Transfer a captured movement to another body: segment directions from the subject, lengths from the patient."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from anchorpose.simulate.timeline import (
 )
 
 STRAIGHT_LEG: Final = 0.998  # of a leg's length: knees bent by 7 degrees
-PELVIS_S: Final = 0.06  # over which the pelvis' course is smoothed
-KNEE_SHOWS_M: Final = 0.05  # a knee so far off the line from hip to ankle shows which way it points
-AIR_M: Final = 0.12  # a foot so high in the air keeps its angle to the shank
-TOES_DOWN_RAD: Final = 0.25  # a foot that hangs
+PELVIS_S: Final = 0.06  # window over which the pelvis' course is smoothed
+KNEE_SHOWS_M: Final = 0.05  # a knee this far off the line from hip to ankle shows its direction
+AIR_M: Final = 0.12  # a foot this high in the air keeps its angle to the shank
+TOES_DOWN_RAD: Final = 0.25  # of a hanging foot
 FINGERS_RAD: Final = 0.25
 
 _UP_RIGHT: Final = orthonormal_frame(UP, RIGHT)
@@ -51,23 +51,23 @@ class CapturedActor:
     heel: np.ndarray
 
     def sits(self) -> bool:
-        """Whether the movement leads to a seat."""
+        """Return whether the movement leads to a seat."""
         return self.capture.seated
 
     def lowest_s(self) -> np.ndarray:
-        """(1,) when the pelvis is lowest."""
+        """Return (1,) when the pelvis is lowest."""
         return np.array([self.capture.start_s + np.argmin(self.pelvis_m[:, 1]) / CLIP_HZ])
 
     def highest_s(self) -> np.ndarray:
-        """(1,) when the pelvis is highest."""
+        """Return (1,) when the pelvis is highest."""
         return np.array([self.capture.start_s + np.argmax(self.pelvis_m[:, 1]) / CLIP_HZ])
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
-        """(t, b, 4, 4) T_world_rest."""
+        """Return (t, b, 4, 4) T_world_rest."""
         return pose_bones(self.person.body, self.posture(times_s))
 
     def posture(self, times_s: np.ndarray) -> Posture:
-        """The posture at times (t,); raises ValueError where the movement does not last until then."""
+        """Return the posture at times (t,); raises ValueError where the movement does not last until then."""
         body, capture = self.person.body, self.capture
         at = _Resampler(capture, times_s)
         pelvis = at.turn(capture.pelvis)
@@ -103,7 +103,7 @@ class CapturedActor:
 
 
 class _Resampler:
-    """Rows at CLIP_HZ interpolated to times."""
+    """Interpolation of rows at CLIP_HZ to other times."""
 
     def __init__(self, capture: Capture, times_s: np.ndarray) -> None:
         place = (np.asarray(times_s) - capture.start_s) * CLIP_HZ
@@ -123,7 +123,7 @@ class _Resampler:
 
 
 def retarget(person: Person, capture: Capture) -> CapturedActor:
-    """The movement with the person's own lengths, facing +X; feet that stand do not move, and stand on the floor."""
+    """Transfer the movement to the person's own lengths, facing +X; standing feet do not move, and are on the floor."""
     body = person.body
     hips_m, lengths_m, back = _legs(body)
     scale = float(lengths_m.sum(axis=1).mean()) / capture.leg_m
@@ -143,7 +143,7 @@ def retarget(person: Person, capture: Capture) -> CapturedActor:
 
 
 def _legs(body: BodyMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(2, 3) from the pelvis to the hips; (2, 2) lengths of thigh and shank; (2, 3) from the ball to the ankle."""
+    """Return (2, 3) from pelvis to hips; (2, 2) lengths of thigh and shank; (2, 3) from ball to ankle."""
     heads, bone = body.bone_heads, body.asset.bone
     hip, knee, ankle, ball = (
         np.array([heads[bone(f"{side}{name}")] for side in SIDES]) for name in ("UpLeg", "Leg", "Foot", "ToeBase")
@@ -153,19 +153,19 @@ def _legs(body: BodyMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _sole_m(body: BodyMesh) -> np.ndarray:
-    """(2, 3) from the floor up to the ankles of flat feet."""
+    """Return the vectors (2, 3) from the floor up to the ankles of flat feet."""
     return np.array([body.bone_heads[body.asset.bone(f"{side}Foot"), 1] * UP for side in SIDES])
 
 
 def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
-    """(n, 3) the pelvis between the places (n, 2, 3) in which either foot would have it, by who bears weight."""
+    """Return the pelvis (n, 3) between the places (n, 2, 3) that each foot implies, weighted by load."""
     weight = np.maximum(feet.stands, 1e-3)[..., None]
     pelvis = (weight * wanted_m).sum(axis=1) / weight.sum(axis=1)
     return gaussian_filter1d(pelvis, PELVIS_S * CLIP_HZ, axis=0, mode="nearest")
 
 
 def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
-    """Feet in the air go where the legs (n, 2, 3) lead them, but no lower than a step."""
+    """Move feet in the air to where the legs (n, 2, 3) lead them, but no lower than a step."""
     place = feet.place_m + (1.0 - feet.stands)[..., None] * (leg_end_m - feet.place_m)
     least_m = np.minimum(feet.place_m[..., 1], 0.5 * STEP_HEIGHT_M)
     place[..., 1] = np.maximum(place[..., 1], least_m)
@@ -174,7 +174,9 @@ def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
 
 
 def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray:
-    """(n, 2) radians about the ankle, toes down positive: a foot in the air keeps its angle to the shank."""
+    """Return the pitch (n, 2) about the ankle, radians, toes down positive: a foot in the air keeps its angle to the
+    shank.
+    """
     shank = capture.legs[:, :, 1]
     ahead = shank[..., 0] * np.cos(feet.yaw) - shank[..., 2] * np.sin(feet.yaw)
     pitch = TOES_DOWN_RAD - np.arctan2(ahead, -shank[..., 1])
@@ -183,7 +185,7 @@ def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray
 
 
 def _knee_directions(pelvis: np.ndarray, legs: np.ndarray, knee_m: np.ndarray) -> np.ndarray:
-    """(t, 2, 3) where the knees point: forward of the leg, and as captured where they are bent and bend that way."""
+    """Return the knees' directions (t, 2, 3): forward of the leg, and as captured where they are clearly bent."""
     along = legs.sum(axis=2)
     forward = unit(np.cross(pelvis[:, None, :, 2], along))
     off_m = np.linalg.norm(knee_m, axis=2, keepdims=True)
@@ -193,23 +195,23 @@ def _knee_directions(pelvis: np.ndarray, legs: np.ndarray, knee_m: np.ndarray) -
 
 
 def _bend(parent: np.ndarray, child: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
-    """(t, 3) bend forward, to the right, turn to the left, from one segment to the next, within limits."""
+    """Return (t, 3) bend forward, to the right, turn to the left, from one segment to the next, within limits."""
     vector = Rotation.from_matrix(np.swapaxes(parent, -1, -2) @ child).as_rotvec()
     return np.asarray(np.stack([-vector[:, 2], vector[:, 0], vector[:, 1]], axis=1).clip(*limits))
 
 
 def _bend_turn(bend: np.ndarray) -> np.ndarray:
-    """(t, 3, 3) the turn of ``_bend``."""
+    """Return (t, 3, 3) the turn of ``_bend``."""
     return turns(np.stack([bend[:, 1], bend[:, 2], -bend[:, 0]], axis=1))
 
 
 def _head_turn(thorax: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """(t, 3, 3) the head's turn: its top towards ``up``, its face where the thorax faces."""
+    """Return the head's turn (t, 3, 3): its top towards ``up``, its face where the thorax faces."""
     return np.asarray(orthonormal_frame(up, thorax[:, :, 2]) @ _UP_RIGHT.T)
 
 
 def _swing(thorax: np.ndarray, upper: np.ndarray, side: int) -> np.ndarray:
-    """(t, 3) flexion, abduction, 0 of an upper arm along ``upper`` (t, 3)."""
+    """Return (t, 3) flexion, abduction, 0 of an upper arm along ``upper`` (t, 3)."""
     local = rotate(np.swapaxes(thorax, -1, -2), upper)
     axis = np.cross(-UP, local)
     sine = np.linalg.norm(axis, axis=1)
@@ -218,7 +220,7 @@ def _swing(thorax: np.ndarray, upper: np.ndarray, side: int) -> np.ndarray:
 
 
 def _arm(body: BodyMesh, side: int, arm: np.ndarray, axis: np.ndarray, elbow: np.ndarray) -> np.ndarray:
-    """(t, 2, 3, 3) world turns of upper arm and forearm, whose directions are arm (t, 2, 3)."""
+    """Return (t, 2, 3, 3) world turns of upper arm and forearm, whose directions are arm (t, 2, 3)."""
     name = SIDES[side]
     limb = rest_limb(body, (f"{name}Arm", f"{name}ForeArm", f"{name}Hand"))
     upper = orthonormal_frame(arm[:, 0], axis) @ orthonormal_frame(limb.first, limb.axis).T

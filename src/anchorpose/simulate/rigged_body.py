@@ -1,4 +1,4 @@
-"""A body from a file: skin, bones by our names and skinning weights, in any rest pose, from whatever source."""
+"""Read a body from a file: skin, bones by our names and skinning weights, in any rest pose, from any source."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ ENDS: Final = {
     "Leg": "Foot",
     "Foot": "ToeBase",
 }
-"""The bones that are turned to point as they do in the rest pose of the asset, and where each points to."""
+"""Bones that are turned to the direction of the asset's rest pose, and the bone to which each points."""
 
 
 def read_rigged_body(path: Path) -> BodyMesh:
-    """The body in the rest pose of the asset, so that every movement fits it; its joints are heads of its own bones.
+    """Read the body in the asset's rest pose, so that every movement fits it; its joints are heads of its own bones.
 
     Axes X forward, Y up, Z to the body's right, metres. Raises InputError where the file is not such a body.
     """
@@ -54,7 +54,7 @@ def read_rigged_body(path: Path) -> BodyMesh:
 
 @cache
 def sampled_vertices(asset: BodyAsset) -> np.ndarray:
-    """(p,) the vertex of a body that lies at each of the tracker's skin points: the nearest, at the same height."""
+    """Return the vertex (p,) of a body at each of the tracker's skin points: the nearest, at the same height."""
     points = body_points()
     if len(asset.vertices) == len(points.asset.vertices):
         return points.vertex
@@ -63,7 +63,7 @@ def sampled_vertices(asset: BodyAsset) -> np.ndarray:
 
 
 def _in_rest_pose(rig: BodyAsset, asset: BodyAsset, heads: np.ndarray, tails: np.ndarray) -> BodyMesh:
-    """Limbs turned, each about its own joint, to point as those of the asset at rest; feet on the floor."""
+    """Turn each limb about its own joint to the direction of the asset's rest pose, with feet on the floor."""
     turns = np.tile(np.eye(3), (len(heads), 1, 1))
     for side in ("Left", "Right"):
         for name, end in ENDS.items():
@@ -87,7 +87,7 @@ def _in_rest_pose(rig: BodyAsset, asset: BodyAsset, heads: np.ndarray, tails: np
 
 
 def _least_turn(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """(3, 3) the smallest rotation that turns one direction into another."""
+    """Return (3, 3) the smallest rotation that turns one direction into another."""
     a, b = source / np.linalg.norm(source), target / np.linalg.norm(target)
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis)

@@ -1,4 +1,4 @@
-"""What a depth sensor reads: noise, edges, flying pixels, lost readings, whole millimetres."""
+"""Simulate the readings of a depth sensor: noise, edges, flying pixels, lost readings, whole millimetres."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class SensorSpec:
     # of the axial noise measured on white targets; clothes, skin and floors return a quarter of the light, and the
     # noise of a time-of-flight camera goes with the inverse square root of what returns
     noise_gain: float = 2.0
-    baseline_m: float = 0.0  # stereo only, and all that follows
+    baseline_m: float = 0.0  # for stereo only, like all fields below
     disparity_noise_px: float = 0.06  # standard deviation of subpixel matching
-    disparity_steps: float = 32.0  # to which a pixel of disparity is quantised
+    disparity_steps: float = 32.0  # steps to which a pixel of disparity is quantised
     filtered: bool = False  # two pixels become one, then smoothing over space and time (librealsense.py)
     wiggle_m: float = 0.0012  # amplitude of the smooth error that a time-of-flight camera keeps over a session
-    dots: int = 0  # laser points from which the maker's software draws the image; 0: every pixel measures
+    dots: int = 0  # laser points from which the maker's software computes the image; 0: every pixel measures
     lens: str = "pinhole"  # of ``LENSES``
 
 
@@ -145,22 +145,22 @@ LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
     # a lens whose picture is a tenth smaller at its border than a pinhole's
     "kannala-brandt": (LensModel.KANNALA_BRANDT, (-0.02, 0.003, -0.001, 0.0002), None),
 }
-"""Model, coefficients and valid radius of each lens that is imitated."""
+"""Model, coefficients and valid radius of each imitated lens."""
 
 EDGE_STEP_M = 0.03  # neighbours farther apart than this, and than the slope explains, are an edge
 SLOPE_ALLOWANCE = 4.0  # pixels of slope in a window of three, with a margin
-DROPOUT = 0.003  # readings lost anywhere
-EDGE_JITTER = 0.35  # chance that an edge pixel looks one pixel aside
-FLYING = 0.22  # chance that an edge pixel mixes near and far
-EDGE_LOSS = 0.08  # chance that an edge pixel returns nothing
-GRAZING_COSINE = 0.10  # beyond 84 degrees of incidence nothing comes back
+DROPOUT = 0.003  # probability of a lost reading anywhere
+EDGE_JITTER = 0.35  # probability that an edge pixel reads its neighbour
+FLYING = 0.22  # probability that an edge pixel mixes near and far
+EDGE_LOSS = 0.08  # probability that an edge pixel has no reading
+GRAZING_COSINE = 0.10  # beyond 84 degrees of incidence there is no reading
 BLOB_PX = 2.2  # standard deviation of the matching window
 SPECKLE_DEVIATIONS = 2.7  # matching fails where its noise field is beyond this
-JOINED_M = 0.1  # of depth: what ARKit smooths as one surface, for the colour image shows it where a body ends
+JOINED_M = 0.1  # of depth: ARKit smooths it as one surface unless the colour image shows an edge
 
 
 def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:
-    """A sensor behind one of ``LENSES``; None: its own."""
+    """Return the intrinsics of a sensor behind one of ``LENSES``; None: its own."""
     model, coefficients, radius = LENSES[spec.lens if lens is None else lens]
     return Intrinsics(
         fx=spec.focal_px,
@@ -174,7 +174,7 @@ def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:
 
 
 def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:
-    """(height, width) float32 metres: the smooth error of one device, the same in all its images."""
+    """Draw the smooth error (height, width) float32, metres, of one device, the same in all its images."""
     import cv2
 
     coarse = rng.normal(0.0, spec.wiggle_m, (6, 7)).astype(np.float32)
@@ -184,7 +184,7 @@ def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:
 def sense(
     rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray, cosine: np.ndarray, wiggle_m: np.ndarray
 ) -> np.ndarray:
-    """A noisy depth image in whole millimetres, (height, width) uint16, 0 = no reading.
+    """Return a noisy depth image in whole millimetres, (height, width) uint16, 0 = no reading.
 
     depth_m (height, width) float32 true depth along the optical axis, 0 = nothing there; cosine likewise, of the angle
     between ray and surface normal.
@@ -213,7 +213,7 @@ def _sense_time_of_flight(
     focal_px: float,
     sensed_m: np.ndarray,
 ) -> None:
-    """Axial noise by range and incidence after Fankhauser et al. 2015 (doi:10.1109/ICAR.2015.7251485)."""
+    """Add axial noise by range and incidence after Fankhauser et al. 2015 (doi:10.1109/ICAR.2015.7251485)."""
     height, width = depth_m.shape
     for row in range(height):
         for column in range(width):
@@ -246,7 +246,7 @@ def _sense_time_of_flight(
 
 
 def _spread_dots(spec: SensorSpec, sensed_m: np.ndarray) -> np.ndarray:
-    """Smoothed within surfaces over half the spacing of the dots; pixels without a reading stay so."""
+    """Smooth within surfaces over half the spacing of the dots; pixels without a reading keep none."""
     import cv2
 
     half_spacing_px = 0.5 * float(np.sqrt(spec.width * spec.height / spec.dots))
@@ -254,7 +254,7 @@ def _spread_dots(spec: SensorSpec, sensed_m: np.ndarray) -> np.ndarray:
 
 
 def _sense_stereo(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray) -> np.ndarray:
-    """Error grows with the square of range and comes in blobs of the matching window (after Ahn et al. 2019)."""
+    """Add an error that grows with the square of range, in blobs of the matching window (after Ahn et al. 2019)."""
     import cv2
 
     near_first = cv2.erode(np.where(depth_m > 0, depth_m, np.float32(100.0)), np.ones((1, 3), np.uint8))
@@ -272,7 +272,7 @@ def _sense_stereo(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarra
 
 @nb.njit(cache=True)
 def _shadowed(disparity: np.ndarray) -> np.ndarray:
-    """Pixels of the left imager that the right imager cannot see past something nearer."""
+    """Return the pixels of the left imager that a nearer object hides from the right imager."""
     height, width = disparity.shape
     hidden = np.zeros((height, width), dtype=np.bool_)
     for row in range(height):

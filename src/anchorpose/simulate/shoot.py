@@ -1,4 +1,4 @@
-"""Each camera's depth images, without error and as the sensor reads them, and what they truly show of the patient."""
+"""Take each camera's depth images, without error and as the sensor reads them, with the truth about the patient."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from anchorpose.simulate.rooms.reflections import RoomPicture, take_picture
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2  # before the patient: more than an arm's length
-BACKGROUND_FRAMES = 9  # the empty room is the median of so many images
+BACKGROUND_FRAMES = 9  # the empty room is the median of this many images
 SAME_SKIN_M: Final = 0.03  # between a point of the skin and the depth of its pixel: a pixel covers 7 mm at 2.5 m
 
 
@@ -35,12 +35,12 @@ class Shot:
     images: tuple[TrueImage, ...]
     depths_mm: tuple[np.ndarray, ...]
     seen_share: np.ndarray  # (21, cameras), see ``seen_shares``
-    behind_passers: float  # of what a camera would see of the patient, the largest share that people passing by hide
+    behind_passers: float  # largest share of a camera's view of the patient that people passing by hide
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Studio:
-    """A clinic with its cameras set up: the empty room and the steady error of each."""
+    """A clinic with its cameras set up: the empty room and the systematic error of each."""
 
     clinic: Clinic
     stills: tuple[TrueImage, ...]
@@ -52,7 +52,7 @@ class Studio:
     room_picture: RoomPicture | None = None  # of the camera of a real room
 
     def shoot(self, frame: int) -> Shot:
-        """All cameras' images with one number."""
+        """Return all cameras' images with one number."""
         clinic = self.clinic
         figures = {id(p): p.figures(frame) for p in self.performances}
         images, depths, seen, behind = [], [], [], []
@@ -74,7 +74,7 @@ class Studio:
         )
 
     def _without_people(self, index: int, frame: int, people: tuple[Figure, ...]) -> TrueImage:
-        """What one camera would see if nobody were there; people are in the mirror of a real room."""
+        """Return the image of one camera without people; in a real room people remain in the mirror."""
         clinic, time_s = self.clinic, float(self.performances[index].times_s[frame])
         if clinic.scene is not None and self.room_picture is not None:
             return self.room_picture.with_movers(tuple(m.figure(time_s) for m in clinic.scene.movers), people)
@@ -84,7 +84,7 @@ class Studio:
         return (self.stills_after if moves_at_s is not None and time_s >= moves_at_s else self.stills)[index]
 
     def _reading_mm(self, index: int, frame: int, image: TrueImage) -> np.ndarray:
-        """What the recorder stores; smoothing over time needs the frames before."""
+        """Return the recorder's stored image; smoothing over time needs the frames before."""
         reader = self.readers[index]
         first = max(0, frame - MEMORY + 1) if reader.spec.filtered else frame
         raw = []
@@ -100,7 +100,7 @@ class Studio:
         return draw_figures(self.clinic.cameras[index], self._without_people(index, frame, people), people)
 
     def background_mm(self, index: int) -> np.ndarray:
-        """(height, width) uint16: the empty room with its equipment, as a recorder would average it."""
+        """Return (height, width) uint16: the empty room with its equipment, as a recorder would average it."""
         config, still = self.clinic.config, self.stills[index]
         reader, frames = self.readers[index], range(config.frames, config.frames + BACKGROUND_FRAMES)
         raw = [reader.raw_mm(random_stream(config, "sensor", index, frame), still) for frame in frames]
@@ -109,7 +109,7 @@ class Studio:
 
 
 def set_up(clinic: Clinic) -> Studio:
-    """Render the empty room and compute everybody's movements."""
+    """Render the empty room and compute all people's movements."""
     config = clinic.config
     equipment = equipment_triangles(clinic, moved=False)
     performances: list[Performance] = []
@@ -142,14 +142,14 @@ def _reader(clinic: Clinic, index: int, picture: RoomPicture | None) -> Reader:
 
 
 def empty_rooms(clinic: Clinic, equipment: np.ndarray, curtain: bool = False) -> tuple[TrueImage, ...]:
-    """What each camera sees when nobody is there; equipment (n, 3, 3) triangles; curtain: before every camera."""
+    """Return each camera's view without people; equipment (n, 3, 3) triangles; curtain: put one before every camera."""
     hung = [[curtain_triangles(camera)] if curtain else [] for camera in clinic.cameras]
     rooms = [np.concatenate([clinic.room, *triangles]) for triangles in hung]
     return tuple(render_still(camera, room, equipment) for camera, room in zip(clinic.cameras, rooms, strict=True))
 
 
 def equipment_triangles(clinic: Clinic, moved: bool) -> np.ndarray:
-    """(n, 3, 3) world metres, before or after it was pushed."""
+    """Return (n, 3, 3) world metres, before or after it was pushed."""
     if clinic.equipment is None:
         return np.zeros((0, 3, 3))
     vertices, faces = clinic.equipment.triangles()
@@ -166,7 +166,7 @@ def _curtain_hangs(clinic: Clinic, time_s: float) -> bool:
 
 
 def curtain_triangles(camera: Camera) -> np.ndarray:
-    """(2, 3, 3) world metres: a curtain from the floor up that hides the patient's place from one camera."""
+    """Return (2, 3, 3) world metres: a curtain from the floor up that hides the patient's place from one camera."""
     towards = camera.position_m * [1.0, 0.0, 1.0]
     towards /= np.linalg.norm(towards)
     middle, aside = CURTAIN_M * towards, CURTAIN_HALF_WIDTH_M * np.cross(towards, [0.0, 1.0, 0.0])
@@ -176,7 +176,7 @@ def curtain_triangles(camera: Camera) -> np.ndarray:
 
 
 def body_centre_m(cameras: tuple[Camera, ...], images: list[TrueImage]) -> np.ndarray | None:
-    """(3,) mean of the patient's visible points of all cameras, world frame; None where there are none."""
+    """Return (3,) mean of the patient's visible points of all cameras, world frame; None where there are none."""
     seen = [
         transform_points(camera.require_pose(), camera.back_project(image.depth_m)[image.label == PATIENT])
         for camera, image in zip(cameras, images, strict=True)
@@ -186,7 +186,7 @@ def body_centre_m(cameras: tuple[Camera, ...], images: list[TrueImage]) -> np.nd
 
 
 def _with_hole(clinic: Clinic, images: list[TrueImage], depths_mm: list[np.ndarray]) -> list[np.ndarray]:
-    """The paper's hole (Section V): every reading within a radius of the body's centre is gone."""
+    """Cut the paper's hole (Section V): every reading within a radius of the body's centre is removed."""
     centre_m = body_centre_m(clinic.cameras, images)
     if centre_m is None:
         return depths_mm
@@ -206,10 +206,10 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
 
 
 def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """(21,) of the patient's skin around each joint that faces a camera, the share that nothing hides from it.
+    """Return the share (21,) of the skin around each joint that faces a camera and that nothing hides from it.
 
-    Hidden is what other skin of the patient, people or equipment cover and what lies outside the image; 0 where no skin
-    around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient when the image was taken.
+    Skin is hidden by other skin of the patient, people or equipment, or outside the image. It is 0 where no skin around
+    the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient when the image was taken.
     """
     points = _points()
     vertex = sampled_vertices(person.body.asset)
@@ -227,7 +227,7 @@ def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: C
 def share_behind(
     camera: Camera, still: TrueImage, figures: tuple[Figure, ...], passers: int, image: TrueImage
 ) -> float:
-    """Of the patient's pixels that a camera would have without the last ``passers`` figures, the share it has not."""
+    """Return the share of the patient's pixels in a camera that the last ``passers`` figures hide."""
     if not passers or not (image.label >= PATIENT + len(figures) - passers).any():
         return 0.0
     without = int((draw_figures(camera, still, figures[:-passers]).label == PATIENT).sum())
@@ -235,7 +235,7 @@ def share_behind(
 
 
 def _unhidden(inside_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """(p,) bool: points in the camera's frame whose pixel shows the patient at their depth."""
+    """Return (p,) bool: points in the camera's frame whose pixel shows the patient at their depth."""
     ahead = inside_m[:, 2] > 0.0
     columns, rows = np.rint(camera.project(np.where(ahead[:, None], inside_m, [0.0, 0.0, 1.0]))).astype(np.int64).T
     inside = ahead & (rows >= 0) & (rows < camera.height) & (columns >= 0) & (columns < camera.width)

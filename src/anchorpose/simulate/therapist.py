@@ -38,14 +38,14 @@ FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows
 FARTHEST_FOLLOW_M = 0.25
 LEAN_M = 0.12  # as far as a therapist follows a patient who does a captured movement
 LOWEST_PELVIS_M = 0.30  # above the floor, of a therapist who crouches
-FLATTENING = -0.45  # radians that the fingers, curled at rest, straighten at each joint to lie on the skin
-HELD_M = 0.005  # a wrist so near to where it wants to be holds
+FLATTENING = -0.45  # radians by which the fingers, curled at rest, straighten at each joint to lie on the skin
+HELD_M = 0.005  # a wrist this near to its goal counts as holding
 
 PASSING_M = (0.6, 1.5)  # from the camera that a person passes
 BESIDE_M = 3.2  # where they come from and go to: outside the room
 SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # of the course, against the way across
 CLEAR_M = 0.7  # from the other cameras, where there is such a course
-HALFWAY = (0.35, 0.65)  # of the recording: when they are before the camera
+HALFWAY = (0.35, 0.65)  # of the recording: when people who pass are in front of the camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +103,7 @@ def draw_therapists(
 
 
 def _apart(task: Task, other: Task) -> bool:
-    """Whether two therapists have room beside each other."""
+    """Return whether two therapists have enough space beside each other."""
     gap = np.mean(task.azimuth) - np.mean(other.azimuth)
     return bool(abs((gap + np.pi) % (2.0 * np.pi) - np.pi) > 1.5)
 
@@ -176,7 +176,7 @@ def draw_passer_by(
 def _clear_course(courses: np.ndarray, crossing_m: np.ndarray, others_m: np.ndarray, slant: float) -> int:
     """The index of the course (n, 2) nearest to a slant that keeps clear of other cameras (k, 2) and of the patient.
 
-    The one that comes least near to any where none keeps clear.
+    If none keeps clear, it is the course that stays farthest from all.
     """
     to_others = np.concatenate([others_m, np.zeros((1, 2))]) - crossing_m
     beside_m = np.abs(courses[:, :1] * to_others[:, 1] - courses[:, 1:] * to_others[:, 0]).min(axis=1)

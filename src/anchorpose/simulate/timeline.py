@@ -63,7 +63,7 @@ class Movement:
 
     @property
     def end_s(self) -> float:
-        """When it is over."""
+        """Return when the movement is over."""
         return self.start_s + self.rise_s + self.hold_s + self.fall_s
 
     def strength(self, times_s: np.ndarray) -> np.ndarray:
@@ -94,7 +94,9 @@ class Footwork:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootTrack:
-    """Both feet over time: ball (t, 2, 3) with its lift above the floor as y, yaw (t, 2), heel lift (t, 2)."""
+    """The path of both feet over time: ball (t, 2, 3) with its lift above the floor as y, yaw (t, 2), heel lift (t,
+    2).
+    """
 
     ball_m: np.ndarray
     yaw: np.ndarray
@@ -168,7 +170,7 @@ def walk(footwork: Footwork, goal_m: np.ndarray, facing: float, start_s: float, 
 
 
 def walk_seconds(footwork: Footwork, goal_m: np.ndarray, facing: float, stance_m: float) -> float:
-    """How long that walk takes."""
+    """Return how long such a walk takes."""
     return (len(walk(footwork, goal_m, facing, 0.0, stance_m).steps) - len(footwork.steps)) * WALK_STEP_S
 
 
@@ -215,7 +217,7 @@ class HandGoals:
 
     @staticmethod
     def none(times: int) -> HandGoals:
-        """For people who hold nothing."""
+        """Return goals for people who hold nothing."""
         return HandGoals(np.zeros((times, 2, 3)), np.tile(np.eye(3), (times, 2, 1, 1)))
 
 

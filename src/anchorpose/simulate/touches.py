@@ -1,4 +1,6 @@
-"""What truly touches the patient in a frame: people's skin, and the equipment that the patient holds or rests on."""
+"""Determine what truly touches the patient in a frame: people's skin, and equipment that the patient holds or rests
+on.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,9 @@ EQUIPMENT_TOUCH_M: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Touch:
-    """bones (b,) bool: the patient's body parts that anybody touches; joints (n, 21) bool: by each therapist;
-    on_equipment (parts, b) bool: bones whose skin is on each part of the equipment."""
+    """Contacts in one frame. bones (b,) bool: the patient's body parts that anybody touches; joints (n, 21) bool:
+    joints touched by each therapist; on_equipment (parts, b) bool: bones whose skin is on each part of the equipment.
+    """
 
     bones: np.ndarray
     joints: np.ndarray

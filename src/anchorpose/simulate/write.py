@@ -25,7 +25,7 @@ from anchorpose.simulate.touches import Touch, touches
 
 EQUIPMENT_FILE: Final = "equipment.json"
 PNG_COMPRESSION: Final = 2  # noise does not compress; more effort triples the time for 3 % of the size
-PASSER_HIDES: Final = 0.25  # of what one camera would see of the patient
+PASSER_HIDES: Final = 0.25  # of the pixels that one camera would see of the patient
 JITTER_LIMIT: Final = 0.4  # of a period: beyond half of one, stamps could change places
 JITTER_SPREADS: Final = 2.0  # where the normal distribution of the jitter is cut
 
@@ -110,7 +110,7 @@ def _write_documents(recording: Path, clinic: Clinic) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """What is seen of the patient by frame: patient_pixels (t,), seen_share (t, 21, cameras), occluded (t,) bool."""
+    """The patient's visibility by frame: patient_pixels (t,), seen_share (t, 21, cameras), occluded (t,) bool."""
 
     patient_pixels: np.ndarray
     seen_share: np.ndarray
@@ -176,7 +176,7 @@ class Record:
 
 
 def draw_record(clinic: Clinic, index: int) -> Record:
-    """What camera ``index`` writes. The first camera keeps all its images: its frames number the truth."""
+    """Draw which images camera ``index`` writes. The first camera keeps all its images: its frames number the truth."""
     config = clinic.config
     nominal_s, taken_s = np.arange(config.frames) / config.fps, clinic.true_times_s(index)
     kept = _kept(clinic, index, nominal_s)

@@ -1,1 +1,1 @@
-"""Recordings as recorders write them, each format read by a module of its own."""
+"""Read recordings as recorders write them, each format in its own module."""

@@ -1,11 +1,11 @@
-"""Read Azure Kinect's recordings (``.mkv``), and those of Orbbec Femto's wrapper for it, which writes the same.
+"""Read Azure Kinect's recordings (``.mkv``), and the same files from Orbbec Femto's wrapper for it.
 
 The layout is that of the published Azure Kinect Sensor SDK (github.com/microsoft/Azure-Kinect-Sensor-SDK, MIT,
 ``src/record``): a Matroska file with the track DEPTH, uncompressed, big-endian, millimetres; the lens in the attachment
-``calibration.json``; the device's own words in tags. Tracks of colour and infrared are never decoded. The lens follows
-``src/calibration/calibration.c`` (the document), ``src/transformation/mode_specific_calibration.c`` (crops, binning and
-the half pixel) and ``src/transformation/intrinsic_transformation.c`` (order and meaning of the parameters); Orbbec's
-wrapper (github.com/orbbec/OrbbecSDK-K4A-Wrapper) has the same three, unchanged.
+``calibration.json``; the device's information in tags. Tracks of colour and infrared are never decoded. The lens
+follows ``src/calibration/calibration.c`` (the document), ``src/transformation/mode_specific_calibration.c`` (crops,
+binning and the half pixel) and ``src/transformation/intrinsic_transformation.c`` (order and meaning of the parameters);
+Orbbec's wrapper (github.com/orbbec/OrbbecSDK-K4A-Wrapper) has the same three, unchanged.
 """
 
 from __future__ import annotations
@@ -32,17 +32,20 @@ if TYPE_CHECKING:
 
 DEPTH_CAMERA: Final = "CALIBRATION_CameraLocationD0"
 MODEL: Final = "CALIBRATION_LensDistortionModelBrownConrady"
-"""By its name; by its formula it is OpenCV's rational model. The SDK's other models were on early internal devices."""
+"""The only model that is read; by its formula it is OpenCV's rational model. The SDK's other models were on early
+internal devices.
+"""
 SENSOR_PX: Final = 1024
-"""The sensor is a square; the SDK refuses a calibration of another."""
+"""Width and height of the sensor; the SDK refuses the calibration of another one."""
 FOCAL: Final = (0.25, 1.0)
-"""Of the sensor's width, beyond which a focal length is damaged: 127 and 53 degrees of view without distortion, where
-the maker states 120 with it; a real file has 0.493."""
+"""Limits of the focal length over the sensor's width, beyond which it is damaged: 127 and 53 degrees of view without
+distortion, where the maker states 120 with it; a real file has 0.493.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class DepthMode:
-    """A part of the sensor: binning, sensor pixels per image pixel; left and top, image pixels that are cropped."""
+    """A part of the sensor: binning, sensor pixels per image pixel; left and top, cropped image pixels."""
 
     name: str
     width: int
@@ -69,7 +72,7 @@ def depth_mode(width: int, height: int) -> DepthMode | None:
 def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
     """Return the depth camera's lens in the pixels of a mode.
 
-    calibration: the text of ``calibration.json``. Raises ValueError with what is wrong with it, to follow "which".
+    calibration: the text of ``calibration.json``. Raises ValueError with the problem, worded to follow "which".
     """
     camera = _depth_camera(calibration)
     cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, centre_x, centre_y, p2, p1 = _parameters(camera)
@@ -119,7 +122,7 @@ def _parameters(camera: dict) -> tuple[float, ...]:
 
 
 def _radius(camera: dict) -> float | None:
-    """Return how far from the axis the lens was calibrated, in units of z; None where the maker did not find it (0)."""
+    """Return how far from the axis the lens was calibrated, in units of z; None where the maker gives 0."""
     radius = camera.get("MetricRadius")
     if not isinstance(radius, int | float) or not np.isfinite(radius) or radius <= 1e-4:
         return None
@@ -138,7 +141,7 @@ def matches(path: Path, head: bytes) -> bool:
 
 
 def open_source(path: Path) -> AzureKinectFile:
-    """Reads tracks, tags and calibration; raises InputError where there is no depth, MissingPackage without PyAV."""
+    """Read tracks, tags and calibration; raises InputError where there is no depth, MissingPackage without PyAV."""
     with _opened(path) as container:
         _, mode = _depth_track(path, container)
         lens, lens_note = _lens(container, mode)
@@ -160,7 +163,8 @@ def open_source(path: Path) -> AzureKinectFile:
 @dataclass(slots=True, eq=False)
 class AzureKinectFile:
     """A recording of one camera. start_us: the device's clock at the file's time 0, microseconds; left_out: damaged
-    depth images, counted while frames are read, for which this is not frozen."""
+    depth images, counted while frames are read, for which this is not frozen.
+    """
 
     path: Path
     cameras: tuple[SourceCamera, ...]
@@ -198,13 +202,14 @@ class AzureKinectFile:
         for packet in packets:
             if packet.size == size and packet.pts is not None and packet.pts >= 0:
                 yield packet
-            elif packet.size:  # the last one is empty: the end
+            elif packet.size:  # the last, empty packet is the end
                 self.left_out += 1
 
     def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
         """Leave out the packets whose time is damaged: later than that of the next, or no later than the one before.
 
-        One packet is held back until the next is known, so that a single time far ahead does not cost all after it.
+        One packet is held back until the next is known, so that a single time far ahead does not cost all later
+        packets.
         """
         held: Packet | None = None
         held_time = before = -1
@@ -223,8 +228,9 @@ class AzureKinectFile:
 
 
 def _image(packet: Packet, height: int, width: int) -> np.ndarray:
-    """Return (height, width) uint16 of an uncompressed packet: its bytes are the pixels, so that no decoder touches
-    them."""
+    """Return the image (height, width) uint16 of an uncompressed packet: its bytes are the pixels, so no decoder is
+    used.
+    """
     depth = np.frombuffer(memoryview(packet), dtype=">u2").reshape(height, width).astype(np.uint16)
     depth[depth == NO_READING] = 0
     return depth
@@ -232,7 +238,7 @@ def _image(packet: Packet, height: int, width: int) -> np.ndarray:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[InputContainer]:
-    """The file with PyAV, which may decode nothing but uncompressed images: colour stays unseen even while probing."""
+    """Open the file with PyAV, which may decode only uncompressed images: colour is not decoded even while probing."""
     try:
         import av
     except ImportError:
@@ -249,7 +255,7 @@ def _opened(path: Path) -> Iterator[InputContainer]:
 
 
 def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, DepthMode]:
-    """Return the track of depth and its mode, which its size states, and a tag where the file has it."""
+    """Return the track of depth and its mode, by its size and by a tag if the file has it."""
     stream = next((video for video in container.streams.video if video.metadata.get("title") == "DEPTH"), None)
     if stream is None:
         raise InputError(
@@ -257,7 +263,7 @@ def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, De
             "is a video without depth: it has no track named DEPTH",
             "give a recording of k4arecorder made with depth, not a colour or infrared video",
         )
-    code = stream.codec_context  # None where the codec is not known
+    code = stream.codec_context  # None where the codec is unknown
     if code is None or code.name != "rawvideo" or code.pix_fmt != "gray16be":
         problem = "has depth that is not uncompressed in 16 bits, big-endian"
         raise InputError(path, problem, "give the file as the recorder wrote it")
@@ -270,7 +276,7 @@ def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, De
 
 
 def _lens(container: InputContainer, mode: DepthMode) -> tuple[Intrinsics | None, str]:
-    """Return the lens, or None and why."""
+    """Return the lens, or None and the reason."""
     for attached in container.streams.attachments:
         if attached.name == CALIBRATION or "K4A_CALIBRATION_FILE" in attached.metadata:
             try:
@@ -293,14 +299,13 @@ def _start_us(container: InputContainer) -> tuple[int, str]:
 
 
 def _is_whole(path: Path) -> bool:
-    """Return whether the file is as long as its segment states; a recorder that was stopped by force states no
-    length."""
+    """Return whether the file is as long as its segment states; a recorder that was killed states no length."""
     with open_regular(path) as file:
         head = file.read(4096)
     start = head.find(SEGMENT) + len(SEGMENT)
     if start < len(SEGMENT) or not head[start : start + 1].strip(b"\0"):
         return False
-    width = 9 - head[start].bit_length()  # EBML (RFC 8794): the leading zeros tell how many bytes a length has
+    width = 9 - head[start].bit_length()  # EBML (RFC 8794): the leading zeros give the number of bytes of a length
     unknown = (1 << 7 * width) - 1
     length = int.from_bytes(head[start : start + width]) & unknown
     return length != unknown and start + width + length == path.stat().st_size

@@ -1,8 +1,9 @@
-"""Files of ROS messages, as bytes by topic: ROS 1, and ROS 2 in MCAP, by rosbags; ROS 2 in SQLite by Python itself.
+"""Read files of ROS messages as bytes by topic: ROS 1, and ROS 2 in MCAP, by rosbags; ROS 2 in SQLite by Python
+itself.
 
-Of rosbags only the readers of files are used: the definitions that RealSense and Orbbec embed lack fields that their
-messages have, so that it could not decode these. A ROS 1 bag that was cut off has no index; its chunks are then read
-one after the other. Other damage ends the reading, with the name of the tool that repairs the file.
+Only the file readers of rosbags are used: it could not decode the messages of RealSense and Orbbec, whose embedded
+definitions lack fields. A ROS 1 bag that was cut off has no index; its chunks are then read one after the other. Other
+damage ends the reading, with the name of the tool that repairs the file.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 SQLITE_MAGIC: Final = b"SQLite format 3\0"
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
-_LARGEST_BYTES: Final = 1 << 30  # of a message that is unpacked: a hundred times a usual one; damage can ask for more
-_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # of ROS 1: values of the field "op"
+_LARGEST_BYTES: Final = 1 << 30  # of an unpacked message: a hundred times a usual one; damage can ask for more
+_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # values of the field "op" in ROS 1
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
 
 class DamagedBag(Exception):
-    """Bytes that cannot be what the format says; the message completes "the file is damaged: ..."."""
+    """Bytes that contradict the format; the message completes "the file is damaged: ..."."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Message:
-    """The bytes of one message; received_ns: when the recorder got it, by the recorder's clock."""
+    """The bytes of one message; received_ns: time of receipt, by the recorder's clock."""
 
     channel: Channel
     received_ns: int
@@ -80,11 +81,11 @@ class BagFile(ABC):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences on what could not be read, complete once all was read."""
+        """Return sentences on what could not be read, complete after everything was read."""
         return (self._damage,) if self._damage else ()
 
     def count(self, topic: str) -> int | None:
-        """Return how many messages a topic has; None where only reading all of the file tells."""
+        """Return the number of messages of a topic; None where only reading the whole file would tell."""
         counts = [self._counts[number] for number in self._on((topic,))]
         return None if None in counts else sum(count or 0 for count in counts)
 
@@ -113,7 +114,7 @@ class BagFile(ABC):
 
 
 class _RosbagsFile(BagFile):
-    """A file that a reader of rosbags keeps open."""
+    """A file that a rosbags reader keeps open."""
 
     cdr = True
 
@@ -173,7 +174,7 @@ class Ros1File(_RosbagsFile):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences on what could not be read, complete once all was read."""
+        """Return sentences on what could not be read, complete after everything was read."""
         cut = f"{self._path.name} has no usable index, as where recording was cut off; it was read as far as it goes."
         return super().notes if self._indexed else (cut,)
 
@@ -185,7 +186,7 @@ class Ros1File(_RosbagsFile):
 
 
 def _scan(path: Path) -> Iterator[tuple[int, int, bytes | Channel]]:
-    """Yield the messages and the connections of a ROS 1 bag without its index, chunk by chunk until one is cut off."""
+    """Yield messages and connections of a ROS 1 bag without index, chunk by chunk until one is cut off."""
     from rosbags.rosbag1.reader import Header, decompressors
 
     with open_regular(path) as bag:
@@ -195,7 +196,7 @@ def _scan(path: Path) -> Iterator[tuple[int, int, bytes | Channel]]:
                 continue
             try:
                 content = decompressors[chunk.get_string("compression")](packed)
-            except Exception:  # each library has errors of its own, all of which say that the data are damaged
+            except Exception:  # each library has its own errors, all of which mean damaged data
                 return
             for header, data in _records(BytesIO(content)):
                 if header.get("op") == _CONNECTION:
@@ -219,7 +220,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[Any, bytes]]:
 
 
 class Ros2Database(BagFile):
-    """A bag of ROS 2 in SQLite (rosbag2's ``.db3``), one message a row; RealSense writes the same tables."""
+    """A bag of ROS 2 in SQLite (rosbag2's ``.db3``), one message per row; RealSense writes the same tables."""
 
     repair = "repair it with 'sqlite3 FILE .recover | sqlite3 NEW', or record again"
 
@@ -244,12 +245,14 @@ class Ros2Database(BagFile):
                 yield number, int(received_ns), bytes(data)
 
     def _connect(self) -> sqlite3.Connection:
-        """Read only: nothing is written beside the file either, unless a recorder left its own journal there."""
+        """Open the database read only: nothing is written beside the file either, unless a recorder left its own
+        journal there.
+        """
         return sqlite3.connect(f"{self._path.resolve().as_uri()}?mode=ro", uri=True)
 
 
 class BagFolder:
-    """Several files as one, one after the other."""
+    """Several files read as one, in sequence."""
 
     def __init__(self, files: Sequence[BagFile]) -> None:
         self._files = files
@@ -317,19 +320,20 @@ def _kind(name: str) -> str:
 
 
 def _damaged(error: Exception) -> DamagedBag:
-    """Return what a library raised as DamagedBag; errors of the disk and missing packages are raised again."""
+    """Convert a library's error to DamagedBag; errors of the disk and missing packages are raised again."""
     if isinstance(error, DamagedBag):
         return error
-    of_the_disk = isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)  # bz2's has none; a bad place
+    # bz2's error has no errno; EINVAL is a bad place in the file
+    of_the_disk = isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
     if of_the_disk or isinstance(error, MissingPackage):
         raise error
     return DamagedBag((str(error).splitlines() or [""])[0][:100].rstrip(".") or type(error).__name__)
 
 
 def _unpack(data: bytes) -> bytes:
-    """Return a message that is perhaps packed with zstd: RealSense and ROS 2 do so without a mark in the message.
+    """Unpack a message that may be packed with zstd, as RealSense and ROS 2 do without a mark in the message.
 
-    CDR begins with a zero byte, so that the two cannot be confused.
+    CDR begins with a zero byte, so the two cannot be confused.
     """
     if not data.startswith(_ZSTD_MAGIC):
         return data

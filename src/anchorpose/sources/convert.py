@@ -1,6 +1,6 @@
-"""Convert recorders' files to a recording folder: streamed, interrupted and resumed, complete or no recording.
+"""Convert recorders' files to a recording folder: streamed, resumable, and complete or no recording at all.
 
-conversion.json holds the inputs and options, to resume the conversion or to repeat it.
+conversion.json holds the inputs and options, to resume or repeat the conversion.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ CONVERSION_FILE: Final = "conversion.json"
 LOCK_FILE: Final = ".conversion.lock"
 
 BLOCK: Final = 65536
-BLOCKS: Final = 16  # spread over a large file: another recording of the same size differs in its noise everywhere
+BLOCKS: Final = 16  # blocks spread over a large file: another recording of the same size has different noise everywhere
 
 SMALL: Final = 65536
 LISTED: Final = 200
-"""At most this many text files of up to ``SMALL`` bytes are read whole: a corrected lens changes no file's size."""
+"""Number of text files, up to ``SMALL`` bytes each, that are read whole: a corrected lens changes no file's size."""
 
 TEXTS: Final = {".json", ".txt", ".csv", ".yaml", ".yml"}
 
 
 def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict[str, Any]:
-    """Return what makes two conversions the same: the program's version, the inputs' content and the options."""
+    """Return what identifies a conversion: the program's version, the inputs' content and the options."""
     prints = [(path, fingerprint(path)) for path in inputs]
     return {
         "format": "conversion",
@@ -56,7 +56,7 @@ def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict
 
 
 def read_conversion(folder: Path) -> dict[str, Any] | None:
-    """Return the conversion.json of a folder; None where it has none that can be read."""
+    """Read the conversion.json of a folder; None where it has no readable one."""
     try:
         values = parse_json(read_bounded(folder / CONVERSION_FILE, LARGEST_BYTES))
     except (Unreadable, ValueError):
@@ -65,7 +65,9 @@ def read_conversion(folder: Path) -> dict[str, Any] | None:
 
 
 def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
-    """Return whether a folder's conversion is of the same inputs, whatever their names now, with the same options."""
+    """Return whether a folder's conversion is of the same inputs, whatever their present names, with the same
+    options.
+    """
 
     def identity(document: dict[str, Any]) -> tuple[Any, ...]:
         inputs = document.get("inputs")
@@ -76,8 +78,9 @@ def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
 
 
 def is_untouched(folder: Path) -> bool:
-    """Return whether a folder with a conversion.json holds what was written into it and nothing else, as far as names
-    and recording.json tell: then it can be made again without losing anybody's work."""
+    """Return whether a folder with a conversion.json has only the files written into it, as far as names and
+    recording.json show: then it can be made again without losing anybody's work.
+    """
     for file in folder.iterdir():
         of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
         if not of_camera and file.name not in (RECORDING_FILE, CONVERSION_FILE, LOCK_FILE):
@@ -90,8 +93,9 @@ def is_untouched(folder: Path) -> bool:
 
 
 def fingerprint(path: Path) -> tuple[int, str]:
-    """Return bytes in all, and a SHA-256 of names, sizes and samples of the content; it does not depend on where it
-    lies."""
+    """Return the total bytes, and a SHA-256 of names, sizes and samples of the content; the location does not
+    matter.
+    """
     digest = hashlib.sha256()
     if path.is_file():
         _sample(path, digest)
@@ -128,7 +132,7 @@ ENDING: Final = ".anchorpose"
 
 @dataclass(frozen=True, slots=True)
 class Converted:
-    """cameras: name and number of depth images; notes: sentences for the user."""
+    """The result of a conversion. cameras: name and number of depth images; notes: sentences for the user."""
 
     folder: Path
     cameras: tuple[tuple[str, int], ...]
@@ -138,9 +142,8 @@ class Converted:
 def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress: Progress) -> Converted:
     """Write the recording ``out`` from recorders' files and folders; recording.json comes last.
 
-    A stopped conversion of the same inputs with the same options is gone on with. Raises InputError before anything is
-    written where an input cannot be used, something is missing that only the user can give, or ``out`` holds anything
-    else.
+    A stopped conversion of the same inputs with the same options is resumed. Raises InputError before anything is
+    written where an input cannot be used, information is missing that only the user has, or ``out`` has other content.
     """
     check_places(inputs, out)
     sources = [open_source(path) for path in inputs]
@@ -167,7 +170,7 @@ def _convert(
         else:
             notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
             _finish(out, begun, plan, counts, notes)
-    if refusal is not None:  # because of what the files hold: going on would not help
+    if refusal is not None:  # because of the files' content: continuing would not help
         if is_untouched(out):
             shutil.rmtree(out)
         raise refusal
@@ -175,7 +178,7 @@ def _convert(
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
-    """Raises InputError where ``out`` cannot be written, or an input would be given twice or overwritten."""
+    """Raise InputError where ``out`` cannot be written, or an input would be given twice or overwritten."""
     check_place(out, *inputs)
     sources = [path.resolve() for path in inputs]
     for path, source in zip(inputs, sources, strict=True):
@@ -189,7 +192,7 @@ def check_places(inputs: Sequence[Path], out: Path) -> None:
 
 @contextmanager
 def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
-    """``out`` with its conversion.json, for this program alone; raises InputError where it holds something else."""
+    """Claim ``out`` with its conversion.json for this program alone; raises InputError where it has other content."""
     if out.is_dir() and any(file.name != LOCK_FILE for file in out.iterdir()):
         found = read_conversion(out)
         if found is None:
@@ -217,7 +220,7 @@ def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
 def _write_images(
     sources: Sequence[Source], plan: Plan, out: Path, options: ConvertOptions, progress: Progress
 ) -> tuple[dict[str, int], tuple[str, ...]]:
-    """Return counts of written images by camera, and notes; raises InputError where no image at all can be read."""
+    """Write all images; return their number by camera, and notes. Raises InputError where no image can be read."""
     counts, notes = dict[str, int](), list[str]()
     expected = [one.count for own in plan.cameras for one in own]
     total = None if None in expected else sum(count or 0 for count in expected)
@@ -244,7 +247,7 @@ def _write_images(
 
 
 def _require_images(source: Source, cameras: Sequence[CameraPlan], counts: dict[str, int]) -> list[str]:
-    """Return a note for each camera without an image; raises InputError where the source gave none at all."""
+    """Return a note for each camera without an image; raises InputError where the source has none at all."""
     empty = [own.camera.name for own in cameras if not counts[own.camera.name]]
     if len(empty) == len(cameras):
         told = source.notes[-1].rstrip(".") if source.notes else "nothing says why"
@@ -270,7 +273,7 @@ def _json(document: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class DirectInput:
-    """What a verb was given, and the recording that it works with; ready where nothing needs to be done."""
+    """The input of a verb, and the recording that it works with; ready where nothing needs to be done."""
 
     given: Path
     recording: Path
@@ -278,9 +281,9 @@ class DirectInput:
 
 
 def look_at(path: Path) -> DirectInput:
-    """Return what ``path`` is. A recording, and anything that no reader knows, is left to ``open_recording``.
+    """Identify ``path``. A recording, and anything that no reader knows, is left to ``open_recording``.
 
-    Raises InputError where the recording made of it is of other content and holds files that were added by hand.
+    Raises InputError where the recording made of it earlier has other content and files that were added by hand.
     """
     if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:
         return DirectInput(path, path, True)
@@ -297,14 +300,14 @@ def look_at(path: Path) -> DirectInput:
     if is_same(found, conversion_document([path], ConvertOptions())):
         return DirectInput(path, recording, (recording / RECORDING_FILE).exists())
     if not is_untouched(recording):
-        problem = f"was made when {path.name} or anchorpose was another, and holds what was added or changed since"
+        problem = f"was made from another {path.name} or by another anchorpose, and has later additions or changes"
         raise InputError(recording, problem, "rename or remove it")
     shutil.rmtree(recording)
     return DirectInput(path, recording, False)
 
 
 def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
-    """Converts what is not ready and returns its notes; raises InputError with the way round where it cannot."""
+    """Convert an input that is not ready and return the notes; raises InputError with a workaround where it cannot."""
     if not _may_write(direct.recording.parent):
         remedy = f"make the recording elsewhere with 'anchorpose convert {direct.given.name} OUT'"
         raise InputError(direct.recording.parent, "cannot be written", remedy)
@@ -312,7 +315,6 @@ def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
 
 
 def _may_write(folder: Path) -> bool:
-    """Return a folder that is marked as read-only stays so for an administrator too, to whom the system allows
-    everything."""
+    """Return whether a folder may be written; one marked as read-only is respected for administrators, too."""
     marked = os.name == "posix" and not folder.stat().st_mode & 0o222
     return not marked and os.access(folder, os.W_OK)

@@ -1,4 +1,4 @@
-"""Depth images that lie in files of their own: 16-bit grey PNG and PGM, and what their names say."""
+"""Read depth images in single files, 16-bit grey PNG and PGM, and interpret their names."""
 
 from __future__ import annotations
 
@@ -21,23 +21,24 @@ Size = tuple[int, int]
 """Width and height in pixels."""
 
 _SCALES: Final = (0.00025, 0.0005, 0.001)  # metres; up to 16, 33 and 65 m. The first is finer than any depth camera
-_WHOLE_MM: Final = 0.01  # of a millimetre: float32 is that exact up to 65 m
-_SPARE: Final = 1.25  # how much farther than the first image later ones may see
+_WHOLE_MM: Final = 0.01  # tolerance in millimetres for whole millimetres: float32 is that exact up to 65 m
+_SPARE: Final = 1.25  # factor by which later images may have a larger range than the first
 GREY_M: Final = _SCALES[0]
-"""A grey value where only reading all of a file would tell how far it sees: 16.4 m, rounded to an eighth of a
-millimetre at most."""
+"""Metres per grey value where only reading a whole file would show its range: 16.4 m, rounded to an eighth of a
+millimetre at most.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
-    """A depth image on the disk, or in the archive that is read; time_s as in ``SourceFrame``."""
+    """A depth image file, on disk or in the archive that is read; time_s as in ``SourceFrame``."""
 
     path: Path
     time_s: float
 
 
 class ImageFiles:
-    """The source whose depth images of one camera are files of their own; ``read`` decodes one of them."""
+    """A source whose depth images of one camera are single files; ``read`` decodes one of them."""
 
     def __init__(
         self,
@@ -64,7 +65,7 @@ class ImageFiles:
         return (*self._notes, damaged)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
+        """Yield the depth images in order; skipped ones are decoded as well, to count the damaged ones."""
         taken = 0
         for file in self._files:
             grey, problem = self._read(file.path, self.cameras[0])
@@ -78,9 +79,9 @@ class ImageFiles:
 
 
 def read_grey_image(path: Path, camera: SourceCamera) -> tuple[np.ndarray | None, str]:
-    """Return the grey values (height, width) uint16 of a PNG or PGM file, or None and what is wrong with it.
+    """Read the grey values (height, width) uint16 of a PNG or PGM file, or return None and the problem.
 
-    Raises OSError: a disk that was unplugged is no damaged image, and the conversion can be gone on with.
+    Raises OSError, for example for an unplugged disk: the image is not damaged, and the conversion can be resumed.
     """
     with open_regular(path) as file:
         data = file.read(largest_png(camera.width, camera.height) + 1)
@@ -90,7 +91,7 @@ def read_grey_image(path: Path, camera: SourceCamera) -> tuple[np.ndarray | None
 
 
 def grey_size(path: Path) -> Size | None:
-    """Return the size of an image by its header; None where it is not 16-bit grey PNG or PGM."""
+    """Return the size of an image by its header; None unless it is 16-bit grey PNG or PGM."""
     try:
         with open_regular(path) as file:
             head = file.read(512)
@@ -114,7 +115,7 @@ def first_size(path: Path, files: Sequence[Path]) -> Size:
 
 
 def images_in(folder: Path) -> list[Path]:
-    """Return the PNG and PGM files of a folder, in the order of their names read as a person does: 2 before 10."""
+    """Return the PNG and PGM files of a folder, in natural order of their names: 2 before 10."""
     if not folder.is_dir():
         return []
     files = [file for file in folder.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")]
@@ -134,7 +135,7 @@ def number_of(path: Path) -> int | None:
 
 
 def _pgm_header(data: bytes) -> tuple[int, int, int] | None:
-    """Return width, height and where the pixels begin, of a PGM file with two bytes per pixel; None for any other."""
+    """Return width, height and the offset of the pixels in a PGM file with two bytes per pixel; None for any other."""
     gap = rb"(?:\s|#[^\n]*\n)+"
     match = re.match(rb"P5" + gap + rb"(\d{1,5})" + gap + rb"(\d{1,5})" + gap + rb"(\d{1,5})\s", data)
     if match is None or not 255 < int(match[3]) < 65536:
@@ -156,10 +157,10 @@ def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, s
 
 
 def scale_of(metres: np.ndarray) -> float | None:
-    """Return metres per grey value that keep an image: a millimetre where all are whole millimetres; None without a
+    """Return metres per grey value that preserve an image: a millimetre where all are whole millimetres; None without a
     reading.
 
-    Otherwise the finest of a few that reaches a quarter farther than the image does.
+    Otherwise it is the finest of a few scales that reaches a quarter farther than the image.
     """
     given = metres[np.isfinite(metres)].astype(np.float64)
     if given.size == 0:
@@ -170,7 +171,9 @@ def scale_of(metres: np.ndarray) -> float | None:
 
 
 def grey_of_metres(metres: np.ndarray, scale: float) -> tuple[np.ndarray, int]:
-    """Return (height, width) uint16, 0 = no reading, and how many readings are too far for the scale: they are 0."""
+    """Convert to grey (height, width) uint16, 0 = no reading, and count readings that are too far for the scale, which
+    become 0.
+    """
     with np.errstate(invalid="ignore"):
         grey = np.round(metres.astype(np.float64) / scale)
     too_far = np.isfinite(grey) & (grey >= NO_READING)

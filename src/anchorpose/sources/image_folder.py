@@ -43,13 +43,13 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
-NEAREST_M: Final = 0.1  # the median of depth in metres lies farther, and in millimetres beyond ``FARTHEST_M``
+NEAREST_M: Final = 0.1  # depth in metres has a larger median; in millimetres it lies beyond ``FARTHEST_M``
 
 _NPY: Final = b"\x93NUMPY"
 
 
 class ImageArray:
-    """All depth images of one camera, which lie one after another; ``read`` gives one by its position, as uint16."""
+    """All depth images of one camera, stored contiguously; ``read`` returns one by its position, as uint16."""
 
     def __init__(
         self,
@@ -91,11 +91,11 @@ def _is_array(path: Path, head: bytes) -> bool:
 
 
 def _open_array(path: Path) -> ImageArray:
-    """Raises InputError where the array is not of depth images."""
+    """Raise InputError where the array is not of depth images."""
     with open_regular(path) as file:
         try:
             shape, columns, kind = _npy_header(file)
-        except Exception:  # NumPy raises whatever a damaged header leads Python's own parser to
+        except Exception:  # NumPy raises whatever its header parser raises for a damaged header
             raise InputError(path, "is damaged in its header", "save the array again") from None
         start = file.tell()
     if len(shape) != 3 or columns or kind.hasobject:
@@ -107,7 +107,7 @@ def _open_array(path: Path) -> ImageArray:
 def image_array(
     path: Path, shape: tuple[int, int, int], kind: np.dtype[Any], read: Callable[[int], np.ndarray]
 ) -> ImageArray:
-    """Return the source of an array (images, height, width); ``read`` gives an image by its position, as stored.
+    """Make the source of an array (images, height, width); ``read`` returns an image by its position, as stored.
 
     Raises InputError where its size or its numbers are not those of depth images.
     """
@@ -130,7 +130,7 @@ def _as_uint16(image: np.ndarray) -> np.ndarray:
 
 
 def _require_metres(path: Path, image: np.ndarray) -> None:
-    """Raises InputError where the median of what was read cannot be in metres."""
+    """Raise InputError where the median of the readings cannot be in metres."""
     seen = image[np.isfinite(image) & (image > 0)]
     if len(seen) and not NEAREST_M < float(np.median(seen)) < FARTHEST_M:
         problem = f"holds depth of {float(np.median(seen)):.4g} in the middle, which is no distance in metres"
@@ -145,16 +145,16 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 
 
 SIDECAR: Final = "depth.json"
-"""The name of the sidecar of a folder; that of a single file is the file's name with .json instead of its ending."""
+"""Name of a folder's sidecar; that of a single file is the file's name with .json instead of its ending."""
 
-LOOK_AT: Final = 100  # images before a folder counts as one without depth: colour may lie among them
+LOOK_AT: Final = 100  # images tested before a folder counts as one without depth: colour may lie among them
 
 FASTEST_S, SLOWEST_S = 0.003, 1.0
-"""What two images of a depth camera may be apart; numbers that say otherwise are not times."""
+"""Limits in seconds between two images of a depth camera; numbers outside are not times."""
 
 
 class SidecarDocument(Entry):
-    """``depth-sidecar``: what is known of depth images; ``width`` and ``height`` are needed for raw dumps only."""
+    """A ``depth-sidecar``: information about depth images; ``width`` and ``height`` are needed for raw dumps only."""
 
     format: Literal["depth-sidecar"]
     version: Version
@@ -175,7 +175,7 @@ def _is_images(path: Path, head: bytes) -> bool:
 
 
 def _open_images(path: Path) -> ImageFiles:
-    """Raises InputError where the sidecar cannot be used."""
+    """Raise InputError where the sidecar cannot be used."""
     images = _images(path)
     width, height = first_size(path, images)
     grey = [file for file in images if grey_size(file) is not None]
@@ -192,8 +192,9 @@ def _open_images(path: Path) -> ImageFiles:
 
 
 def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
-    """Return the images with their times by ``<number>-<microseconds>`` in their names, else their numbers; and whether
-    these are times. Images whose names hold no number of their own are counted."""
+    """Return the images with times from ``<number>-<microseconds>`` in their names, else their numbers, and whether
+    these are times. Images without numbers in their names are counted.
+    """
     stamps = [re.fullmatch(r"\D*\d+-(\d{9,})", file.stem) for file in images]
     micros = [int(stamp[1]) for stamp in stamps if stamp is not None]
     if len(micros) == len(images) > 1 and FASTEST_S < np.median(np.diff(sorted(micros))) / 1e6 < SLOWEST_S:
@@ -207,7 +208,7 @@ def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
 
 
 def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> SourceCamera:
-    """Return ``camera`` with what the sidecar ``path`` says; raises InputError where the images have another size."""
+    """Return ``camera`` completed by the sidecar ``path``; raises InputError where the images have another size."""
     for name, own, said in (("width", camera.width, given.width), ("height", camera.height, given.height)):
         if said is not None and said != own:
             raise InputError(path, f"{name} is {said}, the images have {own}", "correct the number")
@@ -259,7 +260,7 @@ def _is_raw_dump(path: Path, head: bytes) -> bool:
 
 
 def _open_raw(path: Path) -> Source:
-    """Raises InputError where the sidecar does not fit."""
+    """Raise InputError where the sidecar does not fit."""
     sidecar = _sidecar(path)
     given = read_document(sidecar, SidecarDocument)
     if given.width is None or given.height is None:

@@ -1,7 +1,7 @@
 """Read depth images from a MATLAB file of level 5 (MathWorks, "MAT-File Format"), compressed or not.
 
-The array is (height, width, images), uint16 or metres. scipy's reader trusts the tags of elements: a damaged byte in
-one ended the process.
+The array is (height, width, images), uint16 or metres. scipy's reader is not used, since it trusts the elements' tags:
+a damaged byte in one crashed the process.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ HEADER_BYTES: Final = 128
 _ORDER_AT: Final = slice(126, 128)
 _INT8, _INT32, _UINT32, _MATRIX, _COMPRESSED = 1, 5, 6, 14, 15
 _STORED: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-"""Types of numbers in the file; MATLAB stores an array in the smallest that holds its values."""
+"""Types of numbers in the file; MATLAB stores an array in the smallest type that holds its values."""
 
 _CLASSES: Final = {6: "f8", 7: "f4", 11: "u2"}
-"""double, single and uint16: classes of arrays that can be depth."""
+"""Classes of arrays that can be depth: double, single and uint16."""
 
 _COMPLEX: Final = 0x800
 _HEAD_BYTES: Final = 4096  # of a compressed array: its class, shape and name
@@ -52,7 +52,7 @@ class MatArray:
         return math.prod(self.shape) * self.dtype.itemsize
 
     def read(self) -> np.ndarray:
-        """Return the values; raises ValueError or zlib.error where the element is damaged."""
+        """Read the values; raises ValueError or zlib.error where the element is damaged."""
         matrix = self.content
         if self.compressed:
             unpack = zlib.decompressobj()
@@ -66,8 +66,9 @@ class MatArray:
 
 
 def list_arrays(data: memoryview) -> list[MatArray]:
-    """Return the arrays of a file that can be depth, in its order; raises ValueError, LookupError, struct.error or
-    zlib.error where it is damaged or cut off."""
+    """List the arrays of a file that can be depth, in order; raises ValueError, LookupError, struct.error or zlib.error
+    where it is damaged or cut off.
+    """
     order = {b"IM": "<", b"MI": ">"}[bytes(data[_ORDER_AT])]
     found = list[MatArray]()
     for kind, content in _elements(data[HEADER_BYTES:], order):
@@ -88,7 +89,7 @@ def list_arrays(data: memoryview) -> list[MatArray]:
 
 
 def _body(data: memoryview, order: str) -> memoryview:
-    """The content of the array that was compressed, as far as it was unpacked."""
+    """Return the content of the compressed array, as far as it was unpacked."""
     if len(data) < 8 or struct.unpack_from(f"{order}I", data) != (_MATRIX,):
         raise ValueError("a compressed element that is not an array")
     return data[8:]
@@ -100,7 +101,7 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
     while place < len(data):
         kind, size = struct.unpack_from(f"{order}II", data, place)
         start = place + 8
-        if kind >> 16:  # small: size and type in four bytes, the content in the next four
+        if kind >> 16:  # small element: size and type in four bytes, the content in the next four
             kind, size, start = kind & 0xFFFF, kind >> 16, place + 4
         if start + size > len(data):
             raise ValueError("an element that ends beyond the file")
@@ -116,7 +117,7 @@ def _is_mat(path: Path, head: bytes) -> bool:
 
 
 def _open_mat(path: Path) -> ImageArray:
-    """Open a MATLAB file, which cannot be read in part: the array is held whole.
+    """Open a MATLAB file, which cannot be read in part: the whole array is held in memory.
 
     Raises InputError where the file is damaged, cut off, or has no array or several that could be depth.
     """

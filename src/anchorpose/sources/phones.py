@@ -1,4 +1,4 @@
-"""Recordings of apps for iPhones and iPads with LiDAR: folders of Stray Scanner, .r3d files of Record3D.
+"""Read recordings of apps for iPhones and iPads with LiDAR: folders of Stray Scanner, .r3d files of Record3D.
 
 Stray Scanner (github.com/strayrobots/scanner, docs/format.md): depth is 16-bit PNG in mm, camera_matrix.csv is for the
 video's pixels, odometry.csv has the time of every image. Record3D (record3d.app): a zip with ``metadata`` (JSON) and
@@ -45,7 +45,7 @@ from anchorpose.sources.source import (
     read_matrix,
 )
 
-VIDEO: Final = (1920, 1440)  # what ARKit's camera has on these devices; checked by the principal point
+VIDEO: Final = (1920, 1440)  # of ARKit's camera on these devices; checked by the principal point
 
 OFF_CENTRE: Final = 0.1  # of the width: real lenses are within 0.02
 
@@ -62,7 +62,7 @@ _DAMAGE: Final = (
     RuntimeError,
     ValueError,
 )
-"""What the libraries raise for damaged zip files and damaged JSON."""
+"""Errors that the libraries raise for damaged zip files and damaged JSON."""
 
 _REMEDY: Final = "export it again from Record3D"
 
@@ -73,7 +73,7 @@ def _is_stray(path: Path, head: bytes) -> bool:
 
 
 def _open_stray(path: Path) -> ImageFiles:
-    """Raises InputError where the files do not fit each other."""
+    """Raise InputError where the files do not fit each other."""
     images = images_in(path / "depth")
     size = first_size(path / "depth", images)
     times, positions_m = _odometry(path / "odometry.csv")
@@ -95,7 +95,7 @@ def _open_stray(path: Path) -> ImageFiles:
 
 
 def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> Intrinsics:
-    """Return the lens (3, 3) of a colour picture for the depth image that shows the same view with fewer pixels.
+    """Scale the lens (3, 3) of a colour image to the depth image that shows the same view with fewer pixels.
 
     Pixel centres are at whole numbers, so the scale is about the images' corners at -0.5. Raises InputError where the
     matrix is not of a picture of that size, or the shapes differ.
@@ -114,7 +114,7 @@ def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> I
 
 
 def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
-    """Return time by frame number, and positions (n, 3) metres; raises InputError where the columns are others."""
+    """Read time by frame number, and positions (n, 3) in metres; raises InputError where the columns are others."""
     (_, columns), *rows = read_rows(path) or [(1, [])]
     if not {"timestamp", "frame", "x", "y", "z"} <= set(columns):
         raise InputError(path, "does not begin with the columns timestamp, frame, x, y, z", "export it again")
@@ -124,7 +124,7 @@ def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
         try:
             time_s, number, *position = (float(cells[place]) for place in places)
         except (ValueError, IndexError):
-            continue  # its image has no time then, and is counted among those left out
+            continue  # its image then has no time, and is counted among the omitted ones
         if math.isfinite(time_s) and number == number // 1:
             times[int(number)] = time_s
             positions.append(position)
@@ -139,12 +139,12 @@ def _is_record3d(path: Path, head: bytes) -> bool:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
     except _DAMAGE:
-        return path.suffix.lower() == ".r3d"  # damaged: to be refused by its name
+        return path.suffix.lower() == ".r3d"  # damaged: refused by its name
     return "metadata" in names and any(name.startswith("rgbd/") for name in names)
 
 
 def _open_record3d(path: Path) -> ImageFiles:
-    """Raises InputError where the file cannot be used, MissingPackage without lzfse."""
+    """Raise InputError where the file cannot be used, MissingPackage without lzfse."""
     try:
         import lzfse  # noqa: F401
     except ImportError:
@@ -187,7 +187,9 @@ def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
 
 
 def _read(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
-    """Raises ValueError where damage states more bytes: zipfile asks for as much memory as is stated."""
+    """Read a file of the archive; raises ValueError where damage states more bytes, since zipfile allocates what is
+    stated.
+    """
     info = archive.getinfo(name)
     if max(info.file_size, info.compress_size) > most:
         raise ValueError(f"{name} cannot be that large")
@@ -206,8 +208,7 @@ def _whole(path: Path, values: dict[str, Any], key: str) -> int:
 
 
 def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list[float], bool]:
-    """Return the time of each image, else its number, and whether these are times: of the device, else by its frame
-    rate."""
+    """Return each image's time, or else its number, and whether these are times: the device's, or by its frame rate."""
     stamps = values.get("frameTimestamps")
     if isinstance(stamps, list) and stamps and numbers[-1] < len(stamps):
         times = finite_list(stamps, len(stamps))
@@ -232,9 +233,9 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
 
     wanted = 4 * camera.width * camera.height
     try:
-        data = lzfse.decompress(_read(archive, name, wanted + 4096))  # it adds some bytes to what it cannot compress
+        data = lzfse.decompress(_read(archive, name, wanted + 4096))  # LZFSE adds some bytes to incompressible data
     except (lzfse.error, *_DAMAGE) as error:
-        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # that one is a place before the file's start
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL is a place before the file's start
             raise
         return None, "is damaged inside"
     if len(data) != wanted:

@@ -1,6 +1,6 @@
-"""Plan what a conversion writes, the cameras of all inputs with what the user adds, and write a camera's folder.
+"""Plan what a conversion writes (the cameras of all inputs with the user's additions), and write a camera's folder.
 
-Images are written first, then their rows, so that what has a row is complete.
+Images are written before their rows, so that every image with a row is complete.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from anchorpose.recording.regular_file import LARGEST_IMAGE, LARGEST_TABLE, read
 from anchorpose.sources.source import Source, SourceCamera
 
 QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
-"""Quarter turns clockwise, as one sees the image, by degrees."""
+"""Clockwise quarter turns of the image, by degrees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraPlan:
-    """A camera to write, upright. model and serial: empty where not known; fps: None where the images have times;
-    count: None where it is not known."""
+    """A camera to write, upright. model and serial: empty where unknown; fps: None where the images have times; count:
+    None where unknown.
+    """
 
     camera: Camera
     model: str = ""
@@ -48,14 +49,16 @@ class CameraPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """cameras: those of each source; notes: what was decided and what is missing, with the remedy."""
+    """The plan of a conversion. cameras: those of each source; notes: decisions, and missing information with its
+    remedy.
+    """
 
     cameras: tuple[tuple[CameraPlan, ...], ...]
     notes: tuple[str, ...]
 
 
 def make_plan(sources: Sequence[Source], options: ConvertOptions) -> Plan:
-    """Raises InputError where something is missing that only the user can give, or is given twice."""
+    """Make the plan; raises InputError where information is missing that only the user has, or is given twice."""
     all_cameras = [camera for source in sources for camera in source.cameras]
     if options.intrinsics is not None and all(camera.intrinsics is not None for camera in all_cameras):
         raise InputError(sources[0].path, "has its own lens", "leave --intrinsics out")
@@ -108,7 +111,7 @@ def _lens(camera: SourceCamera, options: ConvertOptions) -> Intrinsics | None:
 
 
 def _incomplete(source: Source, camera: SourceCamera, options: ConvertOptions) -> InputError:
-    """Return everything that is missing at once, with the option for each."""
+    """Return an error with all missing information, and the option for each."""
     missing = list[tuple[str, str]]()
     if _lens(camera, options) is None:
         missing.append(("the lens", "--intrinsics fx,fy,cx,cy in pixels"))
@@ -123,8 +126,9 @@ def _incomplete(source: Source, camera: SourceCamera, options: ConvertOptions) -
 
 
 def _names(sources: Sequence[Source]) -> list[str]:
-    """Return one folder name per camera, unique whatever the case: the camera's own, else with its input's name before
-    it."""
+    """Return one folder name per camera, unique regardless of case: the camera's own, else prefixed by its input's
+    name.
+    """
     own = [(folder_name(source.path.stem), folder_name(camera.name)) for source in sources for camera in source.cameras]
     cameras = [camera.casefold() for _, camera in own]
     wanted = [f"{i}-{c}" if cameras.count(c.casefold()) > 1 and i != c else c for i, c in own]
@@ -139,14 +143,14 @@ def _names(sources: Sequence[Source]) -> list[str]:
 
 
 def folder_name(text: str) -> str:
-    """Return ``text`` as recording.json allows a camera to be named."""
+    """Return ``text`` in the form that recording.json allows for a camera name."""
     return re.sub(r"^[^\w]+|[ .]+$", "", re.sub(r"[^\w .+-]", "-", text))[:60].rstrip(" .") or "camera"
 
 
 def _poses_of_one_world(
     cameras: tuple[tuple[CameraPlan, ...], ...], options: ConvertOptions
 ) -> tuple[tuple[tuple[CameraPlan, ...], ...], tuple[str, ...]]:
-    """Leave out poses that cannot hold: inputs have worlds of their own, and a mirrored world is none."""
+    """Leave out poses that cannot hold: different inputs have different worlds, and a mirrored world is invalid."""
     placed = [any(plan.camera.T_world_camera is not None for plan in own) for own in cameras]
     whole = all(plan.camera.T_world_camera is not None for own in cameras for plan in own)
     if not any(placed) or (whole and len(cameras) == 1 and not options.mirror):
@@ -159,7 +163,7 @@ def _poses_of_one_world(
 
 
 def _require_valid(sources: Sequence[Source], cameras: Sequence[Sequence[CameraPlan]]) -> None:
-    """Raises InputError where a file's numbers are none that a recording may have."""
+    """Raise InputError where a file's numbers are invalid for a recording."""
     for source, own in zip(sources, cameras, strict=True):
         document = {"format": "rgbd-recording", "version": 1, "cameras": [plan.document() for plan in own]}
         validate(source.path, RecordingDocument, document)
@@ -172,8 +176,9 @@ def turn_image(grey: np.ndarray, degrees: int, mirror: bool) -> np.ndarray:
 
 
 def can_turn(lens: Intrinsics, degrees: int) -> bool:
-    """Return whether OpenCV's model can describe the turned lens: a sensor's tilt has an order of its axes, which a
-    quarter turn would exchange."""
+    """Return whether OpenCV's model can describe the turned lens: a quarter turn would exchange the order of a sensor's
+    tilt axes.
+    """
     return QUARTERS[degrees] % 2 == 0 or not any(lens.distortion[12:14])
 
 
@@ -190,7 +195,8 @@ def turn_lens(lens: Intrinsics, size: tuple[int, int], degrees: int, mirror: boo
 
 def turn_pose(T_world_camera: np.ndarray, degrees: int) -> np.ndarray:
     """Return T_world_camera of the camera whose image was turned clockwise: the camera turned the other way about its
-    axis."""
+    axis.
+    """
     angle = np.deg2rad(degrees)
     cos, sin = np.rint(np.cos(angle)), np.rint(np.sin(angle))
     T_turned_camera = np.eye(4)
@@ -199,7 +205,7 @@ def turn_pose(T_world_camera: np.ndarray, degrees: int) -> np.ndarray:
 
 
 def _quarter(lens: Intrinsics, height: int) -> Intrinsics:
-    """Turn clockwise by 90 degrees: what had been x becomes y, and y becomes -x."""
+    """Turn clockwise by 90 degrees: the old x becomes y, and y becomes -x."""
     d = list(lens.distortion)
     if lens.model is not LensModel.KANNALA_BRANDT:
         d[2], d[3] = d[3], -d[2]
@@ -231,7 +237,9 @@ BEGIN_AGAIN: Final = "remove the unfinished recording and begin again"
 
 
 class CameraWriter:
-    """Goes on where an earlier run was stopped. An image's number is its place among those that the source gave."""
+    """A writer of a camera's folder that continues an earlier, stopped run. An image's number is its place in the
+    source.
+    """
 
     def __init__(self, folder: Path, plan: CameraPlan) -> None:
         self.folder, self._plan = folder, plan
@@ -253,7 +261,8 @@ class CameraWriter:
         self._rows.close()
 
     def write(self, time_s: float, grey: np.ndarray, number: int | None = None) -> Path | None:
-        """Writes an image and returns its file; None where it is not later than the one before and is left out.
+        """Write an image and return its file; None for an image that is not later than the one before, which is left
+        out.
 
         time_s as in ``SourceFrame``; number: larger than the last one, where the source knows of images that it lost.
         """
@@ -270,8 +279,9 @@ class CameraWriter:
         return path
 
     def note(self, source: Path) -> str:
-        """Return how many images were left out for their times; empty for none. Raises InputError, naming ``source``,
-        where these are too many, or where those that are left cannot be seconds."""
+        """Return a note on images left out for their times; empty for none. Raises InputError, naming ``source``, where
+        too many were left out, or where the remaining times cannot be seconds.
+        """
         if self.written:
             self._require_times(source)
         left_out = self.given - self.written
@@ -294,7 +304,7 @@ class CameraWriter:
 def encode_grey(grey: np.ndarray) -> bytes:
     """Return a PNG file of grey values (height, width) uint16.
 
-    Run lengths beside Huffman coding: noise has no longer repetitions, and looking for them doubles the time.
+    It uses run lengths and Huffman coding only: noise has no longer repetitions, and searching them doubles the time.
     """
     import cv2
 
@@ -304,12 +314,12 @@ def encode_grey(grey: np.ndarray) -> bytes:
 
 
 def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
-    """Return number and time of the images that are there whole: all exist, and the last one can be decoded."""
+    """Return number and time of the complete images: all exist, and the last one can be decoded."""
     path = folder / "timestamps.csv"
     if not path.is_file():
         return []
     text = read_whole(path, LARGEST_TABLE, BEGIN_AGAIN).decode("utf-8", errors="replace")
-    lines = text.split("\n")[1:-1]  # a last one without its end is cut off
+    lines = text.split("\n")[1:-1]  # a last line without its end is cut off
     there = {file.name for file in (folder / "depth").iterdir()}
     rows = list[tuple[int, str]]()
     for line in lines:

@@ -1,10 +1,10 @@
-"""Folders of depth images as data sets are published: TUM and ICL-NUIM, Open3D, Redwood and ScanNet.
+"""Read folders of depth images as data sets are published: TUM and ICL-NUIM, Open3D, Redwood and ScanNet.
 
 TUM: a text file lists times and depth images, in 1/5000 m (the benchmark's file formats page); the lens is published
 per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON file with ``intrinsic_matrix``,
 column by column; ``depth_scale`` there is grey values per metre (Open3D's RGBDVideoMetadata). ScanNet's reader of .sens
 files: intrinsic/intrinsic_depth.txt, depth in mm, and poses in a world of their own that changes with a camera that is
-carried. Times that a folder does not hold are not invented.
+carried. Times that a folder lacks are not invented.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ POSES_READ: Final = 100  # spread over the recording; enough to see that a camer
 
 
 def _is_tum(path: Path, head: bytes) -> bool:
-    """Return whether a folder holds such a list."""
+    """Return whether a folder has such a list."""
     listing = _list_in(path)
     if listing is None:
         return False
@@ -52,7 +52,7 @@ def _is_tum(path: Path, head: bytes) -> bool:
 
 
 def _open_tum(path: Path) -> ImageFiles:
-    """Raises InputError where the list names no usable depth image."""
+    """Raise InputError where the list names no usable depth image."""
     listing = _list_in(path)
     if listing is None:
         raise InputError(path, "holds no depth.txt", "give the folder that does")
@@ -91,7 +91,7 @@ def _rows(folder: Path, text: str) -> list[FrameFile]:
 
 
 def _frame_file(folder: Path, time: str, name: str) -> FrameFile | None:
-    """Return a line's time and image; None where it is not a time and an image inside the folder."""
+    """Return a line's time and image; None unless it is a time and an image inside the folder."""
     try:
         time_s = float(time)
         inside = (folder / name).resolve().is_relative_to(folder.resolve())
@@ -108,7 +108,7 @@ def _is_exported(path: Path, head: bytes) -> bool:
 
 
 def _open_exported(path: Path) -> ImageFiles:
-    """Raises InputError where the matrix or the images cannot be used."""
+    """Raise InputError where the matrix or the images cannot be used."""
     found = _camera_file(path)
     if found is None:
         raise InputError(path, "holds no JSON file with an intrinsic_matrix", "give the folder that does")
@@ -164,7 +164,7 @@ def _lens(path: Path, values: dict[str, Any]) -> Intrinsics:
 
 
 def _positions(folder: Path) -> np.ndarray:
-    """Return (n, 3) metres of some of the poses; damaged ones are left out, since nothing but a note rests on them."""
+    """Return some of the poses' places (n, 3), metres; damaged ones are left out, since only a note depends on them."""
     files = sorted(folder.glob("*.txt"), key=natural_order)
     positions = list[np.ndarray]()
     for file in files[:: max(1, len(files) // POSES_READ)]:

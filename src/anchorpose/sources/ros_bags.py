@@ -1,4 +1,4 @@
-"""Bags with depth images: ROS 1, ROS 2 (SQLite and MCAP), and the recordings of RealSense's and Orbbec's software."""
+"""Read bags with depth images: ROS 1, ROS 2 (SQLite and MCAP), and recordings of RealSense's and Orbbec's software."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def open_source(path: Path) -> BagSource:
 
 
 class BagSource:
-    """See ``Source``. Only the image at hand is in memory."""
+    """A source of a bag, see ``Source``. Only the present image is in memory."""
 
     def __init__(self, path: Path, bag: Bag, streams: Streams) -> None:
         self.path = path
@@ -82,7 +82,7 @@ class BagSource:
         return (*self._said, *self._bag.notes, *counted)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images; where a file is cut off, what it has up to there, with a note."""
+        """Yield the depth images; if a file is cut off, those before the end, with a note."""
         self._tallies = tuple(Counter[str]() for _ in self.cameras)
         given = [0] * len(self.cameras)
         try:
@@ -120,7 +120,7 @@ class BagSource:
             self._tallies[camera]["damaged"] += 1
 
     def _read(self, camera: int, message: Message) -> tuple[int, np.ndarray]:
-        """Return time in nanoseconds, and (height, width) uint16. Raises DamagedBag."""
+        """Read time in nanoseconds and image (height, width) uint16. Raises DamagedBag."""
         stream = self._streams[camera]
         image = stream.read(message)
         encoding = encoding_of(image)
@@ -148,7 +148,7 @@ class BagSource:
 
 
 def _stamped(camera: int, received_ns: int, depth: np.ndarray, message: Message) -> SourceFrame:
-    """Return RealSense's image that waited for its time stamp, which is received with it. Raises DamagedBag."""
+    """Return RealSense's image that waited for its time stamp, which arrives in ``message``. Raises DamagedBag."""
     time_ns = device_time_ns(message)
     if time_ns is None or received_ns != message.received_ns:
         raise DamagedBag("an image and its time stamp do not belong together")
@@ -160,6 +160,6 @@ COUNTED: Final = {
     "without stamp": "{} depth images of {} have no time stamp: the time of their receipt is taken.",
     "too far": "{} readings of {} are farther than its grey values reach: no reading.",
 }
-"""What is counted of a camera's images while they are read."""
+"""Notes on counted images of a camera."""
 
 READERS: Final = (Reader(matches, open_source),)

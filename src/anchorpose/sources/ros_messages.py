@@ -1,7 +1,7 @@
-"""The ROS messages that a depth recording needs, from their bytes: ROS 1's serialization and ROS 2's CDR.
+"""Decode the ROS messages that a depth recording needs: ROS 1's serialization and ROS 2's CDR.
 
-Only what is fixed in the published definitions is read (docs.ros.org, sensor_msgs and tf2_msgs), not the definitions
-that a bag embeds: those of Orbbec and RealSense lack fields that their own messages have.
+Only fields of the published definitions are read (docs.ros.org, sensor_msgs and tf2_msgs), not the definitions that a
+bag embeds: those of Orbbec and RealSense lack fields of their own messages.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ T = TypeVar("T")
 IMAGE = "sensor_msgs/Image"
 COMPRESSED = "sensor_msgs/CompressedImage"
 READ_BY_HAND = "convert with --intrinsics fx,fy,cx,cy"
-"""The remedy where a file has no lens that can be used."""
+"""The remedy where a file has no usable lens."""
 
 RECORD_AGAIN = "copy it again from where it was recorded, or record again"
 """The remedy where a file is damaged."""
 
 
 class MessageFields:
-    """Reads the fields of one message in their order; raises DamagedBag beyond its end."""
+    """A reader of one message's fields in order; raises DamagedBag beyond its end."""
 
     def __init__(self, message: Message) -> None:
         self._data = memoryview(message.data)
@@ -68,7 +68,7 @@ class MessageFields:
         return raw.removesuffix(b"\0").decode("utf-8", "replace") if self._cdr else raw.decode("utf-8", "replace")
 
     def take(self, size: int) -> memoryview:
-        """Return the next bytes as they are."""
+        """Return the next bytes unchanged."""
         if size > len(self._data) - self._place:
             raise DamagedBag("a message is shorter than what it holds")
         self._place += size
@@ -82,14 +82,14 @@ class MessageFields:
         return stamp_ns, self.text()
 
     def _align(self, size: int) -> None:
-        """Skip to the next multiple of a number's size, where CDR begins it."""
+        """Skip to the next multiple of a number's size, where CDR aligns it."""
         if self._cdr:
             self._place += -(self._place - self._start) % size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageMessage:
-    """``sensor_msgs/Image``; reader: what follows, which only vendors' own messages have."""
+    """A ``sensor_msgs/Image``; reader: the rest, which only vendors' own messages have."""
 
     stamp_ns: int
     frame_id: str
@@ -114,7 +114,7 @@ class CompressedMessage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraInfo:
-    """``sensor_msgs/CameraInfo``; roi: column, row, height, width in the full image, zeros for all of it."""
+    """A ``sensor_msgs/CameraInfo``; roi: column, row, height, width in the full image, zeros for all of it."""
 
     frame_id: str
     height: int
@@ -131,7 +131,7 @@ Image = ImageMessage | CompressedMessage
 
 
 def read_image(message: Message) -> ImageMessage:
-    """Raises DamagedBag."""
+    """Read an image message. Raises DamagedBag."""
     reader = MessageFields(message)
     stamp_ns, frame_id = reader.header()
     height, width, encoding = reader.whole("I"), reader.whole("I"), reader.text()
@@ -142,20 +142,20 @@ def read_image(message: Message) -> ImageMessage:
 
 
 def read_compressed(message: Message) -> CompressedMessage:
-    """Raises DamagedBag."""
+    """Read a compressed image message. Raises DamagedBag."""
     reader = MessageFields(message)
     stamp_ns, frame_id = reader.header()
     return CompressedMessage(stamp_ns, frame_id, reader.text(), reader.take(reader.whole("I")))
 
 
 def read_camera_info(message: Message) -> CameraInfo:
-    """Raises DamagedBag."""
+    """Read a camera info message. Raises DamagedBag."""
     reader = MessageFields(message)
     _, frame_id = reader.header()
     height, width, model = reader.whole("I"), reader.whole("I"), reader.text()
     D = tuple(reader.numbers("d", min(reader.whole("I"), 100)).tolist())
     K = tuple(reader.numbers("d", 9).tolist())
-    reader.numbers("d", 9)  # R, which turns stereo pairs
+    reader.numbers("d", 9)  # skip R, which turns stereo pairs
     P = tuple(reader.numbers("d", 12).tolist())
     binning = reader.whole("I"), reader.whole("I")
     column, row, roi_height, roi_width = (reader.whole("I") for _ in range(4))
@@ -163,7 +163,7 @@ def read_camera_info(message: Message) -> CameraInfo:
 
 
 def read_transforms(message: Message) -> list[tuple[str, str, np.ndarray]]:
-    """Return ``tf2_msgs/TFMessage``: parent and child frame, and (7,) translation in metres and quaternion x, y, z, w.
+    """Read ``tf2_msgs/TFMessage``: parent and child frame, and (7,) translation in metres and quaternion x, y, z, w.
 
     Raises DamagedBag.
     """
@@ -176,7 +176,7 @@ def read_transforms(message: Message) -> list[tuple[str, str, np.ndarray]]:
 
 
 def encoding_of(image: Image) -> str:
-    """Return the encoding, empty for what is no depth image without loss."""
+    """Return the encoding, empty unless it is a lossless depth image."""
     if isinstance(image, ImageMessage):
         return image.encoding if image.encoding in INTEGERS | {METRES} else ""
     encoding, _, packing = image.format.partition(";")
@@ -204,7 +204,7 @@ def grey_of(image: Image) -> np.ndarray:
 
 
 def metres_of(image: Image) -> np.ndarray:
-    """Return (height, width) float32 of an image in metres, NaN = no reading. Raises DamagedBag."""
+    """Return the image (height, width) float32 in metres, NaN = no reading. Raises DamagedBag."""
     if isinstance(image, ImageMessage):
         metres = _plain(image, 4).astype(np.float32)
     else:
@@ -218,7 +218,7 @@ def metres_of(image: Image) -> np.ndarray:
 
 
 def _plain(image: ImageMessage, size: int) -> np.ndarray:
-    """Return (height, width) of values of ``size`` bytes, rows perhaps padded."""
+    """Return the values (height, width) of ``size`` bytes each; rows may be padded."""
     row = image.width * size
     step = image.step or row
     if not 0 < row <= step or image.height == 0 or step * image.height > len(image.data):
@@ -253,10 +253,10 @@ def read_any_image(message: Message) -> Image:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthStream:
-    """One camera's images.
+    """The stream of one camera's images.
 
-    in_metres: their values are metres, otherwise whole grey values; read: the image of a message, with the device's
-    time; metadata_topic: where that time comes in a message that follows the image, and not in the image.
+    in_metres: values are metres, otherwise whole grey values; read: returns the image of a message, with the device's
+    time; metadata_topic: topic of that time, where it is in a message after the image.
     """
 
     topic: str
@@ -268,7 +268,7 @@ class DepthStream:
 
 @dataclass(frozen=True, slots=True)
 class Streams:
-    """What was found in a bag, and sentences on how it was decided."""
+    """The streams found in a bag, and sentences on how they were chosen."""
 
     streams: tuple[DepthStream, ...]
     notes: tuple[str, ...]

@@ -1,4 +1,6 @@
-"""Depth images that ROS drivers publish: which topics are one camera's, and which ``CameraInfo`` belongs to them."""
+"""Choose the depth images that ROS drivers publish: which topics are one camera's, and which ``CameraInfo`` is
+theirs.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,7 @@ _MOVED: Final = frozenset({"registered", "aligned", "rgb", "color", "hd", "qhd"}
 """Words of a topic whose depth was moved into the colour camera's image, which loses some of it."""
 _RECTIFIED: Final = frozenset({"rect", "rectified"})
 _OF_DEPTH: Final = _MOVED | _RECTIFIED | {"depth", "image", "raw", "to", "compressed", "compresseddepth", "sd"}
-"""Words of a topic that say what its images are, and not whose."""
+"""Words of a topic that describe the kind of its images, not their camera."""
 _LONGEST_NAME: Final = 60
 
 _MODELS: Final = {
@@ -47,11 +49,11 @@ _MODELS: Final = {
     "equidistant": LensModel.KANNALA_BRANDT,
     "fisheye": LensModel.KANNALA_BRANDT,
 }
-_LARGEST: Final = 1e6  # of any number of a lens, and of a place in metres
+_LARGEST: Final = 1e6  # limit of any number of a lens, and of a place in metres
 _SHORTEST_PX: Final = 1.0
 _TOPIC: Final = "/tf_static"
 _WORLDS: Final = frozenset({"world", "map", "odom"})
-_LONGEST: Final = 100  # transforms in a row, so that a damaged file with a ring of frames ends
+_LONGEST: Final = 100  # transforms in a row, so that a damaged file with a cycle of frames ends
 T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
 """REP 103's world has x forward and z up; this project's has x forward and y up."""
 
@@ -74,21 +76,22 @@ class _Candidate:
 
     @property
     def cost(self) -> tuple[bool, ...]:
-        """Return the lowest is the most direct: as the sensor saw it, in its own numbers, not moved into the colour
-        image."""
+        """Return a cost; the lowest is the most direct: as the sensor saw it, in its own numbers, not moved into the
+        colour image.
+        """
         moved = not _MOVED.isdisjoint(self.words)
         return moved, self.in_metres, self.rectified, self.channel.kind == COMPRESSED
 
     @property
     def camera(self) -> str:
-        """Return a name for the camera: the words that are left, suitable for a folder."""
+        """Return a name for the camera: the remaining words, suitable for a folder."""
         words = (re.sub(r"[^A-Za-z0-9-]", "", word) for word in self.words if word.lower() not in _OF_DEPTH)
         return "_".join(filter(None, words))[:_LONGEST_NAME] or "depth"
 
 
 @dataclass(slots=True)
 class _Search:
-    """What is looked up for every camera of a bag, and what is noted."""
+    """The search for every camera's streams in a bag, with notes."""
 
     bag: Bag
     infos: dict[str, CameraInfo]
@@ -135,7 +138,7 @@ class _Search:
         return None
 
     def _infos_of(self, candidate: _Candidate, size: tuple[int, int]) -> list[CameraInfo]:
-        """Return the info beside the images where its size fits, otherwise those of the same optical frame and size."""
+        """Return the info beside the images if its size fits, otherwise that of the same optical frame and size."""
         topic = re.sub(r"/compressed(Depth)?$", "", candidate.channel.topic)
         beside = self.infos.get(f"{topic.rpartition('/')[0]}/camera_info")
         if beside is not None and image_size(beside) == size:
@@ -153,7 +156,7 @@ class _Search:
 
 
 def find_streams(bag: Bag, path: Path) -> Streams:
-    """Return the most direct depth images of each camera. Raises InputError where there are none."""
+    """Find the most direct depth images of each camera. Raises InputError where there are none."""
     notes: list[str] = []
     candidates = _candidates(bag, notes)
     if not candidates:
@@ -172,8 +175,9 @@ def find_streams(bag: Bag, path: Path) -> Streams:
 
 
 def _candidates(bag: Bag, notes: list[str]) -> list[_Candidate]:
-    """List topics that say depth in their name and have images of an encoding for it; infrared has the same
-    encodings."""
+    """List the topics that have depth in their name and have images of an encoding for it; infrared has the same
+    encodings.
+    """
     candidates = []
     for channel in bag.channels:
         if channel.kind not in (IMAGE, COMPRESSED) or "depth" not in channel.topic.lower():
@@ -201,14 +205,14 @@ class Lens:
 
 
 def image_size(info: CameraInfo) -> tuple[int, int]:
-    """Return width and height of the images that belong to an info, after its region and binning."""
+    """Return width and height of the images of an info, after its region and binning."""
     _, _, height, width = info.roi
     across, down = _binning(info)
     return (width or info.width) // across, (height or info.height) // down
 
 
 def lens_of(info: CameraInfo, rectified: bool) -> Lens:
-    """Return the lens of an image; rectified: the image has been freed of distortion, so that P holds and not K."""
+    """Return the lens of an image; rectified: distortion was removed, so P applies, not K."""
     if rectified and info.P[0] > 0.0:
         focal_centre = info.P[0], info.P[5], info.P[2], info.P[6]
     elif rectified and any(info.D):
@@ -222,13 +226,12 @@ def lens_of(info: CameraInfo, rectified: bool) -> Lens:
 
 
 def may_be_a_lens(focal_centre: tuple[float, ...], D: tuple[float, ...]) -> bool:
-    """Return whether focal lengths, centre and coefficients are numbers that a lens can have, and not damage or
-    zeros."""
+    """Return whether focal lengths, centre and coefficients are possible for a lens, not damage or zeros."""
     return all(abs(value) < _LARGEST for value in (*focal_centre, *D)) and min(focal_centre[:2]) >= _SHORTEST_PX
 
 
 def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, ...], model: str) -> Lens:
-    """Return the lens of focal lengths, centre and coefficients, the model by ROS's name."""
+    """Return the lens with these focal lengths, centre and coefficients; model: ROS's name."""
     fx, fy, cx, cy = focal_centre
     if not any(D):
         return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy))
@@ -243,9 +246,9 @@ def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, .
 
 
 def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tuple[float, float, float, float]:
-    """Return the lens of a region of the full image whose pixels are joined.
+    """Return the lens of a region of the full image with binned pixels.
 
-    A joined pixel's centre lies between those of its parts, hence the halves.
+    A binned pixel's centre lies between those of its parts, hence the halves.
     """
     column, row, _, _ = info.roi
     across, down = _binning(info)
@@ -254,7 +257,7 @@ def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tu
 
 
 def _binning(info: CameraInfo) -> tuple[int, int]:
-    """Return pixels joined across and down; ROS writes 0 for 1."""
+    """Return the pixels binned across and down; ROS writes 0 for 1."""
     return max(info.binning[0], 1), max(info.binning[1], 1)
 
 
@@ -272,7 +275,8 @@ class StaticTransforms:
 
     def place(self, frame: str) -> tuple[np.ndarray | None, str]:
         """Return T_world_camera (4, 4) of an optical frame, None without a fixed world; and the last frame of its
-        chain."""
+        chain.
+        """
         T_frame_camera, found = np.eye(4), None
         frame = frame.lstrip("/")
         for _ in range(_LONGEST):
@@ -289,8 +293,8 @@ class StaticTransforms:
 
 
 def _matrix(values: np.ndarray) -> np.ndarray | None:
-    """Return (4, 4) of translation in metres and quaternion x, y, z, w; None where they are none."""
-    if not (np.abs(values) < _LARGEST).all():  # nor are those that are no numbers
+    """Return the transform (4, 4) of translation in metres and quaternion x, y, z, w; None if they are invalid."""
+    if not (np.abs(values) < _LARGEST).all():  # also false for NaN
         return None
     length = np.linalg.norm(values[3:])
     if not 0.99 < length < 1.01:  # ROS's own tolerance for a unit quaternion

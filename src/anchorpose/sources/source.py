@@ -1,4 +1,4 @@
-"""Recorders' files: find the reader by the content; it gives the cameras and their depth images one by one."""
+"""Find the reader of a recorder's file by its content; it returns the cameras and their depth images one by one."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from anchorpose.recording.regular_file import open_regular
 
 MILLIMETRE_M: Final = 0.001
 
-NO_READING: Final = 65535  # beside 0; what sensors give for "too far" or "too near"
+NO_READING: Final = 65535  # the mark, beside 0, that sensors use for "too far" or "too near"
 
-STANDS_STILL_M: Final = 0.03  # a phone on a tripod; its own estimate of where it is wanders by some millimetres
+STANDS_STILL_M: Final = 0.03  # a phone on a tripod; its own estimate of its place drifts by some millimetres
 
 MODULES: Final = (
     "azure_kinect",
@@ -28,21 +28,21 @@ MODULES: Final = (
     "phones",
     "published_folders",
     "mat_file",
-    "image_folder",  # last: most folders above hold a folder of images
+    "image_folder",  # last: most formats above include a folder of images
 )
-"""Modules of this package with ``READERS``, in the order in which they are asked; they are imported one by one."""
+"""Modules of this package with ``READERS``, in the order in which they are tried; they are imported one by one."""
 
 HEAD_BYTES: Final = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceCamera:
-    """One depth camera of a recorder's file, as far as the file tells.
+    """One depth camera of a recorder's file, as far as the file describes it.
 
-    name: for a folder; depth_scale: metres per grey value, None where the file does not tell; intrinsics: None where
-    the file has no lens; T_world_camera: (4, 4) where the file places the camera; model and serial: empty where not
-    known; count: of its depth images, None where only reading all of the file tells; has_times: False where the file
-    only numbers its images.
+    name: for a folder; depth_scale: metres per grey value, None where unknown; intrinsics: None where the file has no
+    lens; T_world_camera: (4, 4) where the file places the camera; model and serial: empty where unknown; count: of its
+    depth images, None where only reading the whole file would tell; has_times: False where the file only numbers its
+    images.
     """
 
     name: str
@@ -59,9 +59,10 @@ class SourceCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFrame:
-    """One depth image: time_s by the device's own clock, to the microsecond, or, where the camera has no times, the
-    image's number; depth (height, width) uint16, grey values as the file has them, 0 = no reading (65535 and NaN are 0
-    already), native byte order."""
+    """One depth image. time_s: by the device's own clock, to the microsecond, or, where the camera has no times, the
+    image's number; depth (height, width) uint16: grey values as in the file, 0 = no reading (65535 and NaN are 0
+    already), native byte order.
+    """
 
     camera: int
     time_s: float
@@ -69,16 +70,17 @@ class SourceFrame:
 
 
 class Source(Protocol):
-    """A recorder's file or folder that was opened: its header has been read and checked.
+    """An opened file or folder of a recorder, with its header read and checked.
 
-    notes: sentences on what was decided (units, what is missing, frames that are damaged once all are read).
+    notes: sentences on decisions (units, missing information and, after reading, damaged frames).
     """
 
     path: Path
     cameras: tuple[SourceCamera, ...]
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in the order of the file, streamed; skip: how many of each camera were taken before.
+        """Yield the depth images in the order of the file, streamed; skip: number of images of each camera to leave
+        out.
 
         A damaged image is left out with a note; raises InputError where the rest of the file cannot be read.
         """
@@ -94,7 +96,7 @@ class Source(Protocol):
 class Reader:
     """A format of a recorder: how it is recognised and opened.
 
-    matches: looks at the content, not at the ending; it gets a path and the first 4096 bytes of a file, none of a
+    matches: tests the content, not the ending; it gets a path and the first 4096 bytes of a file, no bytes for a
     folder. open_source: raises InputError where the header cannot be used, MissingPackage where an extra is missing.
     """
 
@@ -114,7 +116,7 @@ def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
 
 
 def find_reader(path: Path) -> Reader | None:
-    """Return the reader that knows a file or folder by its content, or None.
+    """Return the reader that recognises a file or folder by its content, or None.
 
     Raises InputError where the path cannot be read, or only its vendor's software reads it.
     """
@@ -137,7 +139,7 @@ def open_source(path: Path) -> Source:
         raise InputError(path, "is a recording already", "give it to 'anchorpose track' as it is")
     reader = find_reader(path)
     if reader is None:
-        raise InputError(path, "is of no format that can be read", "see docs/guide/convert.md for those that can")
+        raise InputError(path, "is in no format that can be read", "see docs/guide/convert.md for those that can")
     try:
         return reader.open_source(path)
     except OSError as error:
@@ -189,11 +191,11 @@ OTHERS_OWN: Final = (
     ),
     (b"MATLAB 7.3", "is a MATLAB file of version 7.3", "save it again in MATLAB with '-v7'"),
 )
-"""First bytes of files that only their own software reads, what they are, and what to do instead."""
+"""First bytes of files that only their own software reads, a description of each, and what to do instead."""
 
 
 def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
-    """Return what a file is that only its own software reads, and what to do instead; None for others."""
+    """Return the description of a file that only its own software reads, and what to do instead; None for others."""
     if _is_zed(path, head):
         return (
             "is a ZED recording (.svo), which holds two colour videos and no depth",

@@ -1,4 +1,4 @@
-"""Recordings of RealSense's and Orbbec's own software, bags with messages of their own.
+"""Read recordings of RealSense's and Orbbec's own software, bags with their own messages.
 
 RealSense: ROS 1 bags of librealsense, and ROS 2 databases since version 2.58, as librealsense's public sources have it
 (ros_file_format.h, ros_writer.cpp) and files that its recorder wrote. Depth is in the camera's own unit. In databases
@@ -42,8 +42,9 @@ _OWN_FIELDS: Final = "1"  # in place of the frame's name: the image is followed 
 
 
 def find_realsense(bag: Bag, path: Path) -> Streams | None:
-    """Return the depth images of a recording, None where it is not RealSense's. Raises InputError where no unit is
-    known."""
+    """Find the depth images of a recording, None where it is not RealSense's. Raises InputError where the unit is
+    unknown.
+    """
     topics = sorted(channel.topic for channel in bag.channels)
     matches = [match for topic in topics if (match := _DEPTH.fullmatch(topic))]
     if not matches:
@@ -62,7 +63,7 @@ def find_realsense(bag: Bag, path: Path) -> Streams | None:
 
 
 def device_time_ns(message: Message) -> int | None:
-    """Return the time that a metadata message of a database gives, None where it has none. Raises DamagedBag."""
+    """Return the time in a metadata message of a database, None where it has none. Raises DamagedBag."""
     milliseconds = _number(_texts(message).get("timestamp", ""))
     return None if milliseconds is None else round(milliseconds * 1_000_000)
 
@@ -91,12 +92,12 @@ def _stream(bag: Bag, match: re.Match[str], image: Image, path: Path, number: in
 
 
 def _depth_unit(bag: Bag, sensor: str, image: Image) -> float | None:
-    """Return metres per grey value, of the image itself or of the sensor's option."""
+    """Return metres per grey value, from the image itself or the sensor's option."""
     if isinstance(image, ImageMessage) and image.frame_id == _OWN_FIELDS:
         unit = float(image.reader.number("f"))
     else:
         unit = first(bag, f"{sensor}/option/Depth_Units/value", _option) or 0.0
-    # single precision makes 0.0002500000118 of 0.00025; every unit has fewer than six digits
+    # single precision turns 0.00025 into 0.0002500000118; every unit has fewer than six digits
     return float(f"{unit:.6g}") if math.isfinite(unit) and 0.0 < unit < 1.0 else None
 
 
@@ -135,7 +136,7 @@ def _about(bag: Bag, device: str) -> dict[str, str]:
         try:
             about |= _texts(message)
         except DamagedBag:
-            continue  # a name or number that is missing stays empty
+            continue  # a missing name or number stays empty
     return about
 
 
@@ -172,8 +173,7 @@ _BROWN_CONRADY, _RATIONAL, _KANNALA_BRANDT = 3, 4, 5  # OBCameraDistortionModel
 
 
 def find_orbbec(bag: Bag, path: Path) -> Streams | None:
-    """Return the depth images of a recording, None where it is not Orbbec's. Raises InputError where it has no
-    depth."""
+    """Find the depth images of a recording, None where it is not Orbbec's. Raises InputError where it has no depth."""
     if any(_OF_SDK_1 in channel.definition for channel in bag.channels):
         raise InputError(path, "it is of Orbbec Viewer or SDK 1, whose format is not published", _PLAY_IT)
     if _ORBBEC_DEPTH not in {channel.topic for channel in bag.channels}:
@@ -201,7 +201,7 @@ def find_orbbec(bag: Bag, path: Path) -> Streams | None:
 
 
 def read_depth(message: Message) -> ImageMessage:
-    """Return an image with the device's time; SDK 2.3 has the length of metadata before the data, which begin with
+    """Read an image with the device's time; SDK 2.3 has the length of the metadata before the data, which begin with
     them.
 
     Raises DamagedBag.
@@ -240,13 +240,14 @@ def _properties(bag: Bag) -> dict[int, bytes]:
             number = reader.whole("I")
             properties[number] = bytes(reader.take(reader.whole("I")))
         except DamagedBag:
-            continue  # a missing unit or disparity setting is said
+            continue  # a missing unit or disparity setting is reported
     return properties
 
 
 def _refuse_disparity(bag: Bag, properties: dict[int, bytes], path: Path) -> None:
-    """Raise InputError for disparity: stereo cameras record it where the computer, not the camera, turns it into
-    depth."""
+    """Raise InputError for disparity: stereo cameras record it where the computer, not the camera, converts it to
+    depth.
+    """
     stereo = any(channel.topic == _DISPARITY for channel in bag.channels)
     if stereo and not any(properties.get(_DISPARITY_TO_ORBBEC_DEPTH, b"")):
         raise InputError(
@@ -267,7 +268,7 @@ def _unit_m(properties: dict[int, bytes]) -> float | None:
 
 
 def _read_lens(message: Message) -> Lens:
-    """Return ``custom_msg/OBStreamProfileInfo``; its coefficients are k1 to k6, then p1, p2."""
+    """Read ``custom_msg/OBStreamProfileInfo``; its coefficients are k1 to k6, then p1, p2."""
     reader = MessageFields(message)
     reader.header()
     reader.take(2 + 4 * (9 + 3) + 2 * 3)  # stream and format, pose to colour, width, height and rate
@@ -285,10 +286,10 @@ def _read_lens(message: Message) -> Lens:
 
 
 def _read_about(message: Message) -> tuple[str, str]:
-    """Return ``custom_msg/OBDeviceInfo``: name and serial number."""
+    """Read ``custom_msg/OBDeviceInfo``: name and serial number."""
     reader = MessageFields(message)
     reader.header()
     name, _, _ = reader.text(), reader.text(), reader.text()
     reader.take(4)  # USB's numbers
-    reader.text()  # the port that it was plugged into
+    reader.text()  # the port it was plugged into
     return name, reader.text()

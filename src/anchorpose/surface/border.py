@@ -1,7 +1,7 @@
-"""What lies beyond each node: where the patient ends, and where something else cuts the surface off.
+"""Find what bounds the surface at each node: the patient's own outline, or an object that cuts it off.
 
-A bar or a therapist's arm in front of the shin ends the surface there, and an end looks like a foot to a geodesic
-extremum. Only the node's surroundings in the depth frame show the difference.
+A bar or a therapist's arm in front of the shin ends the surface, and the geodesic extremum there looks like a foot.
+Only the node's surroundings in the depth frame show the difference.
 """
 
 from __future__ import annotations
@@ -18,26 +18,27 @@ from anchorpose.surface.denoise import extent
 from anchorpose.surface.surface import Surface
 from anchorpose.threads import each
 
-REACH_PX = 5  # from an edge to the nodes that it marks: two nodes, and the pixels that a depth edge loses
-SEARCH_PX = 3  # across the lost or mixed pixels of an edge
+REACH_PX = 5  # pixels from an edge to the nodes that it marks: two nodes, and the pixels lost at a depth edge
+SEARCH_PX = 3  # pixels searched across the lost or mixed pixels of an edge
 SUPPORT = 3  # pixels of an edge within 5x5: one noisy reading beside the skin is not an edge
 IN_FRONT_M = 0.04  # a bar that touches the skin is at least this thick; sensor noise is less
-TOUCHING_M = 0.10  # a hand that holds the patient lies at the patient's own depth, give or take its thickness
+# depth range of a hand that holds the patient: the patient's own depth, plus or minus a hand's thickness
+TOUCHING_M = 0.10
 HOLE_RADIUS_PX = 3  # the rim of lost readings around every silhouette is thinner
-MARGIN_PX = 24  # around the patient: half a hole of 0.15 m at 2.4 m
+MARGIN_PX = 24  # pixels around the patient that are examined: half a hole of 0.15 m at 2.4 m
 HOLE_ENCLOSED = 0.4  # share of a hole's rim that is patient; half a hole over a limb's end still counts
 
 
 class Border(IntEnum):
-    """What is within reach of a node; the highest that applies."""
+    """The kind of border within reach of a node; the highest that applies."""
 
-    INSIDE = 0  # skin all around, or the patient's own silhouette before what is farther away
+    INSIDE = 0  # skin all around, or the patient's own silhouette before farther surfaces
     SELF = 1  # another part of the patient stands in front
     CUT = 2  # equipment, another person or an object of the room in front, a hole, or the edge of the frame
 
 
 def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
-    """(n,) uint8 of ``Border`` for each node; views: one per camera, in the order of ``surface.camera``.
+    """Return (n,) uint8 of ``Border`` for each node; views: one per camera, in the order of ``surface.camera``.
 
     A camera without a node of the surface is skipped; a hidden node is ``INSIDE``.
     """
@@ -51,7 +52,9 @@ def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
 
 
 def _border_of_pixels(view: View) -> np.ndarray:
-    """(height, width) uint8 of ``Border``, valid on the patient's pixels; only their surroundings are searched."""
+    """Return (height, width) uint8 of ``Border``, valid on the patient's pixels; only their surroundings are
+    examined.
+    """
     whole = np.zeros(view.labels.shape, np.uint8)
     top, bottom, left, right = extent(view.patient)
     if bottom == 0:
@@ -71,7 +74,7 @@ def _border_of_pixels(view: View) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
-    """Edge pixels that have others of their kind, or of a higher one, beside them; spots (k,): where any kind is."""
+    """Return the edge pixels beside others of their kind, or of a higher kind; spots (k,): pixels of any kind."""
     height, width = kind.shape
     kept = np.zeros_like(kind)
     for spot in spots:
@@ -90,7 +93,7 @@ def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.ndarray:
-    """The highest kind within a disc (odd, odd) of each pixel; edges are few, so each is spread by itself."""
+    """Return the highest kind within a disc (odd, odd) of each pixel; edges are few, so each is spread separately."""
     height, width = kind.shape
     reach = len(disc) // 2
     near = np.zeros_like(kind)
@@ -106,9 +109,9 @@ def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.n
 def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Classify each patient pixel by the surfaces that it meets within ``SEARCH_PX`` in eight directions.
 
-    Floor and foot plate lie in front of every sole, but they do not cut the patient's surface. So a surface in front is
-    extrapolated by its own slope to the patient's pixel: the floor arrives there at the sole's depth, a bar well
-    before it.
+    Floor and foot plate lie in front of every sole, but do not cut the patient's surface. So a surface in front is
+    extrapolated by its slope to the patient's pixel: there the floor has the sole's depth, a bar is well in front of
+    it.
     """
     height, width = depth.shape
     kinds = np.zeros((height, width), np.uint8)
@@ -150,7 +153,9 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _surrounded(depth: np.ndarray, labels: np.ndarray, row: int, col: int, nearest: float) -> bool:
-    """Whether the patient is all around a pixel, nowhere nearer than that: so it is for most pixels."""
+    """Return whether the patient is all around a pixel and no neighbour is nearer than ``nearest``, as for most
+    pixels.
+    """
     surrounded = True
     for i in range(row - 1, row + 2):
         for j in range(col - 1, col + 2):
@@ -163,10 +168,11 @@ def _disc(radius: int) -> np.ndarray:
 
 
 def _holes(labels: np.ndarray) -> np.ndarray | None:
-    """(height, width) uint8: lost readings thick enough to hide something and largely within the patient; None if none.
+    """Return (height, width) uint8: lost readings thick enough to hide something and mostly within the patient; None if
+    none.
 
-    Recordings whose background was removed lose everything around the patient; that is not a hole, for it reaches the
-    edge of what is searched.
+    Recordings whose background was removed have no readings around the patient; this is not a hole, since it reaches
+    the edge of the examined area.
     """
     lost = (labels == np.uint8(PixelLabel.NO_READING)).astype(np.uint8)
     thick = cv2.morphologyEx(lost, cv2.MORPH_OPEN, _disc(HOLE_RADIUS_PX))
@@ -187,10 +193,12 @@ def _holes(labels: np.ndarray) -> np.ndarray | None:
 
 @njit(cache=True, nogil=True)
 def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.ndarray, count: int) -> tuple:
-    """(count,) pixels of the rim (r,) within a disc (5, 5) of each component, and how many of them are patient."""
+    """Return (count,) pixels of the rim (r,) within a disc (5, 5) of each component, and how many of them are the
+    patient's.
+    """
     height, width = component.shape
     length, enclosed = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    last = np.full(count, -1, np.int64)  # the last pixel of the rim that each component counted
+    last = np.full(count, -1, np.int64)  # the last rim pixel that each component counted
     for k in range(len(rim)):
         row, col = rim[k] // width, rim[k] % width
         for i in range(max(0, row - 2), min(height, row + 3)):

@@ -1,7 +1,7 @@
-"""Where the patient touches their own body, thigh on thigh or a hand on the trunk, creases separate the parts.
+"""Separate parts of the patient's body that touch, such as thigh on thigh or a hand on the trunk, at their creases.
 
-A depth frame joins what touches. The crease decides which of two parts a node between them shows, and the mesh is cut
-again where neighbours show skin that is far apart on the body.
+A mesh from a depth frame joins touching parts. The crease decides which of two parts a node between them shows, and the
+mesh is cut where neighbours show skin that is far apart on the body.
 """
 
 from __future__ import annotations
@@ -15,21 +15,23 @@ from numba import njit
 from anchorpose.surface.links import find_root, unite
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
-CREASE_COST: Any = np.float32(20.0)  # a fold of 3 degrees per node makes the way over it twice as long
-LEAST_APART_M: Any = np.float32(0.07)  # on the body, of an edge's ends; less is within what points 3 cm apart blur
-LEAST_CREASE: Any = np.float32(0.10)  # 6 degrees per node; no smooth skin of an arm predicted elsewhere has that
+CREASE_COST: Any = np.float32(20.0)  # a fold of 3 degrees per node makes the path over it twice as long
+# distance on the body between an edge's ends; skin points 3 cm apart blur smaller ones
+LEAST_APART_M: Any = np.float32(0.07)
+LEAST_CREASE: Any = np.float32(0.10)  # 6 degrees per node; no smooth skin of an arm predicted elsewhere has this fold
 LEAST_STEP: Final = 0.6  # sine of the angle at which an edge leaves the skin of either end: a hand on the trunk
-SHOWN_APART_M: Any = np.float32(0.25)  # parts so far apart on the body need no crease between them ...
-SHOWN_NEAR_M: Any = np.float32(0.06)  # ... where both nodes are as near as that to the skin point that they show ...
+SHOWN_APART_M: Any = np.float32(0.25)  # parts this far apart on the body need no crease between them ...
+SHOWN_NEAR_M: Any = np.float32(0.06)  # ... if both nodes are this near to the skin point that they show ...
 SHOWN_OFF_M: Any = np.float32(0.02)  # ... and to its plane: along the skin the prediction may be half a limb off
 
 
 @njit(cache=True, nogil=True)
 def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """(n,) int32: the one of two candidates (n, 2) int32 that each node shows; -1 = no candidate.
+    """Return (n,) int32: the one of two candidates (n, 2) int32 that each node shows; -1 = no candidate.
 
-    Grows from nodes with one candidate into those with two, which take the one nearer on the body to where they were
-    reached from; a way over creases is longer. Label correcting, so the order of the nodes does not matter.
+    It grows from nodes with one candidate to nodes with two, which take the candidate nearer on the body to the node
+    that they are reached from; paths over creases count as longer. The algorithm is label correcting, so the order of
+    the nodes does not matter.
     """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
@@ -74,10 +76,10 @@ def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.nd
 
 
 def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
-    """The surface without the edges that a contact made; its ``skin`` is that of ``assign_skin``.
+    """Return the surface without the edges that a contact made; its ``skin`` is that of ``assign_skin``.
 
     A contact is a connected set of edges whose ends are far apart on the body; it is cut if at least half of them fold
-    inwards, step, or show skin that is expected just there.
+    inwards, step, or show skin at its expected place.
     """
     ring = _cut(surface.arrays, surface.skin, expected.arrays, np.float32(LEAST_STEP))
     return replace(surface, ring=ring)
@@ -85,7 +87,7 @@ def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
 
 @njit(cache=True, nogil=True)
 def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: np.float32) -> np.ndarray:
-    """The ring without the edges of contacts; skin (n,) int32 of ``Surface``."""
+    """Return the ring without the edges of contacts; skin (n,) int32 of ``Surface``."""
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
     seam = np.arange(count).astype(np.int32)  # union-find forest: the nodes of one contact
@@ -125,7 +127,7 @@ def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: n
 
 @njit(cache=True, nogil=True)
 def _near_skin(points: np.ndarray, node: Any, skin: SkinArrays, under: int) -> bool:
-    """Whether a node lies at the skin point that it shows."""
+    """Return whether a node lies at the skin point that it shows."""
     squared, along = np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[node, axis] - skin.points_m[under, axis]
@@ -136,7 +138,7 @@ def _near_skin(points: np.ndarray, node: Any, skin: SkinArrays, under: int) -> b
 
 @njit(cache=True, nogil=True)
 def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: np.float32) -> bool:
-    """Whether an edge leaves the skin of either end steeply."""
+    """Return whether an edge leaves the skin of either end steeply."""
     apart2, from_p, from_q = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[q, axis] - points[p, axis]
@@ -148,7 +150,7 @@ def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: 
 
 @njit(cache=True, nogil=True)
 def crease(points: np.ndarray, normals: np.ndarray, p: int, q: int) -> np.float32:
-    """By how much the skin folds inwards from p to q: the turn of the normal, radians, positive if concave."""
+    """Return how far the skin folds inwards from p to q: the turn of the normal, radians, positive if concave."""
     apart2, turn = np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[q, axis] - points[p, axis]

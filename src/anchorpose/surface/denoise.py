@@ -1,4 +1,4 @@
-"""Cleaning a depth frame before it is measured: its noise, edge-preserving smoothing, and no flying pixels.
+"""Clean a depth frame before it is measured: estimate its noise, smooth it, preserve edges, drop flying pixels.
 
 Raw sensor noise lengthens geodesics by about a tenth. All work is limited to the patient, who fills a tenth of the
 frame.
@@ -11,21 +11,22 @@ from typing import Any, Final
 import numpy as np
 from numba import njit
 
-MAD_TO_SIGMA: Final = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
+MAD_TO_SIGMA: Final = 1.4826  # factor from median absolute deviation to standard deviation of a normal distribution
 SECOND_DIFFERENCE_GAIN: Final = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1] over that of z
-MAX_STEP: Final = 0.02  # of the depth; larger than any sensor's steps: an edge of the body, not of its numbers
-QUANTISED_SHARE: Final = 0.3  # more equal neighbours than this: the depth steps are seen, not the noise
-RANGE_SIGMAS: Final = 6.0  # of the noise, where the biweight ends; twice the usual 3: the centre pixel is as noisy
-MAX_SLANT_DEG: Final = 76.0  # skin seen flatter than this is a few pixels wide; arms in front of the trunk jump more
-JUMP_SIGMAS: Final = 2.0  # of the raw noise; what smoothing leaves of it at an edge is about half
+MAX_STEP: Final = 0.02  # share of the depth; a larger step is an edge of the body, not a step between grey values
+QUANTISED_SHARE: Final = 0.3  # share of equal neighbours above which the spread shows the depth steps, not the noise
+# deviations of the noise at which the biweight ends; twice the usual 3, since the centre pixel is as noisy
+RANGE_SIGMAS: Final = 6.0
+MAX_SLANT_DEG: Final = 76.0  # skin at a flatter angle is a few pixels wide; arms in front of the trunk jump more
+JUMP_SIGMAS: Final = 2.0  # deviations of the raw noise; at an edge smoothing leaves about half of it
 
 
 def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
-    """Noise coefficient a of the frame: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
+    """Return the noise coefficient a: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
 
-    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool, the pixels to look at. The robust spread
-    of second differences along rows, or the height of the depth steps where those exceed the noise. 0 for a frame
-    without noise or with fewer than three readings in a row anywhere.
+    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool, the pixels to look at. It comes from the
+    robust spread of second differences along rows, or from the height of the depth steps where these exceed the noise.
+    It is 0 for a frame without noise or without three readings in a row.
     """
     bend, step, step_per_z2 = _differences(depth_m, mask)
     if len(bend) == 0:
@@ -34,12 +35,12 @@ def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
     if np.count_nonzero(step == 0) > QUANTISED_SHARE * len(step):
         stepped = step_per_z2[(step > 0) & (step <= MAX_STEP)]
         if len(stepped) > 0:
-            return max(noise, float(np.median(stepped)) / 2.0)  # what quantising hides each way
+            return max(noise, float(np.median(stepped)) / 2.0)  # the rounding error to each side
     return noise
 
 
 def denoise(depth_m: np.ndarray, mask: np.ndarray, noise: float | None = None, radius_px: int = 2) -> np.ndarray:
-    """Bilateral filter of the masked depth; pixels outside the mask or without reading are 0.
+    """Smooth the masked depth by a bilateral filter; pixels outside the mask or without reading are 0.
 
     depth_m (height, width) metres, 0 = no reading; mask (height, width) bool. noise: coefficient of
     ``estimate_noise``, estimated here when None; radius_px: of the window. Returns (height, width) float32 metres.
@@ -59,12 +60,12 @@ def denoise(depth_m: np.ndarray, mask: np.ndarray, noise: float | None = None, r
 
 
 def jump_coefficients(focal_px: float, noise: float) -> tuple[float, float]:
-    """(slope, spread): neighbours one pixel apart at depth z are on one skin up to ``slope * z + spread * z**2``."""
+    """Return (slope, spread): neighbouring pixels at depth z are on one skin up to ``slope * z + spread * z**2``."""
     return float(np.tan(np.radians(MAX_SLANT_DEG))) / focal_px, JUMP_SIGMAS * noise
 
 
 def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_support: int) -> np.ndarray:
-    """The depth without readings that hang in the air between two surfaces.
+    """Return the depth without readings that hang in the air between two surfaces.
 
     depth_m (height, width) float32 metres, 0 = no reading. A pixel stays when at least ``min_support`` of its eight
     neighbours are within the jump limit of ``jump_coefficients``.
@@ -75,7 +76,9 @@ def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_sup
 
 @njit(cache=True, nogil=True)
 def extent(mask: np.ndarray) -> tuple:
-    """(top, bottom, left, right), past the last, of the True entries of (height, width) bool; all 0 without any."""
+    """Return (top, bottom, left, right), past the last, of the True entries of (height, width) bool; all 0 without
+    any.
+    """
     height, width = mask.shape
     columns = np.zeros(width, np.uint8)
     top, bottom = height, 0
@@ -99,7 +102,9 @@ def extent(mask: np.ndarray) -> tuple:
 
 @njit(cache=True, nogil=True)
 def _span(depth: np.ndarray, row: int, left: int, right: int) -> tuple:
-    """(first, last), past the last, of the positive entries of a row between two columns; (right, right) for none."""
+    """Return (first, last), past the last, of the positive entries of a row between two columns; (right, right) for
+    none.
+    """
     while left < right and not depth[row, left] > 0:
         left += 1
     if left == right:
@@ -110,13 +115,15 @@ def _span(depth: np.ndarray, row: int, left: int, right: int) -> tuple:
 
 
 def _spatial(radius: int) -> np.ndarray:
-    """(side, side) float32 Gaussian weights whose spread is half the window."""
+    """Return (side, side) float32 Gaussian weights whose spread is half the window."""
     across = np.arange(-radius, radius + 1) ** 2
     return np.exp(-0.5 * (across[:, None] + across) / (0.5 * len(across)) ** 2).astype(np.float32)
 
 
 def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of three readings in a row about z: (k,) second difference over z**2, step over z, and step over z**2."""
+    """Return, for three readings in a row about z, (k,) second difference over z**2, step over z, and step over
+    z**2.
+    """
     top, bottom, left, right = extent(mask)
     inside = np.s_[top:bottom, left:right]
     reading = np.where(mask[inside], depth[inside], 0.0)
@@ -130,7 +137,7 @@ def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.nd
 def _bilateral(
     depth: np.ndarray, reach: Any, spatial: np.ndarray, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
-    """reach: where the biweight ends, metres per squared metre of depth. A row at once, neighbour by neighbour."""
+    """Filter row by row, neighbour by neighbour. reach: where the biweight ends, metres per squared metre of depth."""
     radius, width = len(spatial) // 2, depth.shape[1]
     smooth = np.zeros_like(depth)
     inverse, total, weights = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
@@ -163,7 +170,7 @@ def _add_tap(
     total: np.ndarray,
     weights: np.ndarray,
 ) -> None:
-    """Add one neighbour of each pixel of a row; unsigned, so that no index can mean one from the end.
+    """Add one neighbour of each pixel of a row; indices are unsigned, so that none can count from the end.
 
     own_place, tap_place: row and column of the first pixel, and of its neighbour.
     """
@@ -190,7 +197,7 @@ def _supported(
         first, last = _span(depth, row, left, right)
         for col in range(first, last):
             limit[col] = slope * depth[row, col] + spread * depth[row, col] * depth[row, col]
-            support[col] = -1  # itself
+            support[col] = -1  # leave out the pixel itself
         for i in range(max(0, row - 1), min(depth.shape[0], row + 2)):
             for j in range(-1, 2):
                 low, high = max(first, -j), min(last, width - j)
@@ -208,7 +215,7 @@ def _supported(
 def _count_tap(
     depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, limit: np.ndarray, support: np.ndarray
 ) -> None:
-    """One neighbour of each pixel of a row; unsigned, so that no index can mean one from the end."""
+    """Count one neighbour of each pixel of a row; indices are unsigned, so that none can count from the end."""
     for k in range(count):
         z = depth[i, there + k]
         support[at + k] += np.int32((z > np.float32(0.0)) & (abs(z - depth[row, at + k]) <= limit[at + k]))

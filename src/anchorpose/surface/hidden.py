@@ -1,11 +1,12 @@
 """Assign seen nodes to the expected skin, and add the expected skin that no camera sees.
 
-Near each other in space is not near each other on the body: a hand lies on the trunk, a thigh against the other. Where
-two parts that are far apart on the body both come near a node, both are its candidates until the crease decides.
+Parts near each other in space need not be near each other on the body: a hand lies on the trunk, a thigh against the
+other. Where two parts that are far apart on the body are both near a node, both are its candidates until the crease
+decides.
 
 Expected skin is added where nothing was seen and nothing contradicts it, linked to the rim of what was seen. It is
-inferred, never a measurement: with it geodesics run as they do on the body, and it shows whether a limb continues.
-Registration, track tree and pictures of the patient use only what was seen.
+inferred, never a measurement: it lets geodesics run as they do on the body, and shows whether a limb continues.
+Registration, track tree and images of the patient use only seen nodes.
 """
 
 from __future__ import annotations
@@ -25,21 +26,21 @@ from anchorpose.surface.surface import HIDDEN_SKIN, ExpectedSkin, MeshArrays, Sk
 
 
 class Pinhole(NamedTuple):
-    """A camera as compiled kernels take it: T_camera_world (4, 4) float32; lens: ``lens_array``."""
+    """A camera in the form that compiled kernels take: T_camera_world (4, 4) float32; lens: ``lens_array``."""
 
     T_camera_world: np.ndarray
     lens: np.ndarray
 
 
 def pinhole(camera: Camera) -> Pinhole:
-    """The camera's pose and intrinsics; raises ValueError for a camera without pose."""
+    """Return the camera's pose and intrinsics; raises ValueError for a camera without pose."""
     T_camera_world = np.ascontiguousarray(invert_rigid(camera.require_pose()), dtype=np.float32)
     return Pinhole(T_camera_world, lens_array(camera.intrinsics))
 
 
 @njit(cache=True, nogil=True)
 def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32, np.float32, np.float32]:
-    """Row and column in pixels of one point, and its depth; NaN behind the camera and beyond the lens."""
+    """Return the row and column in pixels of one point, and its depth; NaN behind the camera and beyond the lens."""
     T_camera_world, lens = camera.T_camera_world, camera.lens
     x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
     for axis in range(3):
@@ -52,23 +53,25 @@ def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32
     return np.float32(row), np.float32(column), z
 
 
-REACH_M: Any = np.float32(0.12)  # from a node to the skin point it shows: so far off is a fast hand's prediction
-MAX_TURN_DEG: Final = 70.0  # between their normals; the far side of a wrist looks the other way
+REACH_M: Any = np.float32(0.12)  # from a node to the skin point it shows: the prediction of a fast hand is this far off
+MAX_TURN_DEG: Final = 70.0  # between their normals; the far side of a wrist faces the other way
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-OFF_PLANE_WEIGHT: Any = np.float32(3.0)  # of a distance along the normal: skin points are samples of a surface
-AMBIGUOUS_M: Any = np.float32(0.04)  # skin that is nearer by less may be the wrong one
-FAR_ON_BODY_M: Any = np.float32(0.12)  # two candidates farther apart leave open what a node shows
+OFF_PLANE_WEIGHT: Any = np.float32(3.0)  # weight of a distance along the normal: skin points are samples of a surface
+AMBIGUOUS_M: Any = np.float32(0.04)  # two skin points whose distances differ by less may be confused
+FAR_ON_BODY_M: Any = np.float32(0.12)  # candidates farther apart than this make a node ambiguous
 
-CELL_PX: Final = 6  # skin points are sorted into cells of so many pixels: 4 cm at 2.4 m, a little over their spacing
-LEAST_FACING: Any = np.float32(-0.5)  # skin turned more than 120 degrees off the optical axis is on the other side
-NARROWEST: Any = np.float32(0.75)  # of a pixel's span at the axis: rays slant, and nodes lie before the nearest skin
-MOST_CANDIDATES: Final = 128  # skin points kept for one node; there are about fifty within reach
+CELL_PX: Final = 6  # side of a cell of skin points: 4 cm at 2.4 m, slightly over their spacing
+# cosine; skin turned more than 120 degrees off the optical axis is on the other side
+LEAST_FACING: Any = np.float32(-0.5)
+# share of a pixel's span at the axis: rays slant, and nodes lie before the nearest skin
+NARROWEST: Any = np.float32(0.75)
+MOST_CANDIDATES: Final = 128  # skin points kept for one node; about fifty are within reach
 
 
 def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
-    """(k,) bool: skin points with skin beside them that is far away on the body; what nodes near them show is unclear.
+    """Return (k,) bool: skin points next to skin that is far away on the body; nodes near them are ambiguous.
 
-    Beside is within twice ``AMBIGUOUS_M``: where the prediction is off by more than half of that, some are not found.
+    Next to means within twice ``AMBIGUOUS_M``: where the prediction is off by more than half of this, some are missed.
     """
     skin = expected.arrays
     order = np.argsort(skin.points_m[:, 1])
@@ -78,9 +81,9 @@ def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
 
 
 def assign_skin(surface: Surface, camera: Camera, expected: ExpectedSkin, ambiguous: np.ndarray) -> Surface:
-    """One camera's surface with the skin point that each node shows, -1 where none is near.
+    """Return one camera's surface with the skin point that each node shows, -1 where none is near.
 
-    ambiguous (k,) of ``find_ambiguous_skin``.
+    ambiguous (k,): from ``find_ambiguous_skin``.
     """
     if len(surface) == 0:
         return surface
@@ -110,9 +113,10 @@ class SkinGrid(NamedTuple):
 def _candidates(
     mesh: MeshArrays, pixel: np.ndarray, skin: SkinArrays, ambiguous: np.ndarray, grid: SkinGrid
 ) -> np.ndarray:
-    """(n, 2) int32: the nearest skin point of each node, and if that is ambiguous the nearest far from it on the body.
+    """Return (n, 2) int32: the nearest skin point of each node and, if that is ambiguous, the nearest one far from it
+    on the body.
 
-    A node first looks around its own pixel, and then at all pixels that may be as near as what it found.
+    The search starts around the node's own pixel, then covers all pixels that may be as near as the point found.
     """
     points, landmarks, cols = mesh.points_m, skin.landmarks_m, grid.cols
     found = np.full((len(points), 2), -1, np.int32)
@@ -152,9 +156,9 @@ def _candidates(
 
 @njit(cache=True, nogil=True)
 def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any, squared: np.ndarray) -> None:
-    """How far a node is off some skin points, squared, along their normals counting more; inf if turned too far.
+    """Compute squared distances from a node to skin points, weighted along their normals; inf if turned too far.
 
-    First and last unsigned, so that no index can mean one from the end and this becomes vector instructions.
+    First and last are unsigned, so that no index can count from the end and the loop is vectorised.
     """
     points, normals = mesh.points_m, mesh.normals
     steep = OFF_PLANE_WEIGHT * OFF_PLANE_WEIGHT - np.float32(1.0)
@@ -170,7 +174,7 @@ def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any,
 
 @njit(cache=True, nogil=True)
 def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[int, int, int, int]:
-    """(top, bottom, left, right), past the last, of the cells within some pixels of a node."""
+    """Return (top, bottom, left, right), past the last, of the cells within some pixels of a node."""
     row, col, away = int(pixel[n, 0]), int(pixel[n, 1]), int(reach_px) + 1
     top, bottom = max(row - away, 0) // CELL_PX, (row + away) // CELL_PX + 1
     left, right = max(col - away, 0) // CELL_PX, (col + away) // CELL_PX + 1
@@ -179,7 +183,7 @@ def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[i
 
 @njit(cache=True, nogil=True)
 def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) -> SkinGrid:
-    """The skin points that face the camera and fall into its depth frame."""
+    """Return the skin points that face the camera and fall into its depth frame."""
     points, normals = skin.points_m, skin.normals
     T_camera_world, lens = camera
     cell, start = np.full(len(points), -1, np.int32), np.zeros(rows * cols + 1, np.int32)
@@ -212,9 +216,9 @@ def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) ->
 
 @njit(cache=True, nogil=True)
 def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """(k,) bool: ``find_ambiguous_skin`` for skin points sorted by their second coordinate.
+    """Return (k,) bool: ``find_ambiguous_skin`` for skin points sorted by their second coordinate.
 
-    place (3, k), landmarks (k, l) float32. Points within the radius of one follow each other.
+    place (3, k), landmarks (k, l) float32. Points within the radius of a point are contiguous.
     """
     x, y, z = place[0], place[1], place[2]
     radius = np.float32(2.0) * AMBIGUOUS_M
@@ -224,7 +228,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
         while end < len(x) and y[end] - y[a] <= radius:
             end += 1
         count = 0
-        for b in range(a + 1, end):  # no branch: every tenth would be guessed wrong
+        for b in range(a + 1, end):  # no branch: every tenth would be mispredicted
             squared = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
             near[count] = b
             count += int(squared < radius * radius)
@@ -236,19 +240,19 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     return marked
 
 
-SEEN_THROUGH_M: Any = np.float32(0.05)  # a reading so far behind a skin point shows that no skin is there
+SEEN_THROUGH_M: Any = np.float32(0.05)  # a reading this far behind a skin point shows that no skin is there
 STRETCH: Any = np.float32(0.98)  # paths over neighbours, and over their neighbours, are 2 % longer than straight ones
 
 
 def add_hidden_skin(
     surface: Surface, expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]
 ) -> Surface:
-    """The surface with the hidden skin as further nodes, after the seen ones: no grid, all links.
+    """Return the surface with hidden skin as further nodes, after the seen ones: they have links, but no grid.
 
     depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point that no node
-    shows and some camera sees through is left out. Nodes at the rim of what is seen are linked to the skin point that
-    they show, which then becomes a node too, even if a camera sees through it: there the outline is predicted some
-    pixels too wide.
+    shows and some camera sees through is left out. Nodes at the rim of the seen surface are linked to the skin point
+    that they show, which then becomes a node too, even if a camera sees through it: there the predicted outline is a
+    few pixels too wide.
     """
     body, first = expected.map, len(surface)
     absent = _seen_through(expected, depths_m, cameras)
@@ -274,7 +278,7 @@ def add_hidden_skin(
 
 
 def _seen_through(expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]) -> np.ndarray:
-    """(k,) bool: skin points that are not there, for a camera sees what is behind them."""
+    """Return (k,) bool: skin points that are not there, since a camera sees farther surfaces."""
     absent = np.zeros(len(expected.points_m), np.bool_)
     for depth, camera in zip(depths_m, cameras, strict=True):
         _mark_seen_through(expected.points_m, pinhole(camera), depth, absent)
@@ -283,7 +287,7 @@ def _seen_through(expected: ExpectedSkin, depths_m: Sequence[np.ndarray], camera
 
 @njit(cache=True, nogil=True)
 def _mark_seen_through(skin: np.ndarray, camera: Pinhole, depth: np.ndarray, absent: np.ndarray) -> None:
-    """Mark in ``absent`` (k,) the skin points in front of what the camera reads."""
+    """Mark in ``absent`` (k,) the skin points in front of the camera's readings."""
     for k in range(len(skin)):
         high, left, z = into_camera(camera, skin, k)
         if z <= 0.0:
@@ -295,7 +299,8 @@ def _mark_seen_through(skin: np.ndarray, camera: Pinhole, depth: np.ndarray, abs
 
 class Seen(NamedTuple):
     """The seen nodes: points_m (n, 3) float32; skin (n,) int32: the skin point that each shows, -1 unknown; rim (n,)
-    bool: without a whole ring; piece (n,) int32: the connected piece of mesh."""
+    bool: nodes without a whole ring; piece (n,) int32: connected piece of mesh.
+    """
 
     points_m: np.ndarray
     skin: np.ndarray
@@ -314,7 +319,8 @@ class Paths(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """place (k,): the new node of each skin point, -1 for none; shown (k,): the piece of mesh that shows it, -1 none.
+    """Return place (k,), the new node of each skin point, -1 for none; and shown (k,), the piece of mesh that shows it,
+    -1 for none.
 
     A skin point that the mesh shows becomes a node next to hidden ones and where a rim shows it.
     """
@@ -350,9 +356,9 @@ def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np
 
 @njit(cache=True, nogil=True)
 def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 2) links among new nodes and from the rim to them; (m,) float32 their lengths.
+    """Return links (m, 2) among new nodes and from the rim to them, and their lengths (m,) float32.
 
-    Between two that one piece of mesh shows there is none: the mesh leads from one to the other.
+    Two skin points shown by one piece of mesh are not linked: the mesh connects them.
     """
     skin, skin_points, pairs, via = seen.skin, paths.points_m, paths.pairs, paths.via
     most = len(pairs) + len(skin)

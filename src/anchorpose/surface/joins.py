@@ -1,6 +1,6 @@
-"""Links between parts of the surface that the depth frame cuts apart although the body is one.
+"""Link parts of the surface that the depth frame separates although the body is one.
 
-A bar in front of the shins hides a strip of leg, it does not cut the leg; a chin stands in front of the neck.
+A bar in front of the shins hides a strip of leg but does not cut the leg; a chin stands in front of the neck.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from scipy.spatial import KDTree
 from anchorpose.surface.links import add_links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
-MAX_DEPARTURE: Final = 0.35  # from either tangent plane, over the width: a shin bends less, two legs far more
+MAX_DEPARTURE: Final = 0.35  # from either tangent plane, over the gap's width: a shin bends less, two legs far more
 SLACK_M: Final = 0.015  # soft tissue and noise beside a narrow bar
-MARGIN_PX: Final = 4  # readings lost or removed beside the bar
+MARGIN_PX: Final = 4  # pixels of readings lost or removed beside the bar
 
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
 """Row and column offset of ring places E, NE, N, NW: every pair of grid neighbours once."""
 
-SPREAD: Final = 1.5  # the seam is where the jump is within half of its smallest; elsewhere the pieces merely overlap
+# times the smallest jump, up to which a pair belongs to the seam; elsewhere the pieces merely overlap
+SPREAD: Final = 1.5
 
 
 def bridge_pairs(
@@ -33,11 +34,11 @@ def bridge_pairs(
     focal_px: float,
     config: SurfaceConfig,
 ) -> np.ndarray:
-    """Pairs of nodes that face each other across hidden pixels, along rows, columns and diagonals.
+    """Return pairs of nodes that face each other across hidden pixels, along rows, columns and diagonals.
 
     index (rows, cols) int32: node on the grid of every ``step``-th pixel, -1 = none; hidden (height, width) bool:
-    pixels where equipment stands in front of whatever is behind; points_m (n, 3), n > 0, and normals float32, camera
-    frame; focal_px: the longer focal length. Returns (m, 2) int32.
+    pixels hidden by equipment; points_m (n, 3), n > 0, and normals float32, camera frame; focal_px: the longer focal
+    length. Returns (m, 2) int32.
     """
     step, max_width_m = config.step, config.bridge_max_width_m
     spacing_m = step * float(points_m[:, 2].min()) / focal_px  # the smallest distance of two neighbours on the grid
@@ -56,7 +57,9 @@ def _facing_pairs(
     margin: int,
     max_width: float,
 ) -> np.ndarray:
-    """``bridge_pairs``, walking at most ``longest`` grid cells, of which 2 ``margin`` at each end may hide nothing."""
+    """Compute ``bridge_pairs`` for at most ``longest`` grid cells, of which 2 ``margin`` at each end need not be
+    hidden.
+    """
     rows, cols = index.shape
     pairs = np.empty((4 * len(points), 2), np.int32)
     count = 0
@@ -89,7 +92,7 @@ def _facing_pairs(
 
 @njit(cache=True, nogil=True)
 def _belong(points: np.ndarray, normals: np.ndarray, p: int, q: int, max_width: float) -> bool:
-    """Whether two nodes are near enough, look the same way and each lies near the tangent plane of the other."""
+    """Return whether two nodes are near enough, have similar normals, and each lies near the other's tangent plane."""
     width2, from_p, from_q, turn = 0.0, 0.0, 0.0, 0.0
     for axis in range(3):
         gap = np.float64(points[q, axis]) - np.float64(points[p, axis])
@@ -103,9 +106,10 @@ def _belong(points: np.ndarray, normals: np.ndarray, p: int, q: int, max_width: 
 
 
 def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
-    """One camera's surface, on the grid of every ``step``-th pixel, with its pieces joined where they come nearest.
+    """Return one camera's surface, on the grid of every ``step``-th pixel, with its pieces joined where they come
+    nearest.
 
-    Pieces that show known skin count as one: hidden skin joins them better than the shortest way would.
+    Pieces that show known skin count as one: hidden skin joins them better than the shortest gap would.
     """
     piece = pieces(surface)
     known = np.unique(piece[surface.skin >= 0])
@@ -121,9 +125,9 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
 
 
 def join_rest(surface: Surface, max_gap_m: float) -> Surface:
-    """The surface with seen pieces that nothing joins to the largest linked to it where they are nearest.
+    """Return the surface with seen pieces, which nothing joins to the largest, linked to it where they are nearest.
 
-    At most ``max_gap_m`` wide; what is farther off stays apart, and its distances inf.
+    Links are at most ``max_gap_m`` long; a piece farther away stays apart, with infinite distances.
     """
     seen = surface.seen_count
     if seen == 0:
@@ -147,11 +151,12 @@ def join_rest(surface: Surface, max_gap_m: float) -> Surface:
 
 
 def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_gap_m: float) -> np.ndarray:
-    """Pairs of grid neighbours that join pieces of surface into one where they come nearest, at most ``max_gap_m``.
+    """Return pairs of grid neighbours that join pieces of surface where they are nearest, at most ``max_gap_m``
+    apart.
 
     index (rows, cols) int32: node on the grid, -1 = none; points_m (n, 3); piece (n,) int32 of ``pieces``. Two pieces
-    are joined once, by the shortest way (Kruskal's rule), so that an arm before the trunk stays apart from it as long
-    as the shoulder holds it. Returns (m, 2) int32.
+    are joined once, by the shortest gap (Kruskal's rule), so that an arm before the trunk stays apart from it as long
+    as the shoulder connects them. Returns (m, 2) int32.
     """
     pair = _seams(index, piece)
     gap = np.linalg.norm(points_m[pair[:, 0]] - points_m[pair[:, 1]], axis=1)
@@ -168,7 +173,7 @@ def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_g
 
 
 def _seams(index: np.ndarray, piece: np.ndarray) -> np.ndarray:
-    """(k, 2) grid neighbours on different pieces."""
+    """Return pairs (k, 2) of grid neighbours on different pieces."""
     rows, cols = index.shape
     found = []
     for down, right in FORWARD:

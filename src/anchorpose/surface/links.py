@@ -1,4 +1,4 @@
-"""Links, the edges that the pixel grid does not have, and the connected pieces of a mesh.
+"""Handle links, the edges that the pixel grid does not have, and the connected pieces of a mesh.
 
 Links lead between cameras, across bars and over hidden skin.
 """
@@ -14,22 +14,23 @@ from anchorpose.surface.surface import MeshArrays, Surface
 
 
 def links(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """(l, 2) int32 every link once, the smaller index first, and (l,) float32 metres its length."""
+    """Return every link once, (l, 2) int32 with the smaller index first, and its length (l,) float32 in metres."""
     source = np.repeat(np.arange(len(surface), dtype=np.int32), np.diff(surface.link_start))
     once = source < surface.link_node
     return np.stack([source[once], surface.link_node[once]], axis=1), surface.link_length_m[once]
 
 
 def straight_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """(l,) float32: how far the nodes of each pair are apart."""
+    """Return the distance (l,) float32 between the nodes of each pair."""
     length: np.ndarray = np.linalg.norm(points_m[pairs[:, 0]] - points_m[pairs[:, 1]], axis=1).astype(np.float32)
     return length
 
 
 def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Undirected pairs (m, 2) with their lengths (m,) to compressed rows (link_start, link_node, link_length_m).
+    """Convert undirected pairs (m, 2) with lengths (m,) to compressed rows (link_start, link_node, link_length_m).
 
-    Symmetric, each link once a side, rows in the order of the pairs; of a pair given twice the shorter length counts.
+    The rows are symmetric (each link once per end), in the order of the pairs; of repeated pairs the shorter length
+    counts.
     """
     none = np.empty(0, np.int32)
     return _compress(
@@ -40,7 +41,8 @@ def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple
 def add_links(
     surface: Surface, pairs: np.ndarray, length_m: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The surface's own links, and after them those of ``compress_links``, for count nodes, of which it may have fewer.
+    """Return the surface's own links followed by those of ``compress_links``, for count nodes, at least the
+    surface's.
 
     pairs (m, 2) int32, length_m (m,) float32.
     """
@@ -56,7 +58,7 @@ def _compress(
     length: np.ndarray,
     count: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """own_start (o + 1,) of the first o nodes, whose rows are as they should be."""
+    """Append pairs to own_start (o + 1,), the rows of the first o nodes."""
     owners = len(own_start) - 1
     room = np.zeros(count + 1, np.int32)
     for n in range(owners):
@@ -79,7 +81,7 @@ def _compress(
             filled[here] += 1
     start, place = np.zeros(count + 1, np.int32), np.full(count, -1, np.int32)
     end = 0
-    for n in range(count):  # close the gaps that repeated pairs leave; place: each node's place in this row
+    for n in range(count):  # close the gaps left by repeated pairs; place: each node's place in this row
         for spot in range(room[n], room[n + 1]):
             there, metre = node[spot], metres[spot]
             if place[there] < start[n]:
@@ -92,13 +94,13 @@ def _compress(
 
 
 def pieces(surface: Surface) -> np.ndarray:
-    """(n,) int32: number of the connected piece that each node belongs to, in the order of the pieces' first nodes."""
+    """Return the number (n,) int32 of each node's connected piece, in the order of the pieces' first nodes."""
     return _connected_pieces(surface.arrays)
 
 
 @njit(cache=True, nogil=True)
 def _connected_pieces(mesh: MeshArrays) -> np.ndarray:
-    """``pieces``, compiled; the root of a piece is its first node.
+    """Compute ``pieces``, compiled; the root of a piece is its first node.
 
     Source: Tarjan 1975 (doi:10.1145/321879.321884), with path halving.
     """
@@ -135,7 +137,9 @@ def unite(root: np.ndarray, one: Any, other: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def find_root(root: np.ndarray, node: Any) -> Any:
-    """The root of a node's set; shortens the path to it. Nodes are int64 here and above: one compilation."""
+    """Return the root of a node's set, and shorten the path to it. Nodes are int64 throughout, for a single
+    compilation.
+    """
     while root[node] != node:
         root[node] = root[root[node]]
         node = root[node]

@@ -13,20 +13,21 @@ from anchorpose.surface.joins import bridge_pairs
 from anchorpose.surface.links import compress_links, links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
-TILE = 256  # pixels of a row at once; the sums of a tile, at fixed places in one array, stay in the nearest cache
+TILE = 256  # pixels of a row processed at once; a tile's sums, at fixed places in one array, stay in the fastest cache
 S, SU, SV, SUU, SUV, SVV, SW, SUW, SVW, LIMIT, NX, NY, NZ = (np.uint64(TILE * place) for place in range(13))
 
 
 def estimate_normals(
     depth_m: np.ndarray, rays: np.ndarray, pixel: np.ndarray, radius_px: int, slope: float, spread: float
 ) -> np.ndarray:
-    """Unit normals in the camera frame, towards the camera; NaN where fewer than three neighbours fix a plane.
+    """Return unit normals in the camera frame, towards the camera; NaN where fewer than three neighbours fix a
+    plane.
 
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
-    pixel (n, 2) int16 row and column, each with a reading, fastest in raster order. slope, spread: the jump limit per
-    pixel of ``jump_coefficients``. Returns (n, 3) float32. Raises ValueError on a pixel without a reading. A plane
-    has an inverse depth linear in the rays, so the fit is exact on planes however slanted, and with a noise that grows
-    with z**2 every pixel has the same variance in it.
+    pixel (n, 2) int16: row and column, each with a reading; raster order is fastest. slope, spread: the jump limit per
+    pixel of ``jump_coefficients``. Returns (n, 3) float32. Raises ValueError on a pixel without a reading. A plane's
+    inverse depth is linear in the rays, so the fit is exact for planes at any slant, and with noise that grows as z**2
+    all pixels have the same variance.
     """
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
     if not (depth[pixel[:, 0], pixel[:, 1]] > 0).all():
@@ -37,7 +38,7 @@ def estimate_normals(
 
 
 class Window(NamedTuple):
-    """The part of the depth frame that holds every reading, with a margin, so that no neighbour needs a test.
+    """The part of the depth frame that holds every reading, with a margin, so that neighbours need no bounds test.
 
     z, inverse (rows, cols) float32: depth and its inverse, both 0 without a reading; u, v (rows, cols) float32: rays.
     """
@@ -49,7 +50,7 @@ class Window(NamedTuple):
 
 
 def _window(depth: np.ndarray, rays: np.ndarray, margin: int) -> tuple[Window, int, int]:
-    """The window, and the row and column of the depth frame where it begins behind its margin."""
+    """Return the window, and the row and column of the depth frame where it begins inside its margin."""
     top, bottom, left, right = extent(depth > 0)
     shape = bottom - top + 2 * margin, right - left + 2 * margin + 1
     window = Window(*(np.zeros(shape, np.float32) for _ in range(4)))
@@ -64,7 +65,7 @@ def _window(depth: np.ndarray, rays: np.ndarray, margin: int) -> tuple[Window, i
 def _plane_normals(
     window: Window, pixel: np.ndarray, top: int, left: int, radius: int, slope: Any, spread: Any
 ) -> np.ndarray:
-    """Tile by tile: the sums of the neighbours of each pixel, and the planes that solve them."""
+    """Compute, tile by tile, the sums over the neighbours of each pixel, and the planes that solve them."""
     z = window.z
     normals = np.empty((len(pixel), 3), np.float32)
     sums = np.empty(13 * TILE, np.float32)
@@ -97,7 +98,9 @@ def _plane_normals(
 
 @njit(cache=True, nogil=True)
 def _tap_weight(i: int, j: int, radius: int) -> Any:
-    """Weight of a neighbour i rows and j columns away; 0 beyond the window, whose odd rows are taken two by two."""
+    """Return the weight of a neighbour i rows and j columns away; 0 beyond the window, whose odd rows are taken in
+    pairs.
+    """
     return np.float32(1.0 - (i**2 + j**2) / (2.0 * (radius + 1) ** 2)) if j <= radius else np.float32(0.0)
 
 
@@ -105,10 +108,11 @@ def _tap_weight(i: int, j: int, radius: int) -> Any:
 def _add_taps(
     window: Window, sums: np.ndarray, own_place: Any, tap_place: Any, count: Any, apart: Any, weight: Any
 ) -> None:
-    """Two neighbours of each pixel, about that pixel's own ray and inverse depth, which keeps float32 exact.
+    """Add two neighbours of each pixel, relative to the pixel's own ray and inverse depth, which keeps float32
+    exact.
 
-    own_place, tap_place: row and column of the tile's first pixel, and of its first neighbour a; b is one to the right.
-    apart, weight: of a and of b: distance in pixels, for the jump limit, and weight.
+    own_place, tap_place: row and column of the tile's first pixel, and of its first neighbour a; b is the next to the
+    right. apart, weight: distance in pixels (for the jump limit) and weight of a and b.
     """
     (apart_a, apart_b), (weight_a, weight_b) = apart, weight
     z, inverse, u, v = window
@@ -137,7 +141,9 @@ def _add_taps(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> None:
-    """Plane a u + b v + c = 1 / z in the camera's own rays; NaN where the pixels seen are one, or a line of them."""
+    """Solve the plane a u + b v + c = 1 / z in the camera's own rays; NaN where the seen pixels are on a point or
+    line.
+    """
     _, inverse, u, v = window
     for k in range(count):
         s, su, sv = np.float64(sums[S + k]), np.float64(sums[SU + k]), np.float64(sums[SV + k])
@@ -153,7 +159,7 @@ def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> N
         sums[NX + k], sums[NY + k], sums[NZ + k] = a / length, b / length, c / length
 
 
-NORMAL_RADIUS_PX: Final = 3  # a plane over 4 cm at 2.4 m: wider than wrinkles, narrower than a wrist
+NORMAL_RADIUS_PX: Final = 3  # pixels; a plane over 4 cm at 2.4 m: wider than wrinkles, narrower than a wrist
 
 RING = np.array([[0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0], [1, 1]], dtype=np.int64)
 """Row and column offset of the eight ring places, E NE N NW W SW S SE."""
@@ -169,7 +175,7 @@ def build_surface(
     """Smooth, mesh and orient the masked pixels of one depth frame; nodes in the world frame.
 
     depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the patient. bridge (height, width) bool:
-    pixels where equipment hides what is behind; None = nothing is bridged. Pieces of surface smaller than
+    pixels hidden by equipment; None = nothing is bridged. Pieces of surface smaller than
     ``min_piece_m2`` are left out, and so are nodes without a normal. An empty mask gives a surface of no nodes.
     Raises ValueError on frames of another size than the camera's, or a camera without pose.
     """
@@ -200,20 +206,21 @@ def build_surface(
 
 
 def edges(surface: Surface) -> np.ndarray:
-    """(e, 2) int32: every edge once, grid edges and links, the smaller index first."""
+    """Return every edge once, (e, 2) int32 with the smaller index first: grid edges and links."""
     return np.concatenate([grid_edges(surface), links(surface)[0]])
 
 
 def grid_edges(surface: Surface) -> np.ndarray:
-    """(e, 2) int32: every edge of the grid once, the smaller index first."""
+    """Return every edge of the grid once, (e, 2) int32 with the smaller index first."""
     node, place = np.nonzero(surface.ring[:, :4] >= 0)
     return np.sort(np.stack([node, surface.ring[node, place]], axis=1), axis=1).astype(np.int32)
 
 
 def faces(surface: Surface) -> np.ndarray:
-    """(f, 3) int32 triangles, counter-clockwise as the camera sees them; each cell of the grid is cut one way.
+    """Return triangles (f, 3) int32, counter-clockwise as the camera sees them; each grid cell is cut along one
+    diagonal.
 
-    Links carry no triangles. A cell takes the diagonal that gives more triangles, on a tie the one down to the right.
+    Links have no triangles. A cell takes the diagonal that gives more triangles, on a tie the one down to the right.
     """
     right, down_left, down, down_right = surface.ring[:, 0], surface.ring[:, 5], surface.ring[:, 6], surface.ring[:, 7]
     left = surface.ring[:, 4]
@@ -243,7 +250,9 @@ def faces(surface: Surface) -> np.ndarray:
 
 
 def keep_nodes(surface: Surface, keep: np.ndarray) -> Surface:
-    """The part of a surface where keep (n,) bool is true; edges to nodes left out are gone, the order stays."""
+    """Return the part of a surface where keep (n,) bool is true; edges to dropped nodes are removed, the order
+    stays.
+    """
     if keep.all():
         return surface
     old = np.flatnonzero(keep)
@@ -272,7 +281,9 @@ def _refuse_wrong_size(camera: Camera, *frames: np.ndarray | None) -> None:
 
 
 def _grid_nodes(depth: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
-    """index (rows, cols) int32, -1 = no node; pixel (n, 2) int16 row and column of the whole depth frame."""
+    """Return index (rows, cols) int32, -1 = no node, and pixel (n, 2) int16: row and column in the whole depth
+    frame.
+    """
     present = depth[::step, ::step] > 0.0
     pixel = np.argwhere(present)
     index = np.full(present.shape, -1, np.int32)
@@ -281,14 +292,16 @@ def _grid_nodes(depth: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _place_nodes(depth: np.ndarray, rays: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-    """(n, 3) float32 camera frame."""
+    """Return the places (n, 3) float32 in the camera frame."""
     row, col = pixel.T
     z = depth[row, col]
     return np.stack([rays[row, col, 0] * z, rays[row, col, 1] * z, z], axis=1)
 
 
 def _moved(T_target_source: np.ndarray, vectors: np.ndarray, point: float) -> np.ndarray:
-    """(n, 3) float32: points turned and shifted (point 1), or directions turned (point 0), in double precision."""
+    """Return (n, 3) float32 points turned and shifted (point 1), or directions turned (point 0), in double
+    precision.
+    """
     x, y, z = vectors.T.astype(np.float64)
     moved = [row[0] * x + row[1] * y + row[2] * z + point * row[3] for row in T_target_source[:3]]
     return np.stack(moved, axis=1).astype(np.float32)
@@ -303,7 +316,9 @@ def _large_pieces(surface: Surface, patch_m2: np.ndarray, min_piece_m2: float) -
 def _link_ring(
     depth: np.ndarray, index: np.ndarray, pixel: np.ndarray, ring: np.ndarray, step: int, slope: float, spread: float
 ) -> np.ndarray:
-    """Neighbours that every pixel step on the way confirms; a single lost reading on the way may not hide a jump."""
+    """Link neighbours if every pixel step between them confirms it; a single lost reading between may not hide a
+    jump.
+    """
     rows, cols = index.shape
     linked = np.full((len(pixel), 8), -1, np.int32)
     for node in range(len(pixel)):
@@ -314,7 +329,7 @@ def _link_ring(
             i, j = here_row + down, here_col + right
             if i < 0 or i >= rows or j < 0 or j >= cols or index[i, j] < 0:
                 continue
-            far = max(own, depth[i * step, j * step])  # of both, so that the test is the same both ways
+            far = max(own, depth[i * step, j * step])  # the larger of both, so that the test is symmetric
             limit = slope * far + spread * far * far
             last, whole = own, True
             for walk in range(1, step + 1):

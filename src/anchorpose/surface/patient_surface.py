@@ -1,7 +1,7 @@
 """Turn one frame's labelled depth images into the patient's surface: mesh, cut, fuse the cameras, add hidden skin.
 
-Of two nodes on the same skin the one goes that its camera sees less squarely or from farther off. A border of two rings
-stays, and there every node is linked to the corners of the other camera's cell that it falls into.
+Of two nodes on the same skin, the node that its camera sees less squarely or from farther away is dropped. A border of
+two rings of them is kept, and each of its nodes is linked to the corners of the other camera's cell that contains it.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geo
 from anchorpose.threads import each
 
 MAX_OFF_PLANE_M: Any = np.float32(0.015)  # along the normal: clothes and noise; an arm before the trunk is farther
-MAX_TURN_DEG: Final = 60.0  # cameras 45 degrees apart see normals of the same skin turned by noise only
+MAX_TURN_DEG: Final = 60.0  # normals of the same skin differ only by noise between cameras 45 degrees apart
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-MAX_ON_BODY_M: Any = np.float32(0.09)  # a thigh against the other is farther, skin points 3 cm apart blur less
+# a thigh against the other is farther; the blur of skin points 3 cm apart is less
+MAX_ON_BODY_M: Any = np.float32(0.09)
 
 
 def fuse(
@@ -35,11 +36,11 @@ def fuse(
     expected: ExpectedSkin | None = None,
     config: SurfaceConfig | None = None,
 ) -> Surface:
-    """One surface of all cameras' nodes, in the order given, without those that another camera sees better.
+    """Join all cameras' nodes to one surface, in the order given, without nodes that another camera sees better.
 
     surfaces: one per camera, each in the world frame, as from ``build_surface``. ``camera`` of the result numbers the
     arguments. expected: the skin that ``skin`` of the surfaces refers to; nodes that show skin far apart on the body
-    are never the same. Raises ValueError where cameras or the expected skin are missing.
+    are never merged. Raises ValueError where cameras or the expected skin are missing.
     """
     config = config or SurfaceConfig()
     if len(surfaces) != len(cameras) or len(surfaces) == 0:
@@ -68,7 +69,7 @@ def fuse(
 
 
 def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
-    """All nodes, each surface's own links, nothing between the cameras."""
+    """Return all nodes with each surface's own links, and no links between cameras."""
     return Surface(
         points_m=np.concatenate([surface.points_m for surface in surfaces]),
         normals=np.concatenate([surface.normals for surface in surfaces]),
@@ -87,8 +88,10 @@ def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
 
 
 class Nodes(NamedTuple):
-    """All cameras' nodes: points_m, normals (n, 3) float32; inner (n,) bool: with a whole ring; skin (n,) int32: the
-    skin point that each shows; dropped (n,) bool: seen better by another camera; landmarks_m (k, l) float32."""
+    """All cameras' nodes: points_m, normals (n, 3) float32; inner (n,) bool: nodes with a whole ring; skin (n,) int32:
+    the skin point that each shows; dropped (n,) bool: nodes that another camera sees better; landmarks_m (k, l)
+    float32.
+    """
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -99,7 +102,9 @@ class Nodes(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """node (rows, cols) int32: a camera's node at every ``step``-th pixel, -1 where there is none."""
+    """A camera's nodes on their grid: node (rows, cols) int32, one at every ``step``-th pixel, -1 where there is
+    none.
+    """
 
     node: np.ndarray
     step: int
@@ -113,10 +118,10 @@ def _same_skin(
     cameras: tuple[Camera, Camera],
     config: SurfaceConfig,
 ) -> np.ndarray:
-    """(m, 2) int32 pairs: each node of the source with the corners of the target's cell that it falls into.
+    """Return pairs (m, 2) int32: each node of the source with the corners of the target's cell that contains it.
 
-    source, target (2,): first node and the one after the last; cameras: theirs. Marks in ``dropped`` the nodes of the
-    source that the target's camera sees better.
+    source, target (2,): first node and the one after the last; cameras: those of source and target. Marks in
+    ``dropped`` the nodes of the source that the target's camera sees better.
     """
     begin, end = target.tolist()
     if source[0] == source[1] or begin == end:
@@ -131,7 +136,7 @@ def _same_skin(
 
 
 def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
-    """Pixels between neighbours on the grid the surface was made from."""
+    """Return the pixels between neighbours on the grid the surface was made from."""
     east = np.flatnonzero(ring[:, 0] >= 0)
     if len(east) == 0:
         return 1
@@ -139,14 +144,14 @@ def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
 
 
 def _lengths_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """(m,) float32, added up in single precision."""
+    """Return the lengths (m,) float32, summed in single precision."""
     x, y, z = (points_m[pairs[:, 0]] - points_m[pairs[:, 1]]).T
     length: np.ndarray = np.sqrt(x**2 + y**2 + z**2)
     return length
 
 
 def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
-    """(n,) bool: what stays: nodes that are not dropped, and two rings around them to link them to."""
+    """Return (n,) bool: the nodes to keep, which are not dropped or within two rings of such nodes."""
     stay = ~dropped
     for _ in range(2):
         stay = stay | np.append(stay, False)[ring].any(axis=1)
@@ -157,7 +162,9 @@ def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
 def _pair_corners(
     nodes: Nodes, begin: int, end: int, grid: Grid, camera: Pinhole, eyes: np.ndarray, max_apart: np.float32
 ) -> np.ndarray:
-    """``_same_skin`` for the nodes from begin to end; eyes (2, 3) float32: positions of their camera and the other."""
+    """Compute ``_same_skin`` for the nodes from begin to end; eyes (2, 3) float32: positions of their camera and the
+    other.
+    """
     points, shown, step = nodes.points_m, nodes.skin, grid.step
     rows, cols = grid.node.shape
     pairs = np.empty((4 * (end - begin), 2), np.int32)
@@ -191,7 +198,7 @@ def _pair_corners(
 
 @njit(cache=True, nogil=True)
 def _far_on_body(landmarks: np.ndarray, one: int, other: int) -> bool:
-    """Whether two skin points are too far apart on the body to be the same; -1 is unknown and never is."""
+    """Return whether two skin points are too far apart on the body to be the same; unknown points (-1) never are."""
     if one < 0 or other < 0 or one == other:
         return False
     return bool(geodesic_lower_bound(landmarks, one, other) > MAX_ON_BODY_M)
@@ -199,7 +206,7 @@ def _far_on_body(landmarks: np.ndarray, one: int, other: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
-    """Whether two nodes are near, in each other's tangent planes, and turned alike."""
+    """Return whether two nodes are near each other, in each other's tangent planes, with similar normals."""
     points, normals = nodes.points_m, nodes.normals
     apart2, cosine, off_p, off_q = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     for axis in range(3):
@@ -214,7 +221,7 @@ def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
 
 @njit(cache=True, nogil=True)
 def _squareness(nodes: Nodes, p: int, q: int, eye: np.ndarray) -> np.float32:
-    """Readings that a camera at a place (3,) has for each square metre of skin at p and q, up to a constant."""
+    """Return how many readings a camera at a place (3,) has per square metre of skin at p and q, up to a constant."""
     points, normals = nodes.points_m, nodes.normals
     along, away2 = np.float32(0), np.float32(0)
     for axis in range(3):
@@ -230,11 +237,12 @@ def patient_surface(
     expected: ExpectedSkin | None = None,
     config: SurfaceConfig | None = None,
 ) -> Surface:
-    """The patient's surface of one frame: seen nodes of all cameras, then hidden skin where the body is expected.
+    """Build the patient's surface of one frame: seen nodes of all cameras, then hidden skin where the body is
+    expected.
 
     views: one per camera, in the order of the cameras; a blank one for a camera without a depth frame. expected: the
     patient's predicted skin; without it bars are bridged and pieces joined by their planes and distances, nothing is
-    cut, and nothing hidden is added.
+    cut, and no hidden skin is added.
     """
     config = config or SurfaceConfig()
     if expected is None or not config.by_body:
@@ -248,7 +256,7 @@ def patient_surface(
 
 
 def _bridged_mesh(view: View, camera: Camera, config: SurfaceConfig) -> Surface:
-    """What one camera sees of the patient, joined across what hides them."""
+    """Mesh one camera's view of the patient, joined across objects in front."""
     mesh = build_surface(view.depth_m, view.patient, camera, config, view.hidden_by_equipment)
     return join_pieces(mesh, config.step, config.max_join_m)
 
@@ -256,13 +264,13 @@ def _bridged_mesh(view: View, camera: Camera, config: SurfaceConfig) -> Surface:
 def _cut_mesh(
     view: View, camera: Camera, expected: ExpectedSkin, ambiguous: np.ndarray, config: SurfaceConfig
 ) -> Surface:
-    """What one camera sees of the patient, cut where parts of the expected body touch."""
+    """Mesh one camera's view of the patient, cut where parts of the expected body touch."""
     mesh = build_surface(view.depth_m, view.patient, camera, config)
     mesh = cut_contacts(assign_skin(mesh, camera, expected, ambiguous), expected)
     return join_pieces(mesh, config.step, config.max_join_m)
 
 
 def blank_view(camera: Camera) -> View:
-    """What a camera without a depth frame shows: nothing."""
+    """Return the view of a camera without a depth frame, which shows nothing."""
     shape = camera.height, camera.width
     return View(np.zeros(shape, np.float32), np.full(shape, PixelLabel.NO_READING, np.uint8))

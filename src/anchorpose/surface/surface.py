@@ -1,6 +1,6 @@
 """The surface mesh M = {V, E} (paper, Section III), organised as the camera's pixel grid, and its settings.
 
-Also the patient's skin where it is predicted: what the surface may know of the body before it is registered.
+The module also has the patient's predicted skin, which is what is known of the body before registration.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from pydantic import Field
 from anchorpose.settings import Count, NotNegative, Positive, settings
 
 HIDDEN_SKIN: Final = 255
-"""``Surface.camera`` of a node that no camera saw."""
+"""Camera number of a node that no camera saw."""
 
 
 @settings
 class SurfaceConfig:
-    """From labelled depth images to one surface."""
+    """Settings of the step from labelled depth images to one surface."""
 
     by_body: bool = True  # the predicted body cuts and closes the mesh; False: the depth images alone, as in the paper
     step: Count = 2  # pixels per node: 13 mm at 2.4 m; 3 mm more geodesic error than 1, in a quarter of the time
@@ -34,7 +34,7 @@ class SurfaceConfig:
 
 
 class MeshArrays(NamedTuple):
-    """The mesh as compiled kernels take it: the fields of ``Surface`` of the same names, each in one C-ordered block.
+    """The mesh as compiled kernels take it: fields of ``Surface`` with the same names, each in one C-ordered block.
 
     points_m, normals (n, 3), link_length_m (m,) float32; ring (n, 8), link_start (n + 1,), link_node (m,) int32.
     """
@@ -69,7 +69,7 @@ class Nodes:
 
 
 def join_nodes(parts: Sequence[Nodes]) -> Nodes:
-    """Return the nodes of all parts, one part after another."""
+    """Join the nodes of all parts, one part after another."""
     nowhere = np.zeros((0, 3), np.float32)
     empty = Nodes(nowhere, nowhere, np.zeros(0, np.uint8), np.zeros((0, 2), np.int16))
     return Nodes(*(np.concatenate([getattr(one, name) for one in (empty, *parts)]) for name in Nodes.__slots__))
@@ -80,12 +80,11 @@ class Surface(Nodes):
     """Nodes on the patient's skin and the edges between them, from one camera or several.
 
     camera, pixel: ``HIDDEN_SKIN`` and -1 of a node that no camera saw: such nodes are inferred, come last, and only
-    lead geodesics from one seen place to another.
-    ring (n, 8) int32: the node's neighbours on its camera's grid in circular order (E, NE, N, NW, W, SW, S, SE), -1
-    where there is none. Consecutive neighbours that both exist form a triangle with the node.
-    link_start (n + 1,) int32, link_node (m,) int32 and link_length_m (m,) float32: edges that the grid does not have,
-    to nodes of other cameras and across what hides the skin, compressed rows, symmetric.
-    skin (n,) int32: the expected skin point that the node shows, -1 where that is unknown.
+    lead geodesics from one seen place to another. ring (n, 8) int32: the node's neighbours on its camera's grid in
+    circular order (E, NE, N, NW, W, SW, S, SE), -1 where there is none. Consecutive neighbours that both exist form a
+    triangle with the node. link_start (n + 1,) int32, link_node (m,) int32 and link_length_m (m,) float32: edges
+    outside the grid, to nodes of other cameras and across hidden skin, as symmetric compressed rows. skin (n,) int32:
+    the expected skin point that the node shows, -1 where unknown.
     """
 
     ring: np.ndarray
@@ -96,12 +95,12 @@ class Surface(Nodes):
 
     @property
     def seen_count(self) -> int:
-        """How many nodes a camera saw: these come first."""
+        """Return the number of nodes that a camera saw; these come first."""
         return int(np.searchsorted(self.camera == HIDDEN_SKIN, True))
 
     @property
     def arrays(self) -> MeshArrays:
-        """Nodes and edges for compiled kernels."""
+        """Return the nodes and edges for compiled kernels."""
         return MeshArrays(
             np.ascontiguousarray(self.points_m, dtype=np.float32),
             np.ascontiguousarray(self.normals, dtype=np.float32),
@@ -113,7 +112,7 @@ class Surface(Nodes):
 
 
 def seen_part(surface: Surface) -> Surface:
-    """The nodes that a camera saw, with the edges and links among them."""
+    """Return the nodes that a camera saw, with the edges and links among them."""
     count = surface.seen_count
     if count == len(surface):
         return surface
@@ -135,11 +134,11 @@ def seen_part(surface: Surface) -> Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyMap:
-    """Distances along the body between k sampled skin points, whatever of it is seen; they hold in every pose.
+    """Distances along the body between k sampled skin points, seen or not; they hold in every pose.
 
     landmarks_m (k, l) float32: geodesic distance of each point to l landmarks: the paper's descriptor (Definition 3) on
-    the body itself. pairs (e, 2) int32: neighbours; via (e,) int32: the neighbour of both that a pair's path leads over
-    (of direct neighbours the first one itself); straight (e,) float32: the pair's distance over that path's length.
+    the body itself. pairs (e, 2) int32: neighbours; via (e,) int32: the common neighbour that a pair's path passes (for
+    direct neighbours the first of the two); straight (e,) float32: the pair's distance over its path's length.
     """
 
     landmarks_m: np.ndarray
@@ -158,7 +157,9 @@ class SkinArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedSkin:
-    """points_m, normals (k, 3) float32, world: where the skin is expected, outwards; map: of the same k points."""
+    """The skin where it is expected: points_m, normals (k, 3) float32, world, pointing outwards; map: of the same k
+    points.
+    """
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -166,7 +167,7 @@ class ExpectedSkin:
 
     @property
     def arrays(self) -> SkinArrays:
-        """Places and distances for compiled kernels."""
+        """Return places and distances for compiled kernels."""
         return SkinArrays(
             np.ascontiguousarray(self.points_m, dtype=np.float32),
             np.ascontiguousarray(self.normals, dtype=np.float32),
@@ -176,12 +177,12 @@ class ExpectedSkin:
 
 @njit(cache=True, nogil=True)
 def geodesic_lower_bound(landmarks: np.ndarray, a: Any, b: Any) -> np.float32:
-    """Lower bound of the distance of two skin points along the body's mesh, by the triangle inequality.
+    """Return a lower bound of the distance of two skin points along the body's mesh, by the triangle inequality.
 
     landmarks (k, l) float32 of ``BodyMap``.
     """
     most = np.float32(0.0)
     for k in range(landmarks.shape[1]):
         apart = abs(landmarks[a, k] - landmarks[b, k])
-        most = apart if apart > most else most  # not max(), of which the compiler makes no vector instructions
+        most = apart if apart > most else most  # max() would not be vectorised
     return most

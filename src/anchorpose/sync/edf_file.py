@@ -1,4 +1,4 @@
-"""Signals of a file in EDF, EDF+ or BDF, in seconds since its start."""
+"""Read signals of a file in EDF, EDF+ or BDF, in seconds since its start."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ REMEDY: Final = "export it again as continuous EDF or EDF+"
 
 
 def read_edf(path: Path) -> OtherFile:
-    """Signals by their labels, a stream per sampling rate; annotations are markers, by their texts.
+    """Read the signals by their labels, one stream per sampling rate; annotations are markers, named by their texts.
 
     Raises InputError where it is not EDF, MissingPackage without pyedflib.
     """

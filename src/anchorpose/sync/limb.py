@@ -1,4 +1,4 @@
-"""What an inertial sensor on a segment of the body would measure, by the tracked joints."""
+"""Compute what an inertial sensor on a segment of the body would measure, from the tracked joints."""
 
 from __future__ import annotations
 
@@ -27,22 +27,25 @@ SEGMENTS: Final = {
         for side in ("Left", "Right")
     },
 }
-"""Each segment's upper and lower joint; the sensor is taken to sit midway, and axes are those of the lower joint."""
+"""Each segment's upper and lower joint; the sensor is assumed midway, and axes are those of the lower joint."""
 
 DIRECTION_ERROR_RAD: Final = 0.07
-"""Four degrees: thighs tracked in real recordings were off by 2.7 degrees in the median, 4.8 in the worst of twelve."""
+"""Error of a segment's direction, four degrees: thighs tracked in real recordings were off by 2.7 degrees in the
+median, 4.8 in the worst of twelve.
+"""
 
 GRAVITY_M_S2: Final = 9.81
 
 SMOOTHING_S: Final = 0.1
-"""Standard deviation of the kernel for joints and sensor alike. Tracked joints move by some millimetres from frame to
-frame, which two derivatives turn into metres per second squared; the kernel leaves 0.1 m/s2 of that."""
+"""Standard deviation of the kernel for joints and sensor alike. Tracked joints jitter by some millimetres between
+frames, which two derivatives turn into metres per second squared; the kernel leaves 0.1 m/s2."""
 
 
 def specific_force(joints: JointTable, segment: str) -> Signals:
-    """Acceleration without gravity's, m/s2, in the segment's axes: what an accelerometer on it measures.
+    """Return the specific force, m/s2, in the segment's axes: what an accelerometer on it measures (acceleration less
+    gravity).
 
-    values (g, 3), NaN in gaps. At rest it is gravity's reaction, upwards.
+    values (g, 3), NaN in gaps. At rest it is the reaction to gravity, upwards.
     """
     time_s, middle_m, axes = _motion(joints, segment)
     acceleration = _derivative(_derivative(middle_m)) + GRAVITY_M_S2 * UP
@@ -50,18 +53,20 @@ def specific_force(joints: JointTable, segment: str) -> Signals:
 
 
 def angular_velocity(joints: JointTable, segment: str) -> Signals:
-    """Angular velocity, rad/s, in the segment's axes: what a gyroscope on it measures. values (g, 3), NaN in gaps."""
+    """Return the angular velocity, rad/s, in the segment's axes: what a gyroscope on it measures. values (g, 3), NaN in
+    gaps.
+    """
     time_s, _, axes = _motion(joints, segment)
     rate = np.einsum("gij,gik->gjk", axes, _derivative(axes.reshape(-1, 9)).reshape(-1, 3, 3))
     return Signals(time_s, np.stack([rate[:, 2, 1], rate[:, 0, 2], rate[:, 1, 0]], axis=1))
 
 
 def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float) -> float:
-    """What errors of the segment's direction add to the sigma of an offset found from ``from_s`` to ``to_s``.
+    """Return the sigma that errors of the segment's direction add to an offset found from ``from_s`` to ``to_s``.
 
-    In a movement that goes one way, such as sitting down, a segment that is tracked too far forward in mid-way looks
-    as if it were early. Going back it looks late, so that only the change from the first posture to the last counts.
-    NaN where the segment is not known.
+    In a one-way movement, such as sitting down, a segment tracked too far forward midway seems early. On the way back
+    it seems late, so that only the change from the first to the last posture counts. It is NaN where the segment is
+    unknown.
     """
     time_s, _, axes = _motion(joints, segment)
     along = axes[(time_s >= from_s) & (time_s <= to_s)][:, :, 1]
@@ -73,7 +78,9 @@ def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float
 
 
 def _motion(joints: JointTable, segment: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times (g,) of the grid, and there the smoothed middle (g, 3) in metres and axes (g, 3, 3) of a segment."""
+    """Return the times (g,) of the grid, and there the smoothed middle (g, 3), metres, and axes (g, 3, 3) of a
+    segment.
+    """
     upper, lower = (JOINT_INDEX[name] for name in SEGMENTS[segment])
     middle_m = joints.position_m[:, [upper, lower]].mean(axis=1)
     axes = segment_axes(joints.position_m)[:, lower]
@@ -82,5 +89,5 @@ def _motion(joints: JointTable, segment: str) -> tuple[np.ndarray, np.ndarray, n
 
 
 def _derivative(values: np.ndarray) -> np.ndarray:
-    """Per second, of (g, k) on the grid."""
+    """Return the derivative per second of (g, k) on the grid."""
     return np.asarray(np.gradient(values, 1.0 / GRID_HZ, axis=0))

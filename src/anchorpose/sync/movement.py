@@ -1,6 +1,6 @@
 """Find another clock from the movement of one segment and the sensor that is strapped to it.
 
-How the sensor is mounted is not known. At each lag, the best rotation of its axes to those of the segment is found
+The sensor's mounting is unknown. At each lag, the best rotation of its axes to those of the segment is found
 (Schönemann 1966, doi:10.1007/BF02289451), so that the correlation does not depend on it. A sensor whose axes are
 left-handed is accepted, and a single axis is enough.
 """
@@ -24,34 +24,38 @@ from anchorpose.agreement.clock import (
 )
 
 LEAST_DRIFT_S: Final = 60.0
-"""Common seconds from which the drift is fitted: in less, an offset known to 5 ms says less of it than that clocks are
-accurate to 100 parts in a million."""
+"""Common seconds from which the drift is fitted: with less, the prior (100 parts in a million) is more precise than an
+offset known to 5 ms.
+"""
 
 LEAST_OVERLAP_S: Final = 1.5
 """Common seconds: the time of one movement, such as standing up."""
 
 SHORT_S: Final = 10.0
 LEAST_SHORT_CORRELATION: Final = 0.9
-"""In less common time, a movement resembles others by chance, and so much correlation is wanted. The right file had
-0.90 to 0.99 in four real recordings of 2.5 to 5 s."""
+"""Correlation required with less common time, since a short movement may match others by chance. The right file had
+0.90 to 0.99 in four real recordings of 2.5 to 5 s.
+"""
 
 LARGEST_MISFIT: Final = 0.7
-"""Of the mean acceleration in less common time, as a share of gravity. Movements of others may correlate after a
-rotation, but then gravity seldom points the right way and is seldom as large as it is. The right file had 0.15 to 0.67
-in fourteen real recordings."""
+"""Largest misfit of the mean acceleration with less common time, as a share of gravity. Other movements may correlate
+after a rotation, but then gravity seldom has the right direction and size. The right file had 0.15 to 0.67 in fourteen
+real recordings.
+"""
 
 SENSOR_SIGMA_S: Final = 0.01
-"""What skin and muscle under a sensor add to the sigma of the offset: the accelerometer and the gyroscope of one sensor
-on the thigh gave clocks 10 ms apart, in the recordings in which either was certain within 8 ms."""
+"""Sigma of the offset that skin and muscle under a sensor add: the accelerometer and the gyroscope of one sensor on the
+thigh gave clocks 10 ms apart, in recordings in which each was certain within 8 ms.
+"""
 
 ROUNDS: Final = 3
-"""Of clock and mounting in turn; both are near at the first."""
+"""Rounds of fitting clock and mounting alternately; both are nearly right in the first."""
 
 
 def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = None, has_gravity: bool = False) -> Clock:
-    """The sensor's clock: ours (g, 3) in the segment's axes, theirs (h, k), k of 1 to 3, in the sensor's.
+    """Find the sensor's clock: ours (g, 3) in the segment's axes, theirs (h, k), k of 1 to 3, in the sensor's.
 
-    Any unit does. near_s: an offset that is right within half a second, None where none is known. has_gravity: both are
+    Units are arbitrary. near_s: an offset that is right within half a second, None where unknown. has_gravity: both are
     accelerations of three axes. Raises NoCommonMovement where the best offset explains too little, or another one as
     much.
     """
@@ -74,9 +78,10 @@ def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = Non
 
 
 def rotated_correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Correlation at each lag of b (m, k) behind a (n, 3) after the best rotation, and how many samples it rests on.
+    """Return the correlation at each lag of b (m, k) behind a (n, 3) after the best rotation, and its number of
+    samples.
 
-    Rows with a NaN are left out. Lag index i means that a[j] goes with b[j + i - (n - 1)].
+    Rows with a NaN are left out. Lag index i pairs a[j] with b[j + i - (n - 1)].
     """
     (a, seen_a), (b, seen_b) = _centred(a), _centred(b)
     count = np.maximum(np.rint(_sums(seen_a, seen_b)), 0.0)
@@ -94,21 +99,22 @@ def rotated_correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _centred(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values without their mean, 0 where unknown, and (n,) 1.0 where a whole row is known."""
+    """Return the values less their mean, 0 where unknown, and (n,) 1.0 where a whole row is known."""
     seen = np.isfinite(values).all(axis=1)
     mean = values[seen].mean(axis=0) if seen.any() else 0.0
     return np.where(seen[:, None], np.nan_to_num(values - mean), 0.0), seen.astype(np.float64)
 
 
 def _sums(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(n + m - 1,) sums of products at each lag."""
+    """Return (n + m - 1,) sums of products at each lag."""
     return np.asarray(correlate(second, first, method="fft"))
 
 
 def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray, float]:
-    """(k, 3) rotation and scale that takes the sensor's axes and unit to the segment's, and the correlation then.
+    """Return the rotation and scale (k, 3) from the sensor's axes and unit to the segment's, and the correlation
+    then.
 
-    clock: one that is near. Raises NoCommonMovement where nothing is common.
+    clock: nearly right. Raises NoCommonMovement where nothing is common.
     """
     x, y = (each - each.mean(axis=0) for each in _in_common(ours, theirs, clock))
     u, common, vt = np.linalg.svd(y.T @ x, full_matrices=False)
@@ -117,13 +123,13 @@ def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray,
 
 
 def _mean_misfit(ours: Signals, turned: Signals, clock: Clock) -> float:
-    """Distance of the mean vectors over the mean size of ours; turned: theirs in our axes and unit."""
+    """Return the distance of the mean vectors over the mean size of ours; turned: theirs in our axes and unit."""
     x, y = _in_common(ours, turned, clock)
     return float(np.linalg.norm(x.mean(axis=0) - y.mean(axis=0)) / np.linalg.norm(x, axis=1).mean())
 
 
 def _in_common(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
-    """Ours (c, 3) and theirs (c, k) where both are known; raises NoCommonMovement where nothing is."""
+    """Return ours (c, 3) and theirs (c, k) where both are known; raises NoCommonMovement where there is none."""
     at_s = clock.reference_time_s(ours.time_s)
     found = np.stack([np.interp(at_s, theirs.time_s, y, np.nan, np.nan) for y in theirs.values.T], axis=1)
     both = np.isfinite(found).all(axis=1) & np.isfinite(ours.values).all(axis=1)

@@ -1,4 +1,4 @@
-"""Find another clock from pulses that both recorded: onsets in one are matched with onsets in the other."""
+"""Find another clock from pulses that both recorded, by matching the onsets."""
 
 from __future__ import annotations
 
@@ -11,37 +11,39 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.recording.recording import nearest_within
 
 MOST_PULSES: Final = 1000
-"""Of one file. More than that is a signal without pulses, or the clock of a camera, which says nothing of offsets."""
+"""Limit of a file's pulses. A signal with more has no pulses, or is a camera's clock, which does not determine
+offsets.
+"""
 
 LEAST_PULSES: Final = 3
-"""Matched pulses, where nothing else is known of the offset: two with the same distance are common by chance."""
+"""Matched pulses without prior knowledge of the offset: two with the same distance are common by chance."""
 
 ANCHORS: Final = 20
-"""Onsets of ours that offsets are tried with; a pulse that only one file has may be among them."""
+"""Number of our onsets with which offsets are tried; a pulse in only one file may be among them."""
 
 TOLERANCE_S: Final = 0.02
-"""Between matched onsets: the jitter of a marker that another program sends, and of a sample of a slow signal."""
+"""Largest difference of matched onsets: the jitter of markers from another program, and of a slow signal's samples."""
 
 LEAST_SHARE: Final = 0.5
-"""Of the pulses that either file has in the common time, to be matched."""
+"""Least share of the pulses in the common time, in either file, that must be matched."""
 
 RIVAL_SHARE: Final = 0.75
-"""Of the matched pulses: with so many at another offset, pulses are too evenly spaced to tell the two apart."""
+"""Share of the matched pulses that another offset may match: with more, pulses are too evenly spaced to decide."""
 
 LEAST_SIGMA_S: Final = 0.001
-"""Of one onset: a sample of a signal at 300 Hz, evenly distributed."""
+"""Standard deviation of one onset: a sample of a signal at 300 Hz, evenly distributed."""
 
 ROUNDS: Final = 5
-"""Of line and sigma in turn."""
+"""Rounds of fitting line and sigma alternately."""
 
 HIGH, LOW = 0.6, 0.4
 """Shares of the way from the lowest value to the highest: a pulse is above the first and has ended below the second."""
 
 
 def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """(p,) times at which pulses begin in a signal (n,) at times (n,); NaN is no pulse.
+    """Return the times (p,) at which pulses begin in a signal (n,) at times (n,); NaN is no pulse.
 
-    The rarer of its two levels is the pulse, so that pulses may go down. The onset lies midway between two samples,
+    The rarer of its two levels is the pulse, so pulses may go down. The onset lies midway between two samples,
     unless the signal rises slowly.
     """
     known = np.isfinite(values)
@@ -51,7 +53,8 @@ def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     level = (heights - heights.min()) / np.ptp(heights)
     level = 1.0 - level if (level > 0.5).mean() > 0.5 else level
     sample = np.arange(len(level))
-    clear = np.maximum.accumulate(np.where((level >= HIGH) | (level <= LOW), sample, 0))  # the last sample that is
+    # the last sample that is clearly high or low
+    clear = np.maximum.accumulate(np.where((level >= HIGH) | (level <= LOW), sample, 0))
     is_high = level[clear] >= HIGH
     begun = np.flatnonzero(is_high[1:] & ~is_high[:-1]) + 1
     below = np.maximum.accumulate(np.where(level < 0.5, sample, 0))[begun]
@@ -60,9 +63,9 @@ def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None = None) -> tuple[OtherClock, int]:
-    """The other clock, and how many pulses were matched; ours (n,) and theirs (m,) are onsets, rising.
+    """Find the other clock, and the number of matched pulses; ours (n,) and theirs (m,) are onsets, rising.
 
-    near_s: an offset that is right within half a second, None where none is known. Raises NoCommonMovement where too
+    near_s: an offset that is right within half a second, None where unknown. Raises NoCommonMovement where too
     few pulses match, or another offset matches nearly as many.
     """
     if not len(ours_s) or not len(theirs_s):
@@ -85,7 +88,7 @@ def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | N
 
 
 def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) -> np.ndarray:
-    """(c, 2) offsets and the times of ours at which they hold: each onset of theirs less an anchor of ours."""
+    """Return offsets and the times of ours at which they hold (c, 2): each onset of theirs less an anchor of ours."""
     anchors = ours_s[np.unique(np.linspace(0, len(ours_s) - 1, ANCHORS).astype(int))]
     tried = np.array([(theirs - anchor, anchor) for anchor in anchors for theirs in theirs_s])
     return tried if near_s is None else tried[np.abs(tried[:, 0] - near_s) <= RIVAL_DISTANCE_S]
@@ -94,7 +97,7 @@ def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) 
 def _matched(
     ours_s: np.ndarray, theirs_s: np.ndarray, offset_s: float, anchor_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (k,) of the onsets that match, ours and theirs; farther from the anchor clocks may have drifted."""
+    """Return the indices (k,) of matching onsets, ours and theirs; far from the anchor clocks may have drifted."""
     within_s = TOLERANCE_S + 2.0 * DRIFT_SIGMA * np.abs(ours_s - anchor_s)
     found = nearest_within(ours_s + offset_s, theirs_s, within_s)
     return np.flatnonzero(found >= 0), found[found >= 0]
@@ -114,11 +117,11 @@ def _require_enough(
 
 
 def _fitted(ours_s: np.ndarray, theirs_s: np.ndarray) -> OtherClock:
-    """The line through matched onsets (k,), of which the drift has a prior of 0 ± ``DRIFT_SIGMA``."""
+    """Fit a line through matched onsets (k,); the drift has a prior of 0 ± ``DRIFT_SIGMA``."""
     middle_s, ahead_s = float(ours_s.mean()), theirs_s - ours_s
     since_s, offset_s = ours_s - middle_s, float(ahead_s.mean())
     sigma_s, drift, information = TOLERANCE_S / 2.0, 0.0, DRIFT_SIGMA**-2
-    for _ in range(ROUNDS):  # the first knows no sigma yet
+    for _ in range(ROUNDS):  # the first round has no sigma yet
         information = float((since_s**2).sum()) / sigma_s**2 + DRIFT_SIGMA**-2
         drift = float((since_s * (ahead_s - offset_s)).sum()) / sigma_s**2 / information
         left_s = ahead_s - offset_s - drift * since_s

@@ -12,7 +12,9 @@ from anchorpose.sync.xdf_file import read_xdf
 
 
 def read_other(path: Path, time_column: str | None = None) -> OtherFile:
-    """Signals of a .csv, .xdf, .edf or .bdf; time_column as of ``read_csv``. Raises InputError for another ending."""
+    """Read the signals of a .csv, .xdf, .edf or .bdf; time_column as in ``read_csv``. Raises InputError for other
+    endings.
+    """
     ending = path.suffix.lower()
     if time_column is not None and ending != ".csv":
         raise InputError(path, "is not a CSV", "leave out --time")

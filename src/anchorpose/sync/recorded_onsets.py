@@ -1,4 +1,4 @@
-"""When shared pulses began on the clock of the recording: as a table of events or pulses states it."""
+"""Read when shared pulses began on the recording's clock, from a table of events or pulses."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EVENTS_REMEDY: Final = "give an events.tsv, whose first line begins with onset, 
 
 
 def recorded_onsets(path: Path, results: Path, joints: JointTable, column: str, kind: str | None) -> np.ndarray:
-    """(p,) seconds on the clock of the first camera, rising.
+    """Return (p,) seconds on the clock of the first camera, rising.
 
     path: an events.tsv, whose onsets count from the recording's first frame, or a .csv on the recording's clock, with
     the signal ``column``, or with times alone, one per pulse. kind: the trial_type to take, None for all. Raises
@@ -39,13 +39,13 @@ def recorded_onsets(path: Path, results: Path, joints: JointTable, column: str, 
 
 
 def _times(path: Path) -> np.ndarray:
-    """One time per line below the name."""
+    """Read one time per line below the name."""
     cells = read_text(path, LARGEST_TABLE).split()[1:]
     return np.unique([_number(path, cell) for cell in cells])
 
 
 def _events(path: Path, kind: str | None) -> np.ndarray:
-    """Onsets of the rows of events.tsv, of one trial_type or of all."""
+    """Return the onsets in an events.tsv, of one trial_type or of all."""
     lines = [line.split("\t") for line in read_text(path, LARGEST_TABLE).splitlines() if line.strip()]
     head = [name.strip() for name in lines[0]] if lines else []
     if not {"onset", "trial_type"} <= set(head):
@@ -70,7 +70,7 @@ def _number(path: Path, text: str) -> float:
 
 
 def first_frame_s(results: Path, joints: JointTable) -> float:
-    """When the recording began on the clock of its first camera; raises InputError where that is not known."""
+    """Return when the recording began on the clock of its first camera; raises InputError where unknown."""
     run: dict[str, Any] = read_run(results / RUN_FILE)
     if run.get("recorded"):
         return float(run["recorded"]["first_s"])

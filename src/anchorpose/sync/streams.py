@@ -1,4 +1,4 @@
-"""Signals of another device over time, as its file has them, and how one of them is named."""
+"""Hold the signals of another device over time as in its file, and find them by name."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from anchorpose.errors import InputError
 from anchorpose.options import DAY_S
 
 LARGEST_BYTES: Final = 2 * 2**30
-"""Of a file in XDF or EDF: 16 channels of EMG at 2 kHz take half a gigabyte in an hour, as floats."""
+"""Limit in bytes of a file in XDF or EDF: 16 channels of EMG at 2 kHz take half a gigabyte per hour as floats."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stream:
-    """Signals that share their times.
+    """Signals with common times.
 
     time_s (n,) float64, seconds of the device's clock, rising; channels: their names; values (n, k) float64 in the
     file's units, NaN where missing.
@@ -41,7 +41,7 @@ class Markers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherFile:
-    """What a file holds: streams of signals, and markers beside them; notes: sentences on what is not used."""
+    """The content of a file: streams of signals, and markers beside them; notes: sentences on unused content."""
 
     path: Path
     streams: tuple[Stream, ...]
@@ -50,7 +50,9 @@ class OtherFile:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Each channel's name; with its stream's before it, as ``STREAM/CHANNEL``, where two streams have the same."""
+        """Return each channel's name, prefixed by its stream, as ``STREAM/CHANNEL``, where two streams have the same
+        name.
+        """
         plain = [channel for stream in self.streams for channel in stream.channels]
         return tuple(
             channel if plain.count(channel) == 1 else f"{stream.name}/{channel}"
@@ -59,7 +61,9 @@ class OtherFile:
         )
 
     def take(self, wanted: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Times (n,) and values (n, wanted) of some channels; raises InputError unless one stream has all of them."""
+        """Return the times (n,) and values (n, wanted) of some channels; raises InputError unless one stream has all of
+        them.
+        """
         found = [self._place(name) for name in wanted]
         if len({place for place, _ in found}) > 1:
             problem = f"has {', '.join(wanted)} in streams of different times"
@@ -68,7 +72,7 @@ class OtherFile:
         return stream.time_s, stream.values[:, [column for _, column in found]]
 
     def _place(self, name: str) -> tuple[int, int]:
-        """Index of the stream and of the channel in it."""
+        """Return the index of the stream and of the channel in it."""
         places = [
             (place, column)
             for place, stream in enumerate(self.streams)
@@ -83,7 +87,7 @@ class OtherFile:
 
 
 def checked(path: Path, stream: Stream) -> Stream:
-    """The stream; raises InputError where its times cannot be those of a recording, or it has no value."""
+    """Return the stream; raises InputError where its times cannot be those of a recording, or it has no value."""
     where = f" of {stream.name}" if stream.name else ""
     if len(stream.time_s) < 2:
         raise InputError(path, f"has {len(stream.time_s)} samples{where}", "give the file of a movement")
@@ -106,7 +110,7 @@ def checked(path: Path, stream: Stream) -> Stream:
 
 
 def distinct(names: Sequence[str]) -> tuple[str, ...]:
-    """The names, with a number behind each that was there before."""
+    """Return the names, with a number after each repeated one."""
     found = list[str]()
     for name in names:
         others = (f"{name} {number}" for number in count(2))
@@ -115,8 +119,9 @@ def distinct(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def usable(path: Path, streams: Iterable[Stream], markers: Sequence[Markers], notes: Sequence[str]) -> OtherFile:
-    """The file with the streams that ``checked`` accepts, and a note on each other; raises InputError where nothing is
-    left."""
+    """Return the file with the streams that ``checked`` accepts, and a note on each other one; raises InputError where
+    none is left.
+    """
     kept, left_out = list[Stream](), list[InputError]()
     for stream in streams:
         try:

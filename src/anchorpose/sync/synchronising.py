@@ -1,4 +1,4 @@
-"""Find the clock of another device's file by one of the ways to do so."""
+"""Find the clock of another device's file by movement, pulses or time stamps."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from anchorpose.sync.recorded_onsets import first_frame_s, recorded_onsets
 from anchorpose.sync.streams import OtherFile
 
 MOVEMENT, PULSES, STAMPS = "movement", "pulses", "stamps"
-"""How a clock was found, in clock.json."""
+"""Ways in which a clock was found, as in clock.json."""
 
 STAMP_SIGMA_S: Final = 0.02
-"""An image is stamped when it arrives, 10 to 50 ms after it was taken."""
+"""Sigma of a time stamp: an image is stamped when it arrives, 10 to 50 ms after it was taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Synchronised:
     """Results and another file with the clock that joins them.
 
-    method: how it was found; compared: what with what; notes: sentences on what the user should know.
+    method: how it was found; compared: the two compared things; notes: sentences for the user.
     """
 
     results: Path
@@ -58,7 +58,9 @@ def synchronise(results: Path, other: Path, settings: SyncSettings) -> Synchroni
 
 
 def _way(settings: SyncSettings) -> str:
-    """The option that says what to compare; raises AnchorposeError unless it is one, with all that it needs."""
+    """Return the option that selects the comparison; raises AnchorposeError unless exactly one is given, with all that
+    it needs.
+    """
     given = [way for way in WAYS if getattr(settings, way)]
     if len(given) != 1:
         instead = f", not {' and '.join(f'--{way}' for way in given)} together" if given else ""
@@ -72,7 +74,7 @@ def _way(settings: SyncSettings) -> str:
 
 def _by_movement(results: Path, joints: JointTable, other: OtherFile, settings: SyncSettings) -> Synchronised:
     segment = settings.segment
-    assert segment is not None  # _way
+    assert segment is not None  # checked in _way
     names = settings.acceleration or settings.gyroscope
     measured = specific_force if settings.acceleration else angular_velocity
     ours, theirs = measured(joints, segment), on_grid(*other.take(names), SMOOTHING_S)
@@ -102,7 +104,7 @@ def _short(clock: Clock) -> tuple[str, ...]:
 
 def _by_pulses(results: Path, joints: JointTable, other: OtherFile, settings: SyncSettings) -> Synchronised:
     path, name = settings.pulse_times, settings.pulses
-    assert path is not None  # _way
+    assert path is not None  # checked in _way
     assert name is not None
     ours_s, theirs_s = recorded_onsets(path, results, joints, name, settings.pulse_type), other_onsets(other, name)
     for file, onsets_s in ((path, ours_s), (other.path, theirs_s)):
@@ -119,7 +121,9 @@ def _by_pulses(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def other_onsets(other: OtherFile, name: str) -> np.ndarray:
-    """(p,) onsets of a stream of markers, or of the pulses of a signal; raises InputError where there is neither."""
+    """Return the onsets (p,) of a stream of markers, or of a signal's pulses; raises InputError where neither
+    exists.
+    """
     markers = [each for each in other.markers if each.name == name]
     if markers:
         return np.unique(np.concatenate([each.time_s for each in markers]))
@@ -129,7 +133,7 @@ def other_onsets(other: OtherFile, name: str) -> np.ndarray:
 
 def _by_stamps(results: Path, joints: JointTable, other: OtherFile, settings: SyncSettings) -> Synchronised:
     recording = settings.stamps
-    assert recording is not None  # _way
+    assert recording is not None  # checked in _way
     path = recording / RECORDING_FILE
     start = read_document(path, RecordingDocument).start
     if start is None or start.lsl_s is None:
@@ -151,7 +155,7 @@ def _by_stamps(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def _common(joints: JointTable, other: OtherFile, offset_s: float) -> tuple[float, float]:
-    """Our times from which to which both recorded; raises InputError where they did not at any time."""
+    """Return our times between which both recorded; raises InputError where there are none."""
     times_s = [*(each.time_s for each in other.streams), *(each.time_s for each in other.markers)]
     ends = [each[[0, -1]] - offset_s for each in times_s]
     from_s = max(float(joints.time_s[0]), min(float(first) for first, _ in ends))
@@ -170,4 +174,4 @@ WAYS: Final[dict[str, Way]] = {
     "pulses": _by_pulses,
     "stamps": _by_stamps,
 }
-"""By the option that says what to compare."""
+"""The functions by the option that selects the comparison."""

@@ -35,7 +35,7 @@ SYNC: Final = FolderKind("a synchronisation", (CLOCK_FILE,), (CLOCK_FILE, JOINTS
 OWN_COLUMNS: Final = ("frame", "time_s", "other_time_s")
 
 SEVERAL: Final = 2.0
-"""Samples per frame from which a signal is averaged over the frame's time: fewer are interpolated."""
+"""Samples per frame from which a signal is averaged over the frame's time; with fewer it is interpolated."""
 
 
 def write_sync(folder: Path, found: Synchronised, overwrite: bool = False) -> None:
@@ -58,7 +58,9 @@ def write_sync(folder: Path, found: Synchronised, overwrite: bool = False) -> No
 
 
 def clock_document(found: Synchronised) -> dict[str, Any]:
-    """What clock.json holds: the other clock shows t + offset_s + 1e-6 drift_ppm (t - at_s) at our time t."""
+    """Return the content of clock.json: the other clock shows t + offset_s + 1e-6 drift_ppm (t - at_s) at our time
+    t.
+    """
     clock = found.clock
     correlation = getattr(clock, "correlation", None)
     return {
@@ -81,10 +83,11 @@ def clock_document(found: Synchronised) -> dict[str, Any]:
 
 
 def signal_table(found: Synchronised) -> pa.Table:
-    """frame, time_s, other_time_s, and of each signal its value at the joints' times; null where there is none.
+    """Return a table with frame, time_s, other_time_s, and each signal's value at the joints' times; null where
+    missing.
 
-    A signal with several samples per frame has its mean over the frame's time, and a column NAME_rms with the root of
-    the mean square, which is what EMG is read by; any other is interpolated. Raises InputError where a name is taken.
+    A signal with several samples per frame has its mean over the frame's time, and a column NAME_rms with the root mean
+    square, as is usual for EMG; other signals are interpolated. Raises InputError where a name is taken.
     """
     time_s = found.joints.time_s
     other_s, step_s = found.clock.reference_time_s(time_s), usual_step_s(time_s)
@@ -104,7 +107,9 @@ def signal_table(found: Synchronised) -> pa.Table:
 
 
 def _averaged(stream: Stream, at_s: np.ndarray, step_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and root mean square (m, k) of the samples within half a step of each time (m,); NaN where there is none."""
+    """Return mean and root mean square (m, k) of the samples within half a step of each time (m,); NaN where there are
+    none.
+    """
     first, end = (np.searchsorted(stream.time_s, at_s + side * 0.5 * step_s) for side in (-1, 1))
     known = np.isfinite(stream.values)
     centre = np.nanmean(np.where(known, stream.values, np.nan), axis=0)  # keeps the sums small
@@ -119,7 +124,7 @@ def _averaged(stream: Stream, at_s: np.ndarray, step_s: float) -> tuple[np.ndarr
 
 
 def _events(found: Synchronised) -> Iterator[tuple[float, tuple[str, ...]]]:
-    """(onset, cells of events.tsv) of the trials, episodes and contacts that the results have."""
+    """Yield (onset, cells of events.tsv) of the trials, episodes and contacts in the results."""
     files = [name for name in (TRIALS_FILE, EPISODES_FILE, CONTACTS_FILE) if (found.results / name).is_file()]
     require_own(found.results, files)
     if TRIALS_FILE in files:

@@ -1,4 +1,4 @@
-"""Streams of an XDF file, as LabRecorder writes them, on the clock of the computer that recorded it."""
+"""Read streams of an XDF file, as LabRecorder writes them, on the clock of the recording computer."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ REMEDY: Final = "give a file that LabRecorder or another program has written as 
 
 
 def read_xdf(path: Path) -> OtherFile:
-    """Streams of numbers as signals, streams of texts as markers; times are corrected by the clock offsets in the file.
+    """Read streams of numbers as signals, streams of texts as markers; times are corrected by the file's clock
+    offsets.
 
-    Raises InputError where it is not XDF or holds nothing, MissingPackage without pyxdf.
+    Raises InputError where it is not XDF or is empty, MissingPackage without pyxdf.
     """
     try:
         import pyxdf
@@ -40,7 +41,7 @@ def read_xdf(path: Path) -> OtherFile:
                 for name, each in zip(names, streams, strict=True)
                 if not _has_numbers(each)
             ]
-        except Exception as error:  # the library raises whatever comes of damaged bytes
+        except Exception as error:  # the library raises arbitrary errors for damaged bytes
             reason = (str(error).splitlines() or [type(error).__name__])[0][:80]
             raise InputError(path, f"cannot be read as XDF ({reason})", REMEDY) from None
     notes = [f"{path.name} is damaged, and what is whole was read ({damaged[0][:80]})"] if damaged else []
@@ -60,7 +61,7 @@ def _require_xdf(path: Path) -> None:
 
 @contextmanager
 def _complaints() -> Iterator[list[str]]:
-    """What the library logs about damage, which would otherwise go to the terminal."""
+    """Yield the library's log messages about damage, which would otherwise go to the terminal."""
     found = list[str]()
 
     class Keeper(logging.Handler):
@@ -94,7 +95,7 @@ def _signals(name: str, stream: Any) -> Stream:
 
 
 def _labels(stream: Any, count: int) -> tuple[str, ...]:
-    """Those of the header where each channel has one, otherwise ch1, ch2 and so on."""
+    """Return the labels of the header if each channel has one, otherwise ch1, ch2 and so on."""
     try:
         channels = stream["info"]["desc"][0]["channels"][0]["channel"]
         found = [str(each["label"][0]) for each in channels]

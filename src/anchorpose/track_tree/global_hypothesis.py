@@ -1,4 +1,4 @@
-"""Find the pairs of the best branches over two to four frames, and what they say about the pose (paper, Section IV)."""
+"""Find the pairs of the best branches over two to four frames, and the constraints on the pose (paper, Section IV)."""
 
 from __future__ import annotations
 
@@ -29,15 +29,16 @@ from anchorpose.track_tree.tree import Support, TrackResult, TreeConfig, best_br
 
 PART_REACH_M = 0.08  # a node farther from the skin moves with no part
 PAIR_SIGMA_M = 0.04  # the descriptor's own error: 17 to 40 mm with the best subset
-ANCHOR_SIGMA_M = 0.05  # the paper's bound on the anchors' localisation
+ANCHOR_SIGMA_M = 0.05  # the paper's bound on the anchors' localisation error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GlobalHypothesis:
-    """The best branch's pairs: node (m,) of frame t, part (m,) bone, point (m,) skin point, and where it goes.
+    """The best branch's pairs: node (m,) of frame t, part (m,) bone, point (m,) skin point, and its place in frame t +
+    1.
 
-    matched_m (m, 3) node of t + 1, NaN where missed; predicted_m (m, depth, 3) what the motion dynamics expected, which
-    is used there instead: ``tree.support`` states where, and why.
+    matched_m (m, 3): node of t + 1, NaN where missed; predicted_m (m, depth, 3): expectation of the motion dynamics,
+    used where missed; ``tree.support`` states where and why.
     """
 
     node: np.ndarray
@@ -49,12 +50,14 @@ class GlobalHypothesis:
 
     @property
     def matched_share(self) -> float:
-        """Share of the nodes whose place in the next frame some subset of anchors supports; 0 where there are none."""
+        """Return the share of nodes whose place in the next frame some subset of anchors supports; 0 where there are
+        none.
+        """
         return float((self.tree.support == Support.MATCHED).mean()) if len(self.node) else 0.0
 
 
 class SeenFrame(Protocol):
-    """A frame as the tree looks at it; descriptor (n, 5): of the nodes of its surface, as in ``anchor_descriptor``."""
+    """A frame as the tree needs it; descriptor (n, 5): of its surface's nodes, as in ``anchor_descriptor``."""
 
     @property
     def surface(self) -> Surface: ...
@@ -65,10 +68,10 @@ class SeenFrame(Protocol):
 
 
 def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: GateConfig) -> Matcher:
-    """The hypotheses of a frame's nodes in the next, a column for each subset of the anchors found in both.
+    """Return the hypotheses of a frame's nodes in the next, one column per subset of the anchors found in both.
 
-    With all five anchors and three in a subset that is ten; with fewer anchors than a subset needs, the one subset of
-    all of them; with none, no column.
+    Five anchors in subsets of three give ten columns; with fewer anchors than a subset needs there is one subset with
+    all of them; with no anchor there is no column.
     """
     if config.feature is Feature.POSITION:
         nearest = nearest_hypotheses(now.surface, following.surface, gate)
@@ -94,7 +97,7 @@ def global_hypothesis(
     """Build, score and search the tree from the first frame of the window over the others.
 
     predicted: one pose for each frame after the first; node_count: source nodes of the tree. A node moves with the part
-    that it lies on.
+    on which it lies.
     """
     source = window[0].surface
     chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), node_count)).astype(np.int64))
@@ -112,8 +115,9 @@ def global_hypothesis(
 
 
 def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """The matches of the chosen nodes, then, level by level, with those of the nodes that the level before leads to;
-    and what each match costs."""
+    """Return the matches of the chosen nodes, then, level by level, those of the nodes that they lead to, with their
+    costs.
+    """
     matches = [links[0].ask(chosen)]
     for link_ in links[1:]:
         before = matches[-1]
@@ -123,7 +127,7 @@ def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndar
 
 
 def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """(m, depth, 3): where nodes go that move with their parts from one pose to the predicted ones."""
+    """Return (m, depth, 3): places of nodes that move with their parts from one pose to the predicted ones."""
     T_world_rest = body.transforms(pose)
     places = np.empty((len(nodes_m), len(predicted), 3))
     for level, later in enumerate(predicted):
@@ -133,7 +137,7 @@ def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarr
 
 
 def part_motion(T_world_rest_now: np.ndarray, T_world_rest_next: np.ndarray) -> np.ndarray:
-    """tau^(t,t+1): (b, 4, 4) T_next_now of every part."""
+    """Return the motion tau^(t,t+1): (b, 4, 4) T_next_now of every part."""
     return T_world_rest_next @ np.linalg.inv(T_world_rest_now)
 
 
@@ -149,7 +153,7 @@ def held_by(
 def pairs_of(
     now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> Constraints:
-    """The tree's pairs as rows, carried from the node to the skin point beside it."""
+    """Return the tree's pairs as rows, transferred from the node to the skin point beside it."""
     found = np.isfinite(hypothesis.matched_m).all(axis=1)
     point, part = hypothesis.point[found], hypothesis.part[found]
     nodes = window[0].surface.points_m[hypothesis.node[found]].astype(np.float64)
@@ -160,7 +164,8 @@ def pairs_of(
 def skin_places(
     now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> np.ndarray:
-    """(m, 3) where the skin point beside each node goes: to the node's match, less their distance along the skin.
+    """Return (m, 3) the target of the skin point beside each node: the node's match, less their distance along the
+    skin.
 
     The distance off the skin is not kept, so a body that has drifted from the surface is brought back. NaN where the
     node is missed.
@@ -182,7 +187,7 @@ def joints_by_parts(
 ) -> np.ndarray:
     """Return the joints (21, 3) in the second frame, every part registered by the paper's ICP and the rule J.
 
-    The points of the skin go to their ``skin_places``. Parts without evidence keep their predicted motion.
+    Skin points are moved to their ``skin_places``. Parts without evidence keep their predicted motion.
     """
     now, point, part = pose_points(body, pose), hypothesis.point, hypothesis.part
     T_predicted = part_motion(now.transforms, body.transforms(predicted))

@@ -1,6 +1,6 @@
-"""Subset hypotheses: where a node may be in the next frame (paper, Section IV, track tree construction).
+"""Make subset hypotheses: where a node may be in the next frame (paper, Section IV, track tree construction).
 
-The gate: how far apart the descriptors of one skin point may be in two frames (paper, error analysis; Section V).
+The gate is how far apart the descriptors of one skin point may be in two frames (paper, error analysis; Section V).
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from anchorpose.track_tree.matching import Target, hold_subset, match_all, sort_
 
 
 class Feature(StrEnum):
-    """What shows that two nodes are the same place on the skin."""
+    """The evidence that two nodes are the same place on the skin."""
 
     GEODESIC = "geodesic"  # distances to the anchors (paper, Definition 3)
-    POSITION = "position"  # nearness to where the node was: what is left without a descriptor, for comparison
+    POSITION = "position"  # nearness to the node's former place: used without a descriptor, for comparison
 
 
 @settings
 class HypothesisConfig:
-    """How hypotheses are made."""
+    """Settings of how hypotheses are made."""
 
     feature: Feature = Feature.GEODESIC
     subset_size: Count = 3  # N_S, anchors per hypothesis; three suffice (paper, Section IV-D); 5: all in one hypothesis
@@ -38,7 +38,9 @@ class HypothesisConfig:
 
 @settings
 class GateConfig:
-    """e_max = e_1 + e_2: largest change of a descriptor between two frames by anchor jitter and surface noise."""
+    """Settings of the gate e_max = e_1 + e_2: largest change of a descriptor between two frames by anchor jitter and
+    surface noise.
+    """
 
     anchor_bound_m: NotNegative = 0.020  # e_1, m: 3 cm with e_2 at 1 m; the paper's 5 cm matched a quarter worse
     surface_bound_per_m: NotNegative = 0.010  # e_2, m per m of path to the anchor: geodesic noise left after smoothing
@@ -47,7 +49,7 @@ class GateConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
-    """For each source node, one possible match per subset of anchors; a missed one is a value, not an error.
+    """For each source node, one possible match per subset of anchors; a missed match is a value, not an error.
 
     match (m, s) int32: node of the next surface, -1 = nothing within the gate. subsets (s, n_s) int: anchor indices.
     """
@@ -57,10 +59,10 @@ class Hypotheses:
 
 
 def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
-    """S_A,m: every subset of ``size`` of the found anchors, as rows of anchor indices in ascending order.
+    """Return S_A,m: every subset of ``size`` of the found anchors, as rows of anchor indices in ascending order.
 
     found (5,) bool: anchors found in both frames. Returns (C(N_A, size), size) int64; with fewer anchors than ``size``
-    the one subset of all of them, with none a (0, size) array. Three suffice (paper, Section IV-D).
+    one subset with all of them, with no anchor a (0, size) array. Three suffice (paper, Section IV-D).
     """
     if size < 1:
         raise ValueError(f"size must be at least 1, got {size}")
@@ -71,7 +73,8 @@ def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
 
 
 def error_bound(descriptor: np.ndarray, subsets: np.ndarray, config: GateConfig) -> np.ndarray:
-    """(m, s) float32: e_max in metres for every node and subset of anchors, linear in distance (paper, Section V).
+    """Return e_max (m, s) float32 in metres for every node and subset of anchors, linear in distance (paper, Section
+    V).
 
     descriptor (m, 5) metres; subsets (s, n_s) of anchor indices, whose mean distance counts. NaN or inf where a
     distance is missing or unreachable: an unknown distance has no bound.
@@ -88,14 +91,14 @@ def match_hypotheses(
     predicted_m: np.ndarray | None = None,
     config: GateConfig | None = None,
 ) -> Hypotheses:
-    """The match of every source node under every subset: the node of psi closest to the average position of psi.
+    """Match every source node under every subset: return the node of psi closest to the average position of psi.
 
     source_descriptor (m, 5), target_descriptor (n, 5) float32 metres, NaN = missed anchor, inf = unreachable: neither
     is ever within the gate. subsets (s, n_s) of ``anchor_subsets``. predicted_m (m, 3) world: where each source node is
-    expected in the target frame; psi is then searched within ``search_radius_m`` of it, and a node whose prediction
-    is NaN has no match. Without it psi is searched on the whole surface, as the paper does: some four times slower.
-    psi(v) holds the nodes whose descriptor distance over the subset is below ``error_bound``.
-    Source: the paper, Section IV (error analysis: psi and its average) and Section V (track tree construction).
+    expected in the target frame; psi is then searched within ``search_radius_m`` of it, and a node whose prediction is
+    NaN has no match. Without it psi is searched on the whole surface, as in the paper, which is about four times
+    slower. psi(v) holds the nodes whose descriptor distance over the subset is below ``error_bound``. Source: the
+    paper, Section IV (error analysis: psi and its average) and Section V (track tree construction).
     """
     config = config or GateConfig()
     _refuse_mismatch(source_descriptor, target_surface, target_descriptor, subsets, predicted_m)
@@ -116,9 +119,9 @@ def match_hypotheses(
 
 
 def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> Hypotheses:
-    """One hypothesis per node, by position: the nearest node of the target within ``search_radius_m``, else missed.
+    """Match each node by position: the nearest node of the target within ``search_radius_m``, else missed.
 
-    It rests on no anchor, so its one subset is empty.
+    It uses no anchor, so its one subset is empty.
     """
     match = np.full((len(source), 1), -1, np.int32)
     if len(source) and len(target):
@@ -128,21 +131,24 @@ def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> 
 
 
 class Matcher:
-    """The matches of one frame's nodes in the next, each computed once, when it is first asked for.
+    """The matches of one frame's nodes in the next, each computed when first needed.
 
     With several cameras the track tree reaches only half of the nodes.
     """
 
     def __init__(self, find: Callable[[np.ndarray], np.ndarray], node_count: int, subsets: np.ndarray) -> None:
-        """find: the matches (k, s) of some nodes (k,), whatever others are asked for with them; subsets (s, n_s)."""
+        """Take ``find``, which returns the matches (k, s) of nodes (k,), independent of other nodes; subsets (s,
+        n_s).
+        """
         self.subsets = subsets
-        self.match = np.full((node_count, len(subsets)), -1, np.int32)  # as in Hypotheses, -1 also where not yet asked
-        self.cost_m = np.zeros((node_count, len(subsets)), np.float32)  # of each match beside its distance, metres
+        # as in ``Hypotheses``; also -1 where not computed yet
+        self.match = np.full((node_count, len(subsets)), -1, np.int32)
+        self.cost_m = np.zeros((node_count, len(subsets)), np.float32)  # cost of each match beside its distance, metres
         self._asked = np.zeros(node_count, dtype=bool)
         self._find = find
 
     def ask(self, nodes: np.ndarray) -> np.ndarray:
-        """(k, s) int32 matches of the nodes (k,), in any order and any of them repeated."""
+        """Return the matches (k, s) int32 of the nodes (k,), in any order, with repetitions allowed."""
         wanted = np.zeros(len(self.match), dtype=bool)
         wanted[nodes] = True
         new = np.flatnonzero(wanted & ~self._asked)
@@ -152,7 +158,7 @@ class Matcher:
         return self.match[nodes]
 
     def all(self) -> Hypotheses:
-        """The hypotheses of every node."""
+        """Return the hypotheses of every node."""
         return Hypotheses(self.ask(np.arange(len(self.match))), self.subsets)
 
 

@@ -1,4 +1,4 @@
-"""The match of every node under every subset of anchors, compiled."""
+"""Compute the match of every node under every subset of anchors, compiled."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from anchorpose.body.nearest_skin import Voxels
 
 
 class Target(NamedTuple):
-    """Nodes that may be matched, voxel after voxel: points_m (n, 3), distances to the anchors (n, 5), float32."""
+    """Nodes that may be matched, voxel by voxel: points_m (n, 3), distances to the anchors (n, 5), float32."""
 
     points_m: np.ndarray
     distances: np.ndarray
 
 
 class Balls(NamedTuple):
-    """Where matches are searched, one ball per source node.
+    """The balls in which matches are searched, one per source node.
 
     centres (m, 3) float32; radius; low, high (m, 3) int64: the first and last voxels that each ball touches, high[0] -1
-    where it misses all of them or has no centre; order (m,) int64: the nodes, those of the same voxels together.
+    where it touches none or has no centre; order (m,) int64: the nodes, grouped by voxels.
     """
 
     centres: np.ndarray
@@ -32,9 +32,10 @@ class Balls(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory for the search of one node: spots (n,), distances (5, n): the target nodes of its voxels; close (n,): the
-    anchors, a bit each, that each of them is as far from; near (n + 1,), offset2 (5, n + 1): those of its ball; psi
-    (n + 1,), distance2 (n,): those within the gate of a subset."""
+    """Memory for the search of one node. spots (n,), distances (5, n): the target nodes of its voxels; close (n,): bit
+    set of the anchors to which each has a similar distance; near (n + 1,), offset2 (5, n + 1): nodes of its ball; psi
+    (n + 1,), distance2 (n,): nodes within the gate of a subset.
+    """
 
     spots: np.ndarray
     distances: np.ndarray
@@ -46,14 +47,14 @@ class Scratch(NamedTuple):
 
 
 def sort_balls(centres: np.ndarray, radius: float, voxels: Voxels) -> Balls:
-    """Balls of one radius, inf for everywhere, around centres (m, 3) float32, NaN for nowhere."""
+    """Sort balls of one radius (inf: everywhere) around centres (m, 3) float32 (NaN: nowhere)."""
     last_voxel = voxels.shape - 1
     low, high = np.zeros((len(centres), 3), np.int64), np.tile(last_voxel, (len(centres), 1))
     if radius < np.inf:
         places = centres.astype(np.float64)
         first = np.floor((places - radius - voxels.origin_m) / voxels.side_m)
         last = np.floor((places + radius - voxels.origin_m) / voxels.side_m)
-        touching = ((last >= 0) & (first <= last_voxel)).all(axis=1)  # never where the centre is NaN
+        touching = ((last >= 0) & (first <= last_voxel)).all(axis=1)  # false where the centre is NaN
         low[touching] = np.maximum(first[touching], 0)
         high[touching] = np.minimum(last[touching], last_voxel)
         high[~touching, 0] = -1
@@ -62,7 +63,7 @@ def sort_balls(centres: np.ndarray, radius: float, voxels: Voxels) -> Balls:
 
 
 def hold_subset(subsets: np.ndarray, anchors: int) -> np.ndarray:
-    """(2**anchors,) bool: whether a set of anchors, a bit each, holds one of the subsets (s, n_s)."""
+    """Return (2**anchors,) bool: whether a bit set of anchors contains one of the subsets (s, n_s)."""
     needed, held = (1 << subsets).sum(axis=1), np.arange(1 << anchors)
     enough: np.ndarray = ((held[:, None] & needed) == needed).any(axis=1)
     return enough
@@ -78,11 +79,11 @@ def match_all(
     subsets: np.ndarray,
     enough: np.ndarray,
 ) -> np.ndarray:
-    """(m, s) int32: the match of each source node under each subset, -1 = none.
+    """Return the match (m, s) int32 of each source node under each subset, -1 = none.
 
     source (m, 5) float32 distances to the anchors; limit2 (m, s) float32: the squared gate; subsets (s, n_s) int64;
-    enough of ``hold_subset``. Nodes whose balls touch the same voxels come one after another, laid out
-    once for all of them.
+    enough: of ``hold_subset``. Nodes whose balls touch the same voxels are processed together, with targets laid out
+    once.
     """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     low, high, points = balls.low, balls.high, target.points_m
@@ -110,7 +111,7 @@ def match_all(
 
 @njit(cache=True)
 def _pick(source: np.ndarray, largest: np.float32, enough: np.ndarray, laid_out: int, scratch: Scratch) -> int:
-    """Fills psi with the laid out nodes that may be within the gate of some subset; returns how many.
+    """Fill psi with the laid out nodes that may be within the gate of some subset; return how many.
 
     source (5,) float32: the distances of the source node; largest: its largest squared gate.
     """
@@ -135,7 +136,7 @@ def _scratch(count: int, anchors: int) -> Scratch:
 
 @njit(cache=True)
 def _largest(limits2: np.ndarray) -> np.float32:
-    """The largest finite gate, 0 without any."""
+    """Return the largest finite gate, 0 without any."""
     largest = np.float32(0.0)
     for limit2 in limits2:
         if np.isfinite(limit2):
@@ -145,13 +146,13 @@ def _largest(limits2: np.ndarray) -> np.float32:
 
 @njit(cache=True)
 def _lay_out(low: np.ndarray, high: np.ndarray, voxels: Voxels, target: np.ndarray, scratch: Scratch) -> int:
-    """Fills spots with the target nodes of some voxels, and distances with theirs, anchor by anchor; how many."""
+    """Fill spots with the target nodes of some voxels, and distances with theirs, anchor by anchor; return how many."""
     start, shape, count = voxels.start, voxels.shape, 0
     spots, distances = scratch.spots, scratch.distances
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
             row = (i * shape[1] + j) * shape[2]
-            for spot in range(start[row + low[2]], start[row + high[2] + 1]):  # voxels along z follow one another
+            for spot in range(start[row + low[2]], start[row + high[2] + 1]):  # voxels along z are contiguous
                 spots[count] = spot
                 for k in range(len(distances)):
                     distances[k, count] = target[spot, k]
@@ -163,17 +164,17 @@ def _lay_out(low: np.ndarray, high: np.ndarray, voxels: Voxels, target: np.ndarr
 def _compare(
     target: np.ndarray, distance: np.float32, largest: np.float32, bit: np.int32, close: np.ndarray, count: int
 ) -> None:
-    """Marks the target nodes that are as far from one anchor as the source node, but for a gate's width."""
+    """Mark the target nodes whose distance to one anchor differs from the source node's by less than the gate."""
     for c in range(count):
         offset = target[c] - distance
-        close[c] |= bit if offset * offset < largest else np.int32(0)  # never where it is NaN
+        close[c] |= bit if offset * offset < largest else np.int32(0)  # false for NaN
 
 
 @njit(cache=True)
 def _within(
     offset2: np.ndarray, subset: np.ndarray, limit2: np.float32, count: int, distance2: np.ndarray, psi: np.ndarray
 ) -> int:
-    """Fills psi with those of the near nodes that are within the gate of one subset; returns how many."""
+    """Fill psi with the near nodes that are within the gate of one subset; return how many."""
     distance2[:count] = 0.0
     for k in subset:
         for c in range(count):
@@ -187,7 +188,7 @@ def _within(
 
 @njit(cache=True)
 def _middle(points: np.ndarray, near: np.ndarray, psi: np.ndarray, size: int, order: np.ndarray) -> int:
-    """The member of psi nearest to their average, -1 where there is none."""
+    """Return the member of psi nearest to its average position, -1 where psi is empty."""
     x, y, z = 0.0, 0.0, 0.0
     for m in range(size):
         spot = near[psi[m]]
@@ -203,7 +204,7 @@ def _middle(points: np.ndarray, near: np.ndarray, psi: np.ndarray, size: int, or
 
 @njit(cache=True)
 def _beyond(points: np.ndarray, spot: int, balls: Balls, node: int) -> bool:
-    """Whether a target node lies outside the ball of a source node."""
+    """Return whether a target node lies outside the ball of a source node."""
     distance2 = 0.0
     for axis in range(3):
         distance2 += (np.float64(points[spot, axis]) - np.float64(balls.centres[node, axis])) ** 2
@@ -212,7 +213,7 @@ def _beyond(points: np.ndarray, spot: int, balls: Balls, node: int) -> bool:
 
 @njit(cache=True)
 def _key(low: np.ndarray, high: np.ndarray, shape: np.ndarray) -> int:
-    """A number for the box of voxels from low to high (3,)."""
+    """Return a number that identifies the box of voxels from low to high (3,)."""
     first = (low[0] * shape[1] + low[1]) * shape[2] + low[2]
     last = (high[0] * shape[1] + high[1]) * shape[2] + high[2]
     return first * shape[0] * shape[1] * shape[2] + last

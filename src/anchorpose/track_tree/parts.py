@@ -1,6 +1,6 @@
-"""Register every body part on its own, by ICP from the predicted pose, as the paper has it (Section IV).
+"""Register every body part separately, by ICP from the predicted pose, as in the paper (Section IV).
 
-The rows of a part stand one after another; those of part k are start[k] to start[k + 1], start (k + 1,) int64.
+The rows of a part are contiguous; part k has rows start[k] to start[k + 1], start (k + 1,) int64.
 """
 
 from __future__ import annotations
@@ -19,23 +19,25 @@ from anchorpose.camera import transform_points
 from anchorpose.rotations import COLLINEAR_RATIO, ONE_PLACE_M2, rotate, rotation_matrices
 from anchorpose.surface.surface import Nodes
 
-LEAST_PAIRS: Final = 6  # below that a rigid motion follows the noise of single nodes
-PAIR_ROUNDS: Final = 8  # of reweighting the pairs; their fit settles in five
-LEAST_SCALE_M: Final = 0.01  # pairs within a node's spacing of their fit are as good as each other
-SURFACE_SIGMA_M: Final = 0.02  # of a node off the skin of its part: clothes, sensor, and neighbours that share both
-TURN_SIGMA: Final = 0.15  # radians, and
-SHIFT_SIGMA_M: Final = 0.02  # metres, that a step may leave the pairs: what planes do not constrain must not slide
-ALIKE: Final = 0.5  # cosine, 60 degrees, between normals: not the other side of a limb
+LEAST_PAIRS: Final = 6  # pairs of a part; with fewer a rigid motion follows the noise of single nodes
+PAIR_ROUNDS: Final = 8  # rounds of reweighting the pairs; the fit settles in five
+LEAST_SCALE_M: Final = 0.01  # pairs within a node's spacing of their fit are equally good
+SURFACE_SIGMA_M: Final = 0.02  # of a node off its part's skin: clothes, sensor, and shared errors of neighbours
+# radians, largest departure of a step from the pairs, with SHIFT_SIGMA_M: unconstrained directions must not slide
+TURN_SIGMA: Final = 0.15
+SHIFT_SIGMA_M: Final = 0.02  # metres, see TURN_SIGMA
+ALIKE: Final = 0.5  # cosine of 60 degrees between normals: excludes the other side of a limb
 
 
 @njit(cache=True)
 def fit_pairs(
     skin_m: np.ndarray, matched_m: np.ndarray, start: np.ndarray, transforms: np.ndarray, robust: bool
 ) -> np.ndarray:
-    """(k,) bool: the parts whose pairs determine a motion, which replaces the predicted one in transforms (k, 4, 4).
+    """Return (k,) bool: the parts whose pairs determine a motion, which replaces the predicted one in transforms (k, 4,
+    4).
 
-    skin_m, matched_m (n, 3) float64, metres. robust: reweighted by Cauchy's function of the residual over its median,
-    from the prediction on: mismatches have no influence.
+    skin_m, matched_m (n, 3) float64, metres. robust: pairs are reweighted by Cauchy's function of the residual over its
+    median, starting from the prediction, so that mismatches have no influence.
     """
     fitted = np.zeros(len(transforms), np.bool_)
     for k in range(len(transforms)):
@@ -70,7 +72,7 @@ def _weigh(source: np.ndarray, target: np.ndarray, T: np.ndarray, weight: np.nda
 
 @njit(cache=True)
 def _fit_rigid(source: np.ndarray, target: np.ndarray, share: np.ndarray, T: np.ndarray) -> bool:
-    """Fill T (4, 4) as ``fit_rigid_transform`` finds it; False, and T as it was, where the points are collinear."""
+    """Fill T (4, 4) as ``fit_rigid_transform`` does; return False, with T unchanged, where the points are collinear."""
     source_mean, target_mean, spread = np.zeros(3), np.zeros(3), np.zeros((3, 3))
     for row in range(len(source)):
         for axis in range(3):
@@ -93,7 +95,7 @@ def _fit_rigid(source: np.ndarray, target: np.ndarray, share: np.ndarray, T: np.
 
 @njit(cache=True)
 def carry(skin: Oriented, start: np.ndarray, transforms: np.ndarray) -> Oriented:
-    """The skin where the motions (k, 4, 4) of its parts take it."""
+    """Return the skin after the motions (k, 4, 4) of its parts."""
     places, normals = np.empty_like(skin.places_m), np.empty_like(skin.normals)
     for k in range(len(transforms)):
         T = transforms[k]
@@ -111,11 +113,11 @@ def carry(skin: Oriented, start: np.ndarray, transforms: np.ndarray) -> Oriented
 def plane_steps(
     moved: Oriented, start: np.ndarray, nodes: Oriented, nearest: np.ndarray, near: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """One step of point-to-plane ICP: (k, 6) turn about the centre and shift, NaN where too few nodes are near, and
-    (k, 3) the centre.
+    """Take one step of point-to-plane ICP: return the step (k, 6), turn about the centre and shift, NaN where too few
+    nodes are near, and the centre (k, 3).
 
     nearest (n,): the node nearest to each point of the skin, near (n,) bool: within reach. The plane's normal is the
-    mean of both, as in ``surface_constraints``; what the planes leave open does not move.
+    mean of both, as in ``surface_constraints``; directions without constraint do not move.
     """
     steps, centres = np.full((len(start) - 1, 6), np.nan), np.zeros((len(start) - 1, 3))
     planes, rows = np.empty((len(near), 4)), np.empty(len(near), np.int64)
@@ -132,7 +134,9 @@ def plane_steps(
 
 @njit(cache=True)
 def _plane(moved: Oriented, row: int, nodes: Oriented, node: int, plane: np.ndarray) -> bool:
-    """Fill plane (4,) with its unit normal and the point's distance off it; False where the normals are not alike."""
+    """Fill plane (4,) with its unit normal and the point's distance off it; return False where the normals differ too
+    much.
+    """
     alike, squared = 0.0, 0.0
     for axis in range(3):
         alike += nodes.normals[node, axis] * moved.normals[row, axis]
@@ -171,13 +175,15 @@ def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.
     step[:] = np.linalg.solve(matrix, right)
 
 
-ITERATIONS: Final = 5  # of ICP after the pairs
+ITERATIONS: Final = 5  # iterations of ICP after the pairs
 REACH_M: Final = 0.06  # a limb's radius: farther nodes belong to the next limb
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartRegistration:
-    """T_next_now (b, 4, 4) of every bone's part; registered (b,) bool: False where the prediction was kept."""
+    """The motion T_next_now (b, 4, 4) of every bone's part; registered (b,) bool: False where the prediction was
+    kept.
+    """
 
     T_next_now: np.ndarray
     registered: np.ndarray
@@ -192,13 +198,13 @@ def register_parts(
     iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> PartRegistration:
-    """tau-hat = ICP(tau, phi): pairs of the global hypothesis start each part, the nearest nodes end it.
+    """Register each part: the global hypothesis' pairs start it, the nearest nodes end it. tau-hat = ICP(tau, phi).
 
-    skin: points of the body's skin in frame t; part (n,): their bone index; matched_m (n, 3): where the tree puts them
-    in t+1, NaN where it found nothing; surface: that of t+1; T_predicted (b, 4, 4): predicted motion of each part;
-    iterations: of ICP after the pairs; robust: whether pairs that do not fit lose their influence.
-    The skin is registered, not the last frame's nodes, whose error would add up.
-    A part of which too little is seen keeps its prediction and reports it.
+    skin: points of the body's skin in frame t; part (n,): their bone index; matched_m (n, 3): their places in t+1 by
+    the tree, NaN where none was found; surface: that of t+1; T_predicted (b, 4, 4): predicted motion of each part;
+    iterations: of ICP after the pairs; robust: whether pairs that do not fit lose their influence. The skin is
+    registered, not the last frame's nodes, whose error would add up. A part that is hardly seen keeps its prediction,
+    and ``registered`` is False.
     """
     order = np.argsort(part, kind="stable")
     bones, first = np.unique(part[order], return_index=True)
@@ -216,10 +222,10 @@ def register_parts(
 
 
 def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.ndarray, iterations: int) -> np.ndarray:
-    """(k,) bool: the parts, whose rows begin at start (k + 1,), that ICP moved from where transforms (k, 4, 4) have
-    them, which it changes.
+    """Return (k,) bool: the parts, with rows from start (k + 1,), that ICP moved; it changes their transforms (k, 4,
+    4).
 
-    A part stays where it is from the first step on that has too few nodes near it.
+    A part stops moving at the first step that has too few nodes near it.
     """
     tree, nodes = cKDTree(surface.points_m), Oriented(surface.points_m, surface.normals)
     refined, active = np.zeros(len(transforms), bool), np.ones(len(transforms), bool)
@@ -237,7 +243,9 @@ def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.nd
 
 
 def joints_of_parts(asset: BodyAsset, body: BodyMesh, T_world_rest: np.ndarray) -> np.ndarray:
-    """The rule J: each joint is the node between two adjacent parts, the mean of where both put it. (21, 3) metres."""
+    """Return the joints (21, 3), metres, by the rule J: each joint is the mean of where its two adjacent parts put
+    it.
+    """
     bones = joint_bones(asset)
     rest = body.rest_joints()
     places = []

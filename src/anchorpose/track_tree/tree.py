@@ -1,4 +1,4 @@
-"""The track tree: which chain of hypotheses over N_Tr frames follows the prediction best (paper, Section IV)."""
+"""Search the track tree: which chain of hypotheses over N_Tr frames follows the prediction best (paper, Section IV)."""
 
 from __future__ import annotations
 
@@ -15,29 +15,31 @@ from anchorpose.settings import Count, Positive, settings
 
 @settings
 class TreeConfig:
-    """missed_cost_m: cost of a frame without a match; max_branches: the tree size above which a tree is pruned."""
+    """Settings of the tree. missed_cost_m: cost of a frame without a match; max_branches: the tree size above which a
+    tree is pruned.
+    """
 
     missed_cost_m: Positive = 0.10  # m per frame, twice the anchor bound; a branch that costs more is not a match
     max_branches: Count = 200  # of 10 + 100 + 1000; on 3650 nodes with ten noisy subsets no exact search visited 50
 
 
 class Support(IntEnum):
-    """What stands behind the place that a node is given in the next frame."""
+    """The support of the place that a node is given in the next frame."""
 
     MATCHED = 0  # a hypothesis on the best branch
-    TOO_FAR = 1  # the prediction: every hypothesis leads too far away from it
-    NO_HYPOTHESIS = 2  # the prediction: no subset of anchors knows the node in the next frame
+    TOO_FAR = 1  # the prediction: all hypotheses lead too far away from it
+    NO_HYPOTHESIS = 2  # the prediction: no subset of anchors finds the node in the next frame
     UNKNOWN = 3  # nothing: there is no prediction to choose by
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackResult:
-    """The global hypothesis: of every source node, the first link of its best branch.
+    """The global hypothesis: the first link of each source node's best branch.
 
     match (m,) int32: node of the next surface, -1 = missed. score (m,) float32: the best branch's sum of distances to
     the prediction, metres, smaller is better; NaN where the prediction is unknown. subset (m,) int32: column of the
-    match among the hypotheses, -1 = missed. support (m,) int8 of ``Support``. pruned: trees that outgrew their size,
-    whose branch is good but not proven best.
+    match among the hypotheses, -1 = missed. support (m,) int8 of ``Support``. pruned: number of trees above the size
+    limit, whose branch is good but not proven to be the best.
     """
 
     match: np.ndarray
@@ -58,13 +60,12 @@ def best_branches(
 
     matches: level l holds (n_l, s_l) int, the match in surface l + 1 of each node of surface l under each subset, -1 =
     missed; surface 0 is the source, and levels may know different numbers of subsets. positions_m: level l holds the
-    (n_(l+1), 3) nodes of surface l + 1, world.
-    predicted_m (m, depth, 3): where each source node should be, level by level; NaN = unknown. costs_m: as matches,
-    (n_l, s_l) metres that a match adds to its distance, such as how unlike the two nodes are; None = nothing.
-    A missed node has no children: its branch ends and pays ``missed_cost_m`` for each level left, and every branch may
-    be given up at that price. Branch and bound: children by distance, a branch is left as soon as it cannot win; so the
-    optimum is exact unless the tree is pruned. Ties go to the lower subset.
-    Raises ValueError where the shapes do not fit or a match points outside its surface.
+    (n_(l+1), 3) nodes of surface l + 1, world. predicted_m (m, depth, 3): where each source node should be, level by
+    level; NaN = unknown. costs_m: as matches, (n_l, s_l) metres that a match adds to its distance, such as how unlike
+    the two nodes are; None = nothing. A missed node has no children: its branch ends and costs ``missed_cost_m`` for
+    each remaining level, and every branch may be given up at this cost. The search is branch and bound: children in
+    order of distance, a branch is left as soon as it cannot win; so the optimum is exact unless the tree is pruned.
+    Ties go to the lower subset. Raises ValueError where the shapes do not fit or a match points outside its surface.
     """
     _check(matches, positions_m, predicted_m)
     costs = [np.zeros(level.shape, np.float32) for level in matches] if costs_m is None else costs_m
@@ -83,7 +84,7 @@ def best_branches(
 
 
 def _as_wide(matches: Sequence[np.ndarray], dtype: type = np.int32) -> np.ndarray:
-    """(sum of n_l, widest s_l): all levels, missed where a level has fewer subsets."""
+    """Join all levels, (sum of n_l, widest s_l), with missed entries where a level has fewer subsets."""
     wide = np.full((sum(map(len, matches)), max(level.shape[1] for level in matches)), -1, dtype=dtype)
     row = 0
     for level in matches:
@@ -122,9 +123,10 @@ def _children(
     cost: np.ndarray,
     subset: np.ndarray,
 ) -> int:
-    """Distinct children by rising distance to ``target`` plus extra cost (insertion sort, stable); returns how many.
+    """List distinct children by rising distance to ``target`` plus extra cost (insertion sort, stable); return how
+    many.
 
-    Of the subsets that lead to the same child, the one with the least extra cost counts, the lower one of equals.
+    Of subsets that lead to the same child, the cheapest counts; on a tie, the lower one.
     """
     count = 0
     for s in range(len(row)):
@@ -148,8 +150,9 @@ def _children(
 
 
 class _Levels(NamedTuple):
-    """All levels end to end: matches (sum of n_l, s) int32, rows of level l from first[l]; costs_m and positions_m
-    likewise."""
+    """All levels one after another: matches (sum of n_l, s) int32, rows of level l from first[l]; costs_m and
+    positions_m likewise.
+    """
 
     matches: np.ndarray
     costs_m: np.ndarray
@@ -159,7 +162,7 @@ class _Levels(NamedTuple):
 
 
 class _Branch(NamedTuple):
-    """The branch under search, by level: children by rising cost, how many, the next, cost so far."""
+    """The branch under search, by level: children by rising cost, their number, the next child, cost so far."""
 
     node: np.ndarray
     cost: np.ndarray
@@ -173,7 +176,7 @@ class _Branch(NamedTuple):
 def _search(
     levels: _Levels, predicted: np.ndarray, missed_cost: np.float32, max_branches: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """match, score and subset of each source node as in ``TrackResult``, and how many trees were pruned."""
+    """Return match, score and subset of each source node as in ``TrackResult``, and the number of pruned trees."""
     m, depth, _ = predicted.shape
     width = levels.matches.shape[1]
     match, subset = np.full(m, -1, dtype=np.int32), np.full(m, -1, dtype=np.int32)
@@ -202,14 +205,14 @@ def _search(
 def _best_branch(
     levels: _Levels, branch: _Branch, predicted: np.ndarray, missed_cost: np.float32, max_branches: int
 ) -> tuple[int, np.float32, int]:
-    """The first child of the best branch (-1: missed), its score, and how many branches were visited."""
+    """Return the first child of the best branch (-1: missed), its score, and the number of visited branches."""
     depth = len(predicted)
-    best = np.float32(depth * missed_cost)  # all missed
+    best = np.float32(depth * missed_cost)  # cost if all levels are missed
     chosen, visited, level = -1, 0, 0
     while level >= 0:
         k = branch.following[level]
         if k >= branch.children[level] or branch.so_far[level] + branch.cost[level, k] >= best:
-            level -= 1  # children come by rising cost: the rest is worse
+            level -= 1  # children come by rising cost: the rest cannot be better
             continue
         total = branch.so_far[level] + branch.cost[level, k]
         branch.following[level] += 1

@@ -1,1 +1,1 @@
-"""The stages put together for one patient: what the room is, what a frame shows, where the body is."""
+"""Join the stages for one patient: prepare the room, observe each frame, estimate the body's pose."""

@@ -1,7 +1,7 @@
-"""Everybody but the patient, each followed with a rough body, so that predicted skins compete for a pixel.
+"""Follow every bystander with a rough body, so that each pixel is compared with all predicted skins.
 
-Remembered skin alone cannot tell a therapist's forearm from the patient's that it passes or holds, and what was once
-mistaken claims itself again; a body can, for an arm hangs on one of them only (Section III, transient occlusion).
+Remembered skin alone cannot separate a therapist's forearm from the patient's forearm that it passes or holds, and a
+mistake repeats itself; a body can, since an arm is attached to one person only (Section III, transient occlusion).
 """
 
 from __future__ import annotations
@@ -65,22 +65,24 @@ WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # uncertainty
 
 TALLEST_CHILD_M: Final = 1.5  # a taller person has an adult's proportions
 STATURE_STEP_M: Final = 0.05  # m, error of a stature that is estimated from one frame
-HEIGHT_SIGMA_M: Final = 0.01  # of a child's height: to a decimetre it is as given
+HEIGHT_SIGMA_M: Final = 0.01  # m, uncertainty of a child's given height: it is taken as given
 LEAST_EXPLAINED: Final = 0.75  # share of a person's nodes that the body must account for; otherwise there is no body
-MOST_TRUNK_PAST: Final = 0.25  # share of the trunk that a camera sees past; rough bodies are a few centimetres off
-MOST_LIMB_PAST: Final = 0.5  # the same of a limb, of which one may be elsewhere
-LEAST_NODES: Final = 150  # to begin with: a third of a front four metres away
-SKIN_SIGMA_M: Final = 0.03  # clothes, hair, and a body of ordinary shape
-GROWTH_M_S: Final = 0.4  # by which a hand outruns its prediction
-DAMPING: Final = 0.8  # of the movement from frame to frame
+# largest share of a trunk that a camera may see past: rough bodies are a few centimetres off
+MOST_TRUNK_PAST: Final = 0.25
+MOST_LIMB_PAST: Final = 0.5  # the same for a limb; one limb may exceed it, since it may have been placed wrongly
+LEAST_NODES: Final = 150  # fewest nodes to start following a person: a third of a front that is four metres away
+SKIN_SIGMA_M: Final = 0.03  # m, uncertainty of predicted skin: clothes, hair, and a body of ordinary shape
+GROWTH_M_S: Final = 0.4  # m/s, growth of that uncertainty with time: a hand moves faster than predicted
+DAMPING: Final = 0.8  # factor by which the last movement is continued: movements slow down
 FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between searches for a body that fail, doubled each time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystander:
-    """A person with a body: label, shape and pose; change (POSE_SIZE,) of the pose in the last ``elapsed_s``.
+    """A bystander with a body: label, shape and pose; ``change`` (POSE_SIZE,) is the pose's change in the last
+    ``elapsed_s``.
 
-    hidden_s: for how long too little of the person was seen to fit the body.
+    hidden_s: how long too little of the person was seen to fit the body.
     """
 
     label: int
@@ -93,7 +95,7 @@ class Bystander:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """A person for whom no body was found: frames to wait, and how many after the next failure."""
+    """A bystander for whom no body was found: frames to wait for the next search, and how many after its failure."""
 
     label: int
     wait: int
@@ -102,7 +104,7 @@ class Search:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystanders:
-    """Everybody but the patient in one frame."""
+    """All bystanders of one frame, with and without a body."""
 
     followed: tuple[Bystander, ...] = ()
     searched: tuple[Search, ...] = ()
@@ -126,8 +128,7 @@ def bystanders_placed(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> Bystanders:
-    """With the bodies moved over the ground to where the memory, after everybody's steps, has them; pieces: the next
-    frame's pixels; elapsed_s: until then."""
+    """Move the bystanders' bodies over the ground to where their skin was found in the next frame (``find_steps``)."""
     seen, points, moved = memory.seen_last, body_points(), list[Bystander]()
     for one in bystanders.followed:
         if one.label in seen:
@@ -143,7 +144,7 @@ def bystanders_placed(
 def first_bystanders(
     fitted: Mapping[int, RoughPerson | None], views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> Bystanders:
-    """Everybody's body in a frame before which nothing is known, of the rough bodies by label."""
+    """Return the bystanders of an initial frame from the rough bodies that were fitted to each label."""
     now = each(
         lambda label: _begun(label, fitted[label], person_evidence(views, cameras, label)) or _failed(label),
         _labels(views),
@@ -154,11 +155,11 @@ def first_bystanders(
 def follow_bystanders(
     before: Bystanders, views: Sequence[View | None], cameras: Sequence[Camera], points: SkinPoints, elapsed_s: float
 ) -> Bystanders:
-    """Everybody's body in the next frame, from the pixels with each person's label.
+    """Return the bystanders of the next frame, from the pixels with each person's label.
 
-    A body that no longer accounts for what is seen of the person is dropped, and searched for again. A person whom
-    something hides stays for ``MEMORY_S``, as long as no camera sees past the body: what comes to sight there again is
-    this person, and not the patient.
+    A body that no longer explains the person's pixels is dropped and searched for again. A hidden person is kept for
+    ``MEMORY_S``, as long as no camera sees past the body: a person who reappears there is this bystander, not the
+    patient.
     """
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
@@ -194,9 +195,9 @@ def label_by_bodies(
     bystanders: Bystanders,
     cameras: Sequence[Camera],
 ) -> tuple[View | None, ...]:
-    """The labels of a first frame once more, by the bodies that explain them.
+    """Return the label the pixels of an initial frame again, by the bodies that were fitted to the first labels.
 
-    Arms and legs that grew over the surface of people who touch go back to the body that has them.
+    Where people touch, the first labels may give an arm or leg to the wrong person; the bodies correct it.
     """
     posed = Bystander(PixelLabel.PATIENT, patient.body, patient.found.belief, np.zeros(POSE_SIZE), 1.0)
     likelihood = bystander_likelihood(Bystanders((posed, *bystanders.followed)), body_points(), 0.0)
@@ -218,9 +219,9 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
-    """The nodes of one person; the outline is left out, since half of it is where something hides the person.
+    """Return the nodes of one person, to fit a body to. The outline is left out: half of it is an occluder's edge.
 
-    They are closer together where few pixels show the person.
+    Nodes are closer together where few pixels show the person.
     """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
@@ -231,7 +232,7 @@ def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], lab
 
 
 def _is_person(body: Body, pose: Pose, evidence: Evidence) -> bool:
-    """Whether no camera sees past the body: pixels alone may be a part of another person."""
+    """Return whether no camera sees past the body. Pixels alone may be a part of another person."""
     past = np.nan_to_num(seen_past(body.points, pose_points(body, pose), evidence.views, evidence.cameras))
     return bool(past[TRUNK] <= MOST_TRUNK_PAST and (np.delete(past, TRUNK) > MOST_LIMB_PAST).sum() <= 1)
 
@@ -246,7 +247,7 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
 
 
 def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander | None:
-    """The person where the body was last; None where a camera sees past it, or after ``MEMORY_S``."""
+    """Keep a hidden person where the body was last; None where a camera sees past it, or after ``MEMORY_S``."""
     hidden_s = one.hidden_s + abs(elapsed_s)
     if hidden_s > MEMORY_S or not _is_person(one.body, one.belief.pose, evidence):
         return None
@@ -254,14 +255,14 @@ def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander |
 
 
 class RoughPerson(NamedTuple):
-    """A person's body of ordinary shape, and how it lies on what is seen."""
+    """A rough body: a person's body of ordinary shape, and its registered pose."""
 
     body: Body
     found: Registration
 
 
 def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughPerson | None:
-    """Return an ordinary body of the stature that is seen, where the person with a label is; None: too little seen."""
+    """Fit a body of ordinary shape and the seen stature to the person with this label; None if too little is seen."""
     evidence, matches = person_evidence(views, cameras, label), matches_of(views, cameras, label)
     if len(evidence.surface) < LEAST_NODES or len(matches) < LEAST_MATCHES:
         return None
@@ -269,14 +270,14 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
     body = ordinary_body(body_points(), round(person.stature_m / STATURE_STEP_M))
     pose = find_rough_pose(body, evidence, person, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
-    if found.found and not _is_person(body, found.belief.pose, evidence):  # limbs of which the descriptor was wrong
+    if found.found and not _is_person(body, found.belief.pose, evidence):  # the descriptor named some limbs wrongly
         found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
     return RoughPerson(body, found) if found.found else None
 
 
 @lru_cache(maxsize=16)
 def ordinary_body(points: SkinPoints, steps: int) -> Body:
-    """The body of an adult or a child of whom nothing is known but the height, in steps of ``STATURE_STEP_M``."""
+    """Build the body of an adult or a child from the height alone, given in steps of ``STATURE_STEP_M``."""
     height_m = steps * STATURE_STEP_M
     if height_m >= TALLEST_CHILD_M:
         return build_body(points, shape_of_height(points.asset, height_m))
@@ -284,7 +285,7 @@ def ordinary_body(points: SkinPoints, steps: int) -> Body:
 
 
 def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystander | None:
-    """The person of whom a rough body was found; None where it does not explain the person."""
+    """Start following a person with a rough body; None where that body does not explain the person."""
     if person is None:
         return None
     body, found = person
@@ -294,5 +295,5 @@ def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystan
 
 
 def _ahead(one: Bystander, points: SkinPoints, elapsed_s: float) -> Pose:
-    """The pose some time after the frame of the last fit: the movement goes on, a little slower."""
+    """Predict a bystander's pose ``elapsed_s`` after the last fit: the movement continues, slightly slower."""
     return one.belief.pose.moved(DAMPING * elapsed_s / one.elapsed_s * one.change, points.moving)

@@ -1,4 +1,4 @@
-"""The settings of tracking, stage by stage."""
+"""Hold the settings of tracking, one class per stage."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HEIGHTS_M: Final = (1.2, 2.2)  # m; a height outside is beyond the shape model a
 
 
 class Method(StrEnum):
-    """How a frame's pairs become a pose."""
+    """The way in which a frame's matches become a pose."""
 
     ARTICULATED = "articulated"  # all parts at once, joined, on the learnt body
     PARTS = "parts"  # the paper's method: every part separately, from frame to frame
@@ -36,7 +36,7 @@ class Method(StrEnum):
 
 @settings
 class FollowConfig:
-    """How the patient is followed over time."""
+    """Settings of how the patient is followed over time."""
 
     look_ahead: Count = 3  # N_Tr, depth of the track tree in frames (paper, Section V)
     tree_nodes: Count = 800  # source nodes of the track tree: 40 per body part
@@ -49,7 +49,7 @@ class FollowConfig:
 
 @settings
 class TrackConfig:
-    """The resolved configuration of a run, saved in run.json."""
+    """The settings of a run, complete and as saved in run.json."""
 
     method: Method = Method.ARTICULATED
     start: int = 0  # first frame to track
@@ -89,5 +89,5 @@ class TrackConfig:
 
     @property
     def motion_file(self) -> Path:
-        """The file of reference movements."""
+        """Return the file of reference movements."""
         return SHIPPED if self.motions is None else Path(self.motions)

@@ -1,4 +1,4 @@
-"""What is reported of one frame."""
+"""Estimate a frame's joints, their states and their sigma from the registered body."""
 
 from __future__ import annotations
 
@@ -40,15 +40,14 @@ TOO_UNCERTAIN: Final = "no joint is known to the width of half a forearm"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """One frame's answer: joints_m (21, 3) and sigma_m (21,), NaN where lost; states; the pose, None where lost.
+    """The estimate of one frame: joints_m (21, 3) and sigma_m (21,), NaN where lost; states; the pose, None where lost.
 
-    observation and shape are None where nobody was searched for or found. matched_share: share of the nodes with a
-    match in this frame, None where nothing was matched (the first frame, nothing seen). explanation: how well the pose
-    explains the depth images, None where lost. why_lost: why every joint is lost, empty where one is not. poor: why
-    cameras' depth images are too poor for joints, none where they are not. moved: limbs are elsewhere than the frames
-    before said. ends: hands and feet that are lost, as in ``lost_ends``. rivals: poses that explain the images almost
-    as well. shown: the states by what the cameras show alone: a joint that is lost because sigma is too large keeps the
-    state of a hidden one here.
+    observation and shape are None where no patient was searched for or found. matched_share: share of the nodes that
+    have a match in this frame, None where no matching was done (the first frame, or nothing seen). explanation: how
+    well the pose explains the depth images, None where lost. why_lost: why all joints are lost, else empty. poor: why
+    depth images are too poor for joints, else empty. moved: limbs were found elsewhere than earlier frames had them.
+    ends: lost hands and feet, as in ``lost_ends``. rivals: poses that explain the images almost as well. shown: the
+    states by the images alone; a joint that is lost because its sigma is too large keeps the state of a hidden one.
     """
 
     frame_set: FrameSet
@@ -70,8 +69,9 @@ class Estimate:
 
 
 class Earlier(NamedTuple):
-    """What earlier frames leave open: rivals, poses that explain the images almost as well; ends, hands and feet that
-    were lost; unseen_s (PARTS, 2), since when parts of limbs are hidden, as in ``vague_belief``."""
+    """State carried over from earlier frames: rivals, poses that explain the images almost as well; ends, lost hands
+    and feet; unseen_s (PARTS, 2), seconds since each part of a limb was seen, as in ``vague_belief``.
+    """
 
     rivals: Sequence[Rival] = ()
     ends: frozenset[int] = frozenset()
@@ -82,7 +82,7 @@ _NOTHING_OPEN: Final = Earlier()
 
 
 def nobody_found(frame_set: FrameSet, why: str, poor: tuple[PoorDepth, ...] = ()) -> Estimate:
-    """Return the estimate of a frame in which every joint is lost; why: a sentence without its full stop."""
+    """Return the estimate of a frame in which all joints are lost; ``why`` is a sentence without its full stop."""
     return Estimate(
         frame_set,
         None,
@@ -106,9 +106,9 @@ def estimate_of(
     corrected: CorrectedJoints | None = None,
     earlier: Earlier = _NOTHING_OPEN,
 ) -> Estimate:
-    """Joints by the rule J, their states from the depth images, their sigma from the posterior.
+    """Estimate the joints by the rule J, their states from the depth images, and their sigma from the posterior.
 
-    corrected: joints whose place a reviewer gave. Where the images contradict it they are hidden, not lost, and their
+    corrected: joints that a reviewer placed. Where the images contradict a place they are hidden, not lost, and their
     sigma is at least their distance from that place.
     """
     placed = () if corrected is None else corrected.joint.tolist()
@@ -159,7 +159,7 @@ def estimate_of(
 
 
 def displaced(estimate: Estimate, displaced_m: float) -> Estimate:
-    """The estimate with a sigma that includes how far cameras are known to displace the patient, in any direction."""
+    """Add to sigma how far the cameras are known to displace the patient, in any direction."""
     if not displaced_m:
         return estimate
     return replace(estimate, sigma_m=np.hypot(estimate.sigma_m, displaced_m / np.sqrt(3.0)))
@@ -172,7 +172,7 @@ def _details(observation: Observation) -> list[DepthDetail | None]:
 def _smeared_sigma(
     body: Body, pose: Pose, observation: Observation, sigma_m: np.ndarray, config: TrackConfig
 ) -> np.ndarray:
-    """(21,) sigma_m, larger where every camera that shows the patient has filters that draw edges out."""
+    """Return sigma_m (21,), larger where every camera that shows the patient has filters that blur depth edges."""
     edges = []
     for view, detail in zip(observation.evidence.views, _details(observation), strict=True):
         distance_m = None if view is None else distance_of(view)
@@ -194,7 +194,7 @@ def _states(
     poor: Sequence[PoorDepth | None],
     config: TrackConfig,
 ) -> tuple[JointState, ...]:
-    """States by what all cameras show; a joint is observed only in a camera that resolves limbs, else it is hidden."""
+    """Return the joint states. A joint is ``observed`` only in a camera that resolves limbs, else it is hidden."""
 
     def by(views: Sequence[View | None]) -> tuple[JointState, ...]:
         return joint_states(body.points, posed, explanation.covering, views, evidence.cameras, config.visibility)

@@ -1,4 +1,4 @@
-"""A patient through all frames: found, followed, lost, searched for and found again."""
+"""Follow a patient through all frames: find, track, and search again after a loss."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, find_start
 
-FIRST_PAUSE, LONGEST_PAUSE = 5, 15  # frames between searches that fail, doubled each time: one costs thirty frames
+# frames between failed searches, doubled each time: a search takes as long as thirty frames
+FIRST_PAUSE, LONGEST_PAUSE = 5, 15
 
 
 def follow_patient(run: Run, frames: Iterable[FrameSet], known: FittedShape | None) -> Iterator[Estimate]:
@@ -39,9 +40,9 @@ def follow_openly(
     known: FittedShape | None,
     begin: Start | None = None,
 ) -> Iterator[tuple[Estimate, PatientTracker | None]]:
-    """As ``follow_patient``, from any frame, and with the tracker as it stands after each estimate, if any.
+    """Follow the patient from any frame, and yield the tracker with each estimate; see ``follow_patient``.
 
-    choice: where the patient stands in the first frame, None where nobody is to be looked for; begin: the patient as
+    choice: where the patient stands in the first frame, None if no patient is to be searched for; begin: the patient as
     already found in the first frame.
     """
     follower = Follower(run, choice, known, begin)
@@ -51,9 +52,10 @@ def follow_openly(
 
 
 class Follower:
-    """The patient through all frames, one frame at a time; between two frames it can be stored (``tracker.journal``).
+    """The state of following one patient, one frame at a time; it can be stored between two frames
+    (``tracker.journal``).
 
-    tracker: of the patient, None where nobody is followed; the other arguments are those of ``follow_openly``.
+    tracker: None while no patient is followed; the other arguments are those of ``follow_openly``.
     """
 
     run: Run
@@ -72,11 +74,11 @@ class Follower:
         self.run = run
         self.tracker = None
         self._choice, self._known, self._begin = choice, known, begin
-        self._search = None  # once the patient was followed and lost
+        self._search = None  # set once a patient who was followed is lost
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
-        """The estimates that are known once this frame was seen: of it or of frames before it."""
+        """Yield the estimates that this frame completes: its own, or those of frames before it."""
         if self.tracker is not None:
             yield from self._follow(self.tracker, frame_set)
         else:
@@ -84,13 +86,13 @@ class Follower:
 
     @property
     def memory(self) -> BystanderMemory:
-        """Who is where as of the last frame; empty before the patient is found for the first time."""
+        """Return the bystander memory of the last frame; empty before the patient is found for the first time."""
         if self.tracker is not None:
             return self.tracker.window.seen[-1].memory
         return empty_memory() if self._search is None else self._search.memory
 
     def finish(self) -> Iterator[Estimate]:
-        """The estimates of the last frames, which wait for frames that do not come."""
+        """Yield the estimates of the last frames, whose look-ahead is cut off by the end of the recording."""
         if self.tracker is not None:
             yield from self.tracker.finish()
 
@@ -103,7 +105,7 @@ class Follower:
                 yield from self.step(waiting)
 
     def _look(self, frame_set: FrameSet) -> Estimate:
-        """The first estimate of the patient where the patient is found in this frame, else a lost frame."""
+        """Search this frame for the patient; return the first estimate, or the estimate of a lost frame."""
         self._wait -= 1
         if self._search is not None:
             with self.run.stage("isolation"):
@@ -127,7 +129,7 @@ class Follower:
 
 
 def _poor_at(choice: PatientChoice | None, frame_set: FrameSet, run: Run) -> tuple[PoorDepth, ...]:
-    """Why depth is too poor for joints where the patient should be, who is lost; none where that is not known."""
+    """Return why depth is too poor for joints where a lost patient should be; empty where that place is unknown."""
     if choice is None:
         return ()
     place = np.array([choice.ground_xz_m[0], 0.0, choice.ground_xz_m[1]])

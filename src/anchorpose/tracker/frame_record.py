@@ -1,4 +1,4 @@
-"""What is kept of a frame: joints, pose, anchors, person labels, how near others are, how well it is explained."""
+"""Make the stored record of a frame: joints, pose, anchors, person labels, nearness of others, explained share."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import PassResult
 
-LEAST_BONE_M: Final = 1e-6  # a missing one has no length
+LEAST_BONE_M: Final = 1e-6  # m; a shorter bone is a missing one, which has no length
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
-    """What is kept of one frame: the joints, the body's pose, how well it explains the depth images, anchors, share of
-    nodes matched, how near others are to the patient (None where the patient is lost), what was wrong with the depth
-    images, why the patient is lost (empty where not), why depth is too poor for joints (none where it is not), and the
-    gaps to the equipment (None where the patient is lost, or the equipment is not known)."""
+    """The stored values of one frame: joints; pose; how well the pose explains the depth images; anchors; share of
+    matched nodes; nearness of others (None where the patient is lost); problems of the depth images; why the patient is
+    lost (else empty); why depth is too poor for joints (else empty); gaps to the equipment (None where the patient is
+    lost or the equipment unknown).
+    """
 
     joints: JointFrame
     body: BodyPose
@@ -49,7 +50,7 @@ class FrameRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedFrame:
-    """What is stored of a frame: its record, and the person label of each pixel."""
+    """A stored frame: its record, and the person label of each pixel."""
 
     record: FrameRecord
     labels: tuple[LabelImage, ...]
@@ -60,9 +61,9 @@ Kept = TrackedFrame | PassResult | tuple[TrackedFrame, PassResult]
 
 
 def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
-    """The record of an estimate; body: the learnt body, None where there is none.
+    """Return the record of an estimate; ``body`` is the learnt body, None where there is none.
 
-    Of a frame that a reviewer marked as unusable nothing is known, and its problems say why.
+    The record of a frame that a reviewer marked as unusable has no values; its problems state why.
     """
     frame_set = estimate.frame_set
     joints = JointFrame(
@@ -86,7 +87,7 @@ def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
 def smoothed_record(
     record: FrameRecord, answer: PassResult, body: Body, explanation: Explanation | None
 ) -> FrameRecord:
-    """The record with what a forward and a backward pass found together; explanation: by the smoothed pose."""
+    """Return the record with the combined answer of both passes; ``explanation`` is that of the smoothed pose."""
     lost = np.array([state is JointState.LOST for state in answer.states])
     position = np.where(lost[:, None], np.nan, answer.joints_m)
     joints = replace(record.joints, position_m=position, sigma_m=answer.sigma_m, state=answer.states)
@@ -126,7 +127,7 @@ def _bones(estimate: Estimate, body: Body | None, run: Run) -> BodyPose:
 
 
 def _near(estimate: Estimate, body: Body | None, run: Run) -> Nearness | None:
-    """How near others are to the learnt body of the patient; None where the patient is lost."""
+    """Measure how near other people are to the patient's body; None where the patient is lost."""
     seen, belief = estimate.observation, estimate.belief
     if body is None or seen is None or belief is None:
         return None
@@ -136,7 +137,7 @@ def _near(estimate: Estimate, body: Body | None, run: Run) -> Nearness | None:
 
 
 def _gaps(estimate: Estimate, body: Body | None, near: Nearness | None, run: Run) -> EquipmentGaps | None:
-    """How near the learnt body is to the equipment, as uncertain as its joints; None where either is not known."""
+    """Measure the gaps between body and equipment, with the joints' uncertainty; None where either is unknown."""
     equipment, belief, seen = run.room.recording.equipment, estimate.belief, estimate.observation
     if body is None or belief is None or seen is None or near is None or equipment is None:
         return None
@@ -149,7 +150,7 @@ def _gaps(estimate: Estimate, body: Body | None, near: Nearness | None, run: Run
 def body_pose(
     body: Body | None, frame: int, time_s: float, pose: Pose | None, axial_sigma_rad: np.ndarray | None
 ) -> BodyPose:
-    """The bones of a pose in the world; all NaN without one. axial_sigma_rad (21,), None where it is not known."""
+    """Return the bones of a pose in the world, all NaN without a pose. axial_sigma_rad (21,) is None where unknown."""
     count = len(MOVING_BONES)
     head_m, quaternion, sigma = np.full((count, 3), np.nan), np.full((count, 4), np.nan), np.full(count, np.nan)
     if body is not None and pose is not None:
@@ -162,7 +163,7 @@ def body_pose(
 
 
 def axial_sigma(body: Body, pose: Pose, covariance: np.ndarray, inflation: float) -> np.ndarray:
-    """(21,) radians: how sure each bone's turn about its own long axis against its parent is, one standard deviation.
+    """Return (21,) radians: standard deviation of each bone's turn about its long axis, relative to its parent.
 
     covariance (POSE_SIZE, POSE_SIZE): of the pose; inflation: as for the joints (``UncertaintyConfig``).
     """
@@ -178,13 +179,13 @@ def axial_sigma(body: Body, pose: Pose, covariance: np.ndarray, inflation: float
 
 
 def anchor_frame(estimate: Estimate) -> AnchorFrame:
-    """The anchors of the surface; all missed where nothing was looked for."""
+    """Return the anchors of the surface; all are missed where no patient was searched for."""
     anchors = no_anchors() if estimate.observation is None else estimate.observation.anchors
     return AnchorFrame(estimate.frame_set.frame, estimate.frame_set.time_s, anchors.position_m, anchors.sigma_m)
 
 
 def label_pictures(frame_set: FrameSet, observation: Observation | None) -> tuple[LabelImage, ...]:
-    """The person label of each pixel, of the cameras that have a depth image of the frame."""
+    """Return the person label of each pixel, for each camera that has a depth image of the frame."""
     if observation is None:
         return ()
     evidence = observation.evidence

@@ -1,8 +1,8 @@
-"""Whether the poses that a recording gives can be right, before anybody is tracked: by floor, equipment and cameras.
+"""Check the camera poses that a recording gives, before tracking, by floor, equipment and the other cameras.
 
-What contradicts a pose by far more than noise refuses the recording; less is noted, and widens every sigma. One camera
-can be asked for its floor and its equipment only: where it sees neither, a wrong pose moves all joints alike and does
-not show.
+A contradiction far beyond noise refuses the recording; a smaller one is noted and widens every sigma. A single camera
+can be checked by its floor and its equipment only: where it sees neither, a wrong pose displaces all joints alike and
+stays unnoticed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
 
-AMONG_OTHERS: Final = 0.5  # of its error: a camera that is off moves what others see as well by a part of it
+# share of one camera's error by which joints are displaced where other cameras see the patient as well
+AMONG_OTHERS: Final = 0.5
 REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
     "camera_to_world"
@@ -34,7 +35,9 @@ MOVED: Final = "the cameras agree with each other, so it stands elsewhere than e
 
 @dataclass(frozen=True, slots=True)
 class PosesAsked:
-    """pairs: what every two cameras show of each other, none where no pose is given; doubts: all that contradicts."""
+    """The results of asking all cameras: ``pairs`` compares every two of them, empty if no pose is given; ``doubts``
+    holds all contradictions.
+    """
 
     pairs: tuple[CameraPair, ...]
     doubts: tuple[PoseDoubt, ...]
@@ -43,7 +46,7 @@ class PosesAsked:
 def agreeing_poses(
     recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> Calibration:
-    """The calibration with what little speaks against it; raises InputError where it cannot be right."""
+    """Return the calibration with minor contradictions noted; raises InputError where a given pose cannot be right."""
     asked = ask_poses(recording, calibration, clocks, scenes, samples)
     _refuse_contradicted(recording, asked, scenes)
     notes = (*calibration.notes, *(f"{doubt.sentence}; the given pose is used" for doubt in asked.doubts))
@@ -55,10 +58,10 @@ def agreeing_poses(
 def ask_poses(
     recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> PosesAsked:
-    """The doubts of calibration and those that the cameras raise about each other.
+    """Return the doubts of the calibration and those that cameras raise about each other.
 
     scenes: one per camera, with the poses that are used; samples: frames of all cameras, on one clock. Poses that were
-    found are judged where they are found.
+    found, not given, are checked in ``calibration``.
     """
     found = calibration.doubts
     if len(scenes) < 2 or not any(pose.source is PoseSource.GIVEN for pose in calibration.poses):
@@ -72,14 +75,18 @@ def ask_poses(
 
 
 def _excused(doubt: PoseDoubt) -> PoseDoubt:
-    """A doubt by the equipment where all cameras agree with each other: then it was moved, not they."""
+    """Excuse a camera from a doubt by the equipment where all cameras agree with each other: the equipment was
+    moved.
+    """
     if doubt.source is not DoubtSource.EQUIPMENT:
         return doubt
     return replace(doubt, sentence=f"{doubt.sentence}; {MOVED}", off_m=float("nan"), refuted=False)
 
 
 def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequence[Scene]) -> None:
-    """Raises InputError where poses are contradicted by far more than noise: by what, by how much, and what to do."""
+    """Raise InputError where poses are contradicted by far more than noise: what contradicts, by how much, what to
+    do.
+    """
     refuted = [doubt for doubt in asked.doubts if doubt.refuted]
     if not refuted:
         return
@@ -97,12 +104,12 @@ def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequen
 
 
 def remedy_of(doubt: PoseDoubt) -> str:
-    """What the user can do about it."""
+    """Return what the user can do about a doubt."""
     return TURN if doubt.source is DoubtSource.UPSIDE_DOWN else REMEDY
 
 
 def exchanged_cameras(scenes: Sequence[Scene]) -> tuple[str, str] | None:
-    """Two cameras whose rooms fit all others' once their poses and lenses are exchanged; None without such."""
+    """Return two cameras whose rooms fit all others' if their poses and lenses are exchanged, else None."""
     for a, b in combinations(range(len(scenes)), 2):
         first, second = scenes[a].camera, scenes[b].camera
         if (first.width, first.height) != (second.width, second.height):

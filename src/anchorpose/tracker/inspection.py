@@ -1,4 +1,4 @@
-"""One frame through all stages, as ``track`` sees it, with everything kept that tracking throws away."""
+"""Run one frame through all stages, as ``track`` does, and keep every intermediate result."""
 
 from __future__ import annotations
 
@@ -28,13 +28,14 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-MOST_FOLLOWED = 60  # frames, half a minute of work, from the recording's initial frame; farther away one nearby is used
+# frames, half a minute of work, from the initial frame to the inspected one; beyond it a nearer start is used
+MOST_FOLLOWED = 60
 NEARBY, NEARBY_SAMPLES = 45, 10  # frames before the inspected one, and how many of them are tried as initial frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Next:
-    """The next frame that is tracked: what it shows, the links of every node to it, and the best branches."""
+    """The next tracked frame: its observation, the links of every node to it, and the best branches."""
 
     observation: Observation
     links: Hypotheses
@@ -43,11 +44,11 @@ class Next:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inspection:
-    """What every stage made of one frame.
+    """The results of every stage for one frame.
 
-    observation: up to geodesics, None where nobody could be searched for. estimate: None where the patient was not
-    found. next: None where the recording ends or the patient is not found. height_m: what anchor distances are scaled
-    by. account: what was done and why something is missing, one sentence each.
+    observation: the stages up to geodesics, None where no patient could be searched for. estimate: None where the
+    patient was not found. next: None where the recording ends or the patient is not found. height_m: the height that
+    scales anchor distances. account: sentences on what was done and why results are missing.
     """
 
     room: Room
@@ -61,7 +62,7 @@ class Inspection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InspectedCamera:
-    """One camera's share of an inspection: its number, and its depth image (height, width) in metres."""
+    """One camera of an inspection: its number, and its depth image (height, width) in metres."""
 
     inspection: Inspection
     number: int
@@ -70,23 +71,23 @@ class InspectedCamera:
 
     @property
     def camera(self) -> Camera:
-        """The camera with the pose that was used."""
+        """Return the camera with the pose that was used."""
         return self.inspection.room.cameras[self.number]
 
     @property
     def time_s(self) -> float:
-        """When the depth image was taken, reference clock."""
+        """Return when the depth image was taken, on the reference clock."""
         return self.inspection.frame_set.time_s
 
     @property
     def scene(self) -> Scene:
-        """What isolation knew of the camera beforehand."""
+        """Return what isolation knew of the camera beforehand."""
         return self.inspection.room.scenes[self.number]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Reached:
-    """The patient in the frame looked at."""
+    """The patient as tracked up to the inspected frame."""
 
     estimate: Estimate
     next: Next | None
@@ -94,7 +95,7 @@ class _Reached:
 
 
 def position_of(recording: Recording, frame: int) -> int:
-    """Where the frame with this number stands in the first camera's stream; raises InputError where there is none."""
+    """Return the position of a frame number in the first camera's stream; raises InputError where there is none."""
     numbers = recording.streams[0].frame
     found = np.flatnonzero(numbers == frame)
     if not len(found):
@@ -106,10 +107,10 @@ def position_of(recording: Recording, frame: int) -> int:
 def inspect_frame(
     recording: Recording, frame: int, config: TrackConfig, as_tracked: bool, tick: Callable[[], None]
 ) -> Inspection:
-    """Everything that the stages make of the frame with this number.
+    """Return the results of all stages for the frame with this number.
 
-    as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does: the same joints to the
-    last digit, after as long a time. Otherwise tracking starts nearby with a first guess of the body.
+    as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does: the joints are the same
+    to the last digit, and it takes as long. Otherwise tracking starts nearby with a first guess of the body.
     config.patient_xz_m: where the patient stands; with as_tracked at the start, otherwise here. tick is called for
     every frame that is read. Raises InputError where there is no such frame.
     """
@@ -148,7 +149,7 @@ def _as_tracked(route: Route, position: int, run: Run) -> tuple[_Reached | None,
 
 
 def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None, tuple[str, ...]]:
-    """As ``track`` does it, but from an initial frame nearby and with a first guess of the body."""
+    """Track as ``track`` does, but from a nearby initial frame and with a first estimate of the body."""
     for initial in _initial_frames_nearby(route, position, run.room, run.config):
         reached = _follow(route, initial, position, None, run)
         if reached is not None:
@@ -165,7 +166,9 @@ def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None
 
 
 def _initial_frames_nearby(route: Route, position: int, room: Room, config: TrackConfig) -> list[InitialFrame]:
-    """Where to begin: the recording's initial frame if near, else the best of the frames before; then the frame."""
+    """Return where tracking may start: the recording's initial frame if near, else the best frames before; then the
+    frame.
+    """
     here = _choose(route, [position], room, config)
     if config.patient_xz_m is not None or room.initial_frame is None:
         return here
@@ -177,18 +180,20 @@ def _initial_frames_nearby(route: Route, position: int, room: Room, config: Trac
 
 
 def _choose(route: Route, positions: Sequence[int], room: Room, config: TrackConfig) -> list[InitialFrame]:
-    """The initial frame among some frames, chosen as ``track`` does; empty where nobody is seen."""
+    """Rank some frames as initial frames, as ``track`` does; empty where no patient is seen."""
     sightings = [sight_people(frame_set, room.scenes) for frame_set in route.frames(positions)]
     equipment, place = room.recording.equipment, config.patient_xz_m
     return list(rank_initial_frames(positions, sightings, equipment, place, room.cameras)[:1])
 
 
 def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedShape | None, run: Run) -> _Reached | None:
-    """The patient in the frame at ``position``, followed from an initial frame; None where not found there."""
+    """Follow the patient from an initial frame to the one at ``position``; None where the patient is not found
+    there.
+    """
     frames = route.frames(_course(initial.frame, position, route, run))
     for estimate, tracker in follow_openly(run, frames, initial.choice, shape):
         if tracker is None and shape is None:
-            return None  # without a known body the search takes long: another initial frame is tried
+            return None  # without a known body the search is slow: another initial frame is tried
         if estimate.frame_set.frame == _number(run.room, position):
             if tracker is None or estimate.belief is None:
                 return None
@@ -197,7 +202,9 @@ def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedSha
 
 
 def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
-    """Positions from the first frame to the one looked at and on over the look-ahead, within what is tracked."""
+    """Return the positions from the first frame to the inspected one and over its look-ahead, within the tracked
+    range.
+    """
     initial = run.room.initial_frame.frame if run.room.initial_frame else position
     direction = 1 if position >= initial else -1
     low, high = min([*route.forward, *route.backward]), max([*route.forward, *route.backward])
@@ -206,7 +213,7 @@ def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
 
 
 def _what_comes_next(tracker: PatientTracker, frames: Iterator[FrameSet]) -> Next | None:
-    """Fills the tracker's window from the frames that follow and asks for its hypotheses."""
+    """Fill the tracker's window with the following frames and compute its hypotheses."""
     while len(tracker.window) <= tracker.config.follow.look_ahead:
         frame_set = next(frames, None)
         if frame_set is None:

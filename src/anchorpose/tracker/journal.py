@@ -1,17 +1,16 @@
 """Store the frames of a run as it goes, so that a killed run goes on: values as bytes, in blocks that are checked.
 
-Bytes name no code to run. Which class an object gets is stated by the annotation of the attribute that holds it, so
-that classes that are stored declare their attributes: dataclasses and named tuples anyway, others in their body.
+The bytes cannot name code to run: the class of an object follows from the annotation of the attribute that holds it.
+Every stored class therefore declares its attributes (dataclasses and named tuples do so anyway). The tree has null,
+booleans, numbers and texts as they are, the value of an enumeration's member, a list for each container, and for all
+else an object with one key: ``{"Pose": {"root_m": ...}}`` an object of a class, ``{"again": 3}`` the fourth of them
+once more, ``{"shared": "run"}`` an object that the reader has, ``{"array": 5}`` an array, ``number`` and ``bytes`` a
+scalar of numpy and bytes that are stored as an array. Objects and arrays keep their identity within one value,
+containers do not.
 
-The tree has null, booleans, numbers and texts as they are, the value of an enumeration's member, a list for each
-container, and for all else an object with one key: ``{"Pose": {"root_m": ...}}`` an object of a class, ``{"again": 3}``
-the fourth of them once more, ``{"shared": "run"}`` an object that the reader has, ``{"array": 5}`` an array, ``number``
-and ``bytes`` a scalar of numpy and bytes that are stored as an array. Objects and arrays keep their identity within one
-value, containers do not.
-
-The digest of a file covers its name. Each pass stores its frames in blocks and, with each block, what the next frame
-needs. A run always goes on with what it has just stored and read back, so that one that was killed has the same numbers
-as one that was not.
+The digest of a file covers its name. Each pass stores its frames in blocks and, with each block, the state that the
+next frame needs. A run always continues from the values that it stored and read back, so that a killed and resumed run
+has the same numbers as an uninterrupted run.
 """
 
 from __future__ import annotations
@@ -40,11 +39,11 @@ from anchorpose.results.folder import naming_place
 
 NUMBERS: Final = "biuf"  # kinds of dtype: boolean, integers, floats; all others are refused
 ALSO: Final = {float: (int, np.floating, np.integer), int: (np.integer,), bool: (np.bool_,)}
-"""What stands in a field besides what it declares, as for type checkers."""
+"""Types that a field may hold besides its declared type, as for type checkers."""
 
 
 def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) -> None:
-    """Writes a value at the end of ``stream``; shared: objects by name that are stored as these names."""
+    """Write a value at the end of ``stream``; ``shared`` are objects by name, of which only the name is stored."""
     writer = _Writer(shared)
     tree = np.frombuffer(json.dumps(writer.node(value), separators=(",", ":")).encode(), np.uint8)
     for array in (tree, *writer.arrays):
@@ -52,7 +51,7 @@ def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) ->
 
 
 def read_value(stream: BytesIO, kind: Any, shared: Mapping[str, object]) -> Any:
-    """Reads what ``write_value`` wrote, from here to the end of ``stream``, as a value of the type ``kind``.
+    """Read a value that ``write_value`` wrote, from here to the end of ``stream``, as the type ``kind``.
 
     Raises ValueError where it holds no such value.
     """
@@ -80,11 +79,11 @@ class _Writer:
         self._objects = 0
 
     def node(self, value: Any) -> Any:
-        """The value as it stands in the tree."""
+        """Return the tree node that stands for a value."""
         if value is None or type(value) in (bool, int, float, str):
             return value
         if isinstance(value, Enum):
-            return value.value  # a field may be declared as a number or a text, and hold a member that is one
+            return value.value  # a field declared as a number or a text may hold a member of an enumeration
         if isinstance(value, dict):
             return [[self.node(key), self.node(item)] for key, item in value.items()]
         if isinstance(value, deque):
@@ -120,7 +119,7 @@ class _Reader:
         self._objects: list[object] = []
 
     def value(self, node: Any, kind: Any) -> Any:
-        """The value of a node of the tree, of this type or, where it is a union, of one of its types."""
+        """Return the value of a tree node, of this type or, for a union, of one of its types."""
         kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
         if isinstance(node, dict):
             found = self._named(node, kinds)
@@ -130,9 +129,9 @@ class _Reader:
             found = next((each(node) for each in kinds if node is not None and _is(each, Enum)), node)
         classes = tuple(get_origin(each) or each for each in kinds)
         if not isinstance(found, classes + sum((ALSO.get(each, ()) for each in classes), ())):
-            raise ValueError(f"has a {type(found).__name__} in the place of {kind}")
+            raise ValueError(f"has a {type(found).__name__} in place of {kind}")
         if isinstance(found, bool) and bool not in classes:
-            raise ValueError(f"has a truth value in the place of {kind}")
+            raise ValueError(f"has a truth value in place of {kind}")
         return found
 
     def _named(self, node: dict[str, Any], kinds: tuple[Any, ...]) -> Any:
@@ -173,7 +172,7 @@ class _Reader:
         return make(self._items(node, repeat(of[0])))
 
     def _items(self, node: list[Any], kinds: Iterable[Any]) -> list[Any]:
-        """The values of a list's nodes; kinds: of each, or one for all."""
+        """Return the values of a list's nodes; ``kinds`` has a type for each node, or one type for all."""
         return [self.value(item, kind) for item, kind in zip(node, kinds, strict=not isinstance(kinds, repeat))]
 
 
@@ -183,7 +182,7 @@ def _is(kind: Any, base: type | tuple[type, ...]) -> bool:
 
 @cache
 def _declared(kind: type) -> dict[str, Any]:
-    """The types of a class's attributes by name."""
+    """Return the types of a class's attributes by name."""
     return get_type_hints(kind)
 
 
@@ -196,17 +195,17 @@ COUNT: Final = "count"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Journal:
-    """Values by name in a folder; each file is whole or absent, and checked when it is read.
+    """A folder of stored values by name; each file is whole or absent, and checked when it is read.
 
-    Reading runs no code but the program's: see ``stored_value``. shared: objects of the run by name, which a run that
-    goes on has made again; they are stored as these names.
+    Reading runs no code but the program's. shared: objects of the run by name, which a resumed run makes again; only
+    their names are stored.
     """
 
     folder: Path
     shared: Mapping[str, object] = field(default_factory=dict)
 
     def inside(self, name: str) -> Journal:
-        """The journal in a folder of this one."""
+        """Return the journal in a subfolder of this one."""
         folder = self.folder / name
         try:
             folder.mkdir(exist_ok=True)
@@ -215,7 +214,7 @@ class Journal:
         return Journal(folder, self.shared)
 
     def require_whole(self, other: Collection[str] = ()) -> None:
-        """Reads all that is stored, also in folders; other: names of what is not stored by ``write``.
+        """Check all stored values, also in subfolders; ``other`` names files that ``write`` did not store.
 
         Raises InputError where a file is damaged, or was stored under another name.
         """
@@ -227,7 +226,7 @@ class Journal:
                 Journal(path.parent)._stored(path.name)
 
     def write(self, name: str, value: object) -> None:
-        """Stores a value; it is in memory once more, not several times."""
+        """Store a value, with one copy of it in memory, not several."""
         stored = io.BytesIO()
         stored.write(bytes(DIGEST_BYTES))
         write_value(stored, value, self.shared)
@@ -236,7 +235,7 @@ class Journal:
             write_whole(self.folder / name, data)
 
     def read(self, name: str, kind: Any) -> Any:
-        """Reads the value of this name, which is of the type ``kind``.
+        """Read the value of this name, which is of the type ``kind``.
 
         Raises KeyError where none is stored, InputError where the file is damaged or holds no such value.
         """
@@ -251,14 +250,14 @@ class Journal:
             raise self.damaged(name) from error
 
     def _stored(self, name: str) -> bytes:
-        """The content of a file; raises InputError where it is damaged, or was stored under another name."""
+        """Return the content of a file; raises InputError where it is damaged, or was stored under another name."""
         data = read_whole(self.folder / name, LARGEST_ARRAYS, self._remedy)
         if self._digest(name, memoryview(data)[DIGEST_BYTES:]) != data[:DIGEST_BYTES]:
             raise self.damaged(name)
         return data
 
     def _digest(self, name: str, data: memoryview) -> bytes:
-        """Of the content and its place: a block that was copied to another place is no block of that place."""
+        """Return the digest of a file's content and name: a block that was copied to another name is refused."""
         digest = DIGEST(f"{self.folder.name}/{name}\n".encode())
         digest.update(data)
         return digest.digest()
@@ -268,11 +267,11 @@ class Journal:
         return f"remove {self.folder} and give the same command again"
 
     def damaged(self, name: str) -> InputError:
-        """The refusal of a value that cannot be used: what is stored with it is made again."""
+        """Return the refusal of an unusable value: everything stored with it has to be made again."""
         return InputError(self.folder / name, "is damaged", self._remedy)
 
     def once(self, name: str, kind: Any, make: Callable[[], Item]) -> Item:
-        """Returns the value of this name and of the type ``kind``; makes, stores and reads it where none is stored."""
+        """Return the value of this name and of the type ``kind``; if it is not stored, make, store and read it."""
         try:
             found: Item = self.read(name, kind)
         except KeyError:
@@ -282,28 +281,28 @@ class Journal:
 
 
 class Blocks(Generic[Item]):
-    """The frames of one pass in the order of the pass, some of them in each file; those of one file are in memory."""
+    """The frames of one pass in order, several per file; only those of one file are in memory."""
 
     def __init__(self, journal: Journal, kind: Any) -> None:
-        """kind: the type of what is stored of a frame."""
+        """Take ``kind``, the type of a stored frame."""
         self._journal, self._kind = journal, kind
 
     def has(self, number: int) -> bool:
-        """Whether a block is stored."""
+        """Return whether a block is stored."""
         return (self._journal.folder / _block_name(number)).is_file()
 
     def require(self, count: int) -> None:
-        """Raises InputError unless the first ``count`` blocks are stored."""
+        """Raise InputError unless the first ``count`` blocks are stored."""
         for number in range(count):
             if not self.has(number):
                 raise self._journal.damaged(_block_name(number))
 
     def write(self, number: int, items: list[Item]) -> None:
-        """Stores a block; what was stored under its number is replaced."""
+        """Store a block, in place of an earlier one with this number."""
         self._journal.write(_block_name(number), items)
 
     def write_count(self, count: int) -> None:
-        """Stores how many blocks there are, where nothing else states it, so that the last one is missed if it goes."""
+        """Store the number of blocks where nothing else states it, so that a lost last block is noticed."""
         self._journal.write(COUNT, count)
 
     def _count(self) -> int:
@@ -313,7 +312,7 @@ class Blocks(Generic[Item]):
             return 0
 
     def read(self, backward: bool = False) -> Iterator[Item]:
-        """All frames, in the order of the pass or against it; raises InputError where a block is gone."""
+        """Yield all frames, in the order of the pass or against it; raises InputError where a block is missing."""
         paths = sorted(self._journal.folder.glob("*.frames"), reverse=backward)
         self.require(max(len(paths), self._count()))
         for path in paths:
@@ -326,7 +325,7 @@ def _block_name(number: int) -> str:
 
 
 def write_whole(path: Path, data: bytes | memoryview) -> None:
-    """Writes a file so that it holds all of ``data`` or what it held before, also after a power cut.
+    """Write a file so that it holds all of ``data`` or its earlier content, also after a power cut.
 
     Raises InputError where the folder is gone, OSError with the folder's name where the disk is full.
     """

@@ -1,4 +1,4 @@
-"""Learn the patient's body on a first pass, from all that it shows."""
+"""Learn the patient's body on a first pass over the recording."""
 
 from __future__ import annotations
 
@@ -31,12 +31,13 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, starts_turned
 
-CANDIDATES: Final = 2  # times as many frames are kept of a window as it is learnt from: those with different poses are
+# times as many frames of a window are kept as it is learnt from; the most different poses among them are used
+CANDIDATES: Final = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """What is kept of a frame until its window is learnt from: a whole estimate is three times as large."""
+    """The values kept of a frame until its window is learnt from: a whole estimate is three times as large."""
 
     time_s: float
     belief: PoseBelief
@@ -45,20 +46,20 @@ class _Seen:
 
     @property
     def pose(self) -> Pose:
-        """The body's pose."""
+        """Return the body's pose."""
         return self.belief.pose
 
     @property
     def body(self) -> Body:
-        """The body as known so far."""
+        """Return the body as known so far."""
         return build_body(body_points(), self.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearntPatient:
-    """The belief in the patient's shape at the end and after the first window; seconds: how long it was learnt from.
+    """The belief in the patient's shape at the end and after the first window; ``seconds`` is the time learnt from.
 
-    contradiction: how what is stated about the patient contradicts the images, empty where it does not.
+    contradiction: how statements about the patient contradict the images, else empty.
     """
 
     belief: ShapeBelief
@@ -68,15 +69,16 @@ class LearntPatient:
 
     @property
     def shape(self) -> FittedShape:
-        """The body to track with."""
+        """Return the body to track with."""
         return self.belief.shape
 
 
 class Stretch(NamedTuple):
-    """A part of the recording that the body is learnt from: where the patient is in its first frame, and its frames.
+    """A part of the recording that the body is learnt from: where the patient stands in its first frame, and its
+    frames.
 
-    choice: None where nobody is to be looked for. start: the patient as already found in the first frame, if so.
-    frames: reads them in the order of time or against it, from the first one at each call.
+    choice: None if no patient is to be searched for. start: the patient as already found in the first frame, if so.
+    frames: reads the frames forward or backward in time, from the first one at each call.
     """
 
     choice: PatientChoice | None
@@ -85,10 +87,10 @@ class Stretch(NamedTuple):
 
 
 def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | None:
-    """The patient's shape, or None where the patient is never found.
+    """Return the patient's shape, or None where the patient is never found.
 
     Each stretch is followed for its share of ``learning.longest_s``, from the first frame in which the patient is
-    found. Tracking goes on with what was learnt so far, and each window's frames add what they show. Only the frames of
+    found. Tracking uses the shape learnt so far, and each window of frames refines it. Only the frames of
     the first and of the last window are kept, of either facing.
     """
     learnt: LearntPatient | None = None
@@ -99,11 +101,11 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Window:
-    """Frames to learn from at once, and how long the patient was followed by their end, seconds.
+    """A window of frames to learn from at once, and the time (s) that the patient was followed by its end.
 
-    tracker: as it stands after them, None where it ends there. turned: starts of the person facing the other way, which
-    the first frame does not decide against; frame: that frame. moved: what it costs that the body was found turned
-    round from one frame to the next, nats.
+    tracker: its state after the window, None where tracking ends there. turned: starts with the person facing the other
+    way that the first frame cannot exclude; frame: that frame. moved: the cost, in nats, of a body that turned round
+    between two frames.
     """
 
     kept: list[_Seen]
@@ -115,7 +117,7 @@ class _Window:
 
 
 def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, run: Run) -> LearntPatient | None:
-    """The patient as learnt after one more stretch; before: as learnt until then, None for the first stretch."""
+    """Learn from one more stretch; ``before`` is the result of earlier stretches, None for the first."""
     windows = _windows(run, stretch, before, longest_s)
     first = next(windows, None)
     if first is None:
@@ -130,7 +132,7 @@ def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, 
 
 
 def _from_frame(stretch: Stretch, frame: int, start: Start) -> Stretch:
-    """The rest of a stretch from a frame on, with the patient as found there."""
+    """Return the rest of a stretch from a frame on, with the patient as found there."""
 
     def frames() -> Iterator[FrameSet]:
         return dropwhile(lambda frame_set: frame_set.frame != frame, stretch.frames())
@@ -142,7 +144,7 @@ _Learning = Iterator[tuple[LearntPatient, _Window]]
 
 
 def _window_by_window(windows: Iterator[_Window], before: LearntPatient | None, run: Run) -> _Learning:
-    """What is known after each window, and this window."""
+    """Yield the learnt state after each window, with the window."""
     learnt, so_far_s = before, 0.0 if before is None else before.seconds
     for window in windows:
         learnt = _learn_more(learnt, window.kept, so_far_s + window.seconds, run)
@@ -154,8 +156,8 @@ def _window_by_window(windows: Iterator[_Window], before: LearntPatient | None, 
 def likelier(one: _Learning, other: _Learning, run: Run) -> _Learning:
     """Choose between learning with either facing; return the more probable one, from where that is decided.
 
-    A frame may show too little of the person to decide. One body has to explain all windows, and its shape has to be
-    one that people have; and who was taken for facing the other way turns round at some time.
+    One frame may show too little to decide. One body has to explain all windows and has to have a human shape; a person
+    whose facing was mistaken turns round at some time.
     """
     lead, chosen = 0.0, one
     for mine in one:
@@ -173,7 +175,7 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> _Learning:
 def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
     """Return the mean log probability of a window's frames with the body learnt from them, nats.
 
-    The mean and not the sum, since errors of shape are alike in all of them.
+    It is the mean, not the sum, since errors of shape are common to all frames.
     """
     body, config = build_body(body_points(), learnt.shape), run.config.registration
     frames = most_different(body_points(), [seen.pose for seen in window.kept], run.config.learning.frame_count)
@@ -185,23 +187,24 @@ def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
 
 
 def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the log probability of the body's shape, and of the way that it faces in a window, nats."""
+    """Return the log probability of the body's shape and of its facing in a window, nats."""
     body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
     facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))
     return facing - 0.5 * shape_cost(learnt.shape, run.room.recording.subject, run.config)
 
 
 def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s: float) -> Iterator[_Window]:
-    """The frames of a stretch to learn from, a window at a time; tracking goes on when the next window is asked for."""
+    """Yield the frames of a stretch in windows; tracking continues when the next window is requested."""
     learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
     known = None if before is None else before.shape
-    begin = stretch.start if before is None else None  # with the body of the first pose, not with the learnt one
+    begin = stretch.start if before is None else None  # with the first pose's body, not the learnt one
     kept, began_s, frame, turned = list[_Seen](), None, 0, tuple[Start, ...]()
     moved, last, by = 0.0, None, None
     for estimate, tracker in follow_openly(run, stretch.frames(), stretch.choice, known, begin):
         time_s = estimate.frame_set.time_s
-        began_s = time_s if began_s is None and before is not None else began_s  # who is not found is not waited for
+        # time before the patient is found does not count
+        began_s = time_s if began_s is None and before is not None else began_s
         if began_s is not None and abs(time_s - began_s) > longest_s:
             break
         seen = _seen(estimate, run)
@@ -213,7 +216,8 @@ def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s
         if kept and _apart_s(kept[0], seen) > learning.window_s:
             yield _Window(kept, abs(kept[-1].time_s - began_s), moved, tracker, turned, frame)
             kept, moved = [], 0.0
-        if last is not None and (estimate.moved or tracker is not by):  # by: who found the patient again, once lost
+        # ``by``: the tracker that found a lost patient again
+        if last is not None and (estimate.moved or tracker is not by):
             moved += _moved(last, seen)
         last, by = seen, tracker
         if not kept or _apart_s(kept[-1], seen) >= interval_s - 1e-6:
@@ -225,14 +229,14 @@ def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s
 
 
 def _moved(before: _Seen, after: _Seen) -> float:
-    """Return what it costs a body to have turned round since the frame before, nats; 0 where only limbs moved."""
+    """Return the cost of a body that turned round since the frame before, nats; 0 where only limbs moved."""
     expected = expected_joints(before.body, before.belief.later(before.pose, _apart_s(before, after)))
     joints_m = after.body.joints(after.pose)
     return expected.moved(joints_m) if parts_apart(expected.joints_m, joints_m) >= PARTS - 1 else 0.0
 
 
 def _seen(estimate: Estimate, run: Run) -> _Seen | None:
-    """None where no body explains the frame, or a reviewer has marked it as unusable."""
+    """Return the kept values of a frame; None where no body explains it, or a reviewer marked it as unusable."""
     if estimate.belief is None or estimate.shape is None or estimate.observation is None:
         return None
     if estimate.explained < LEAST_EXPLAINED or run.room.review.why_unusable(estimate.frame_set.frame) is not None:
@@ -241,19 +245,19 @@ def _seen(estimate: Estimate, run: Run) -> _Seen | None:
 
 
 def _fixed(shape: FittedShape, run: Run) -> LearntPatient:
-    """The body of the first pose, where nothing is to be learnt."""
+    """Return the body of the first pose, where nothing is to be learnt."""
     beliefs = known_beliefs(run.room.recording.subject, run.config)
     fixed = replace(likeliest(beliefs, shape), shape=shape)
     return LearntPatient(fixed, fixed, 0.0)
 
 
 def _apart_s(one: _Seen, other: _Seen) -> float:
-    """Time between two frames; the learning pass may go backward."""
+    """Return the time between two frames; the learning pass may go backward."""
     return abs(other.time_s - one.time_s)
 
 
 def _learn_more(learnt: LearntPatient | None, kept: Sequence[_Seen], seconds: float, run: Run) -> LearntPatient:
-    """What is known after one more window; seconds: how long the patient was followed for it, from the beginning."""
+    """Learn from one more window; ``seconds`` is the total time that the patient was followed."""
     with run.stage("body shape"):
         if learnt is None:
             return _learn_first(seconds, kept, run)
@@ -262,7 +266,7 @@ def _learn_more(learnt: LearntPatient | None, kept: Sequence[_Seen], seconds: fl
 
 
 def _learn_first(seconds: float, kept: Sequence[_Seen], run: Run) -> LearntPatient:
-    """What is known after the first window; the images win where what is stated about the patient contradicts them."""
+    """Learn from the first window; where statements about the patient contradict the images, the images count."""
     subject, config = run.room.recording.subject, run.config
     shape = kept[0].shape
 
@@ -281,7 +285,7 @@ def _learn_first(seconds: float, kept: Sequence[_Seen], run: Run) -> LearntPatie
 
 
 def _learn(known: ShapeBelief, kept: Sequence[_Seen], count: int, reaches_m: Sequence[float], run: Run) -> ShapeBelief:
-    """The belief after the most different frames of a window, ``count`` of them."""
+    """Learn from the ``count`` most different frames of a window."""
     chosen = most_different(body_points(), [seen.pose for seen in kept], count)
     return learn_body(
         body_points(),

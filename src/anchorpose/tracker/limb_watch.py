@@ -1,4 +1,4 @@
-"""Watch how well the pose explains each frame, and find limbs again where it does not."""
+"""Check how well the pose explains each frame, and search for misplaced limbs."""
 
 from __future__ import annotations
 
@@ -18,16 +18,18 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.room import Run
 
-SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing, each as long as three frames
-NAMED_PAUSE: Final = 8  # frames between looks at the descriptor's places, which take a third of a frame
-MISNAMED: Final = -1.0  # nats of a limb: real and simulated people rightly tracked have more (``measure_named_places``)
-MORE: Final = 1.5  # times the uncovered area that a search left: so much more is worth another search at once
-ELSEWHERE_M: Final = 0.25  # a hand on a bar ends at the bar: its anchor may be at the wrist, or at the elbow's bend
-LIMB_ENDS: Final = slice(1, None)  # of the anchors: hands and feet
+SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing; a search takes as long as three frames
+NAMED_PAUSE: Final = 8  # frames between checks of the descriptor's limb names, which take a third of a frame's time
+# nats per limb; rightly tracked people, real and simulated, have more (``measure_named_places``)
+MISNAMED: Final = -1.0
+MORE: Final = 1.5  # times the uncovered area that the last search left: this much more starts a new search at once
+# m, anchor to limb end; a hand on a bar ends at the bar, so its anchor may be at the wrist or elbow
+ELSEWHERE_M: Final = 0.25
+LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet
 
 
 class LimbWatch:
-    """When limbs are searched for, and when the search would only cost time."""
+    """The state that decides when limbs are searched for, and when a search would only cost time."""
 
     run: Run
     search_wait: int
@@ -38,15 +40,15 @@ class LimbWatch:
     def __init__(self, run: Run) -> None:
         self.run = run
         self.search_wait, self.search_pause = 0, SEARCH_PAUSE  # frames until the next search for limbs
-        self.left_uncovered_m2 = 0.0  # by the last search that found nothing: much more is worth another one
-        self.named_wait = 0  # frames until the descriptor is asked again whether it names the limbs as the pose does
+        self.left_uncovered_m2 = 0.0  # after the last search without a result
+        self.named_wait = 0  # frames until the descriptor's limb names are checked against the pose again
 
     def look(
         self, body: Body, found: Registration, explanation: Explanation, predicted: PoseBelief, seen: Observation
     ) -> Search | None:
-        """Search where the registration leaves seen skin uncovered or the descriptor names a limb otherwise; else None.
+        """Search for limbs where seen skin stays uncovered or the descriptor names a limb otherwise; else None.
 
-        explanation: of that frame, by the registered pose.
+        explanation: the registered pose's, for that frame.
         """
         self.search_wait -= 1
         waiting = self.search_wait >= 0 and explanation.uncovered_m2 < MORE * self.left_uncovered_m2
@@ -58,7 +60,7 @@ class LimbWatch:
         return self._search(body, found, predicted, explanation, seen)
 
     def _misnamed(self, body: Body, found: Registration, seen: Observation, sources: Sequence[Source]) -> bool:
-        """Whether the descriptor names a limb's skin otherwise than the pose does; asked now and then."""
+        """Return whether the descriptor names a limb's skin otherwise than the pose does; checked every few frames."""
         self.named_wait -= 1
         if self.named_wait >= 0 or Source.DESCRIPTOR not in sources:
             return False
@@ -66,7 +68,7 @@ class LimbWatch:
         return bool(named_nats(body, found.belief.pose, seen.evidence).sum(axis=1).min() < MISNAMED)
 
     def look_for_whole(self, body: Body, lost: Registration, predicted: PoseBelief, seen: Observation) -> Search | None:
-        """Search where a body explains nothing: it may be turned round, or have other limbs; else None."""
+        """Search where a body explains nothing: it may have turned round, or its limbs are elsewhere; else None."""
         self.search_wait -= 1
         config = self.run.config.registration
         if self.search_wait >= 0 or len(seen.surface) < config.least_nodes:
@@ -81,7 +83,7 @@ class LimbWatch:
     def _search(
         self, body: Body, found: Registration, predicted: PoseBelief, explanation: Explanation, seen: Observation
     ) -> Search:
-        """A search; one that finds nothing waits longer before the next."""
+        """Run a search; after one without a result the next has to wait longer."""
         config = self.run.config.registration
         search = search_limbs(body, found, predicted, seen.evidence, config, seen.seen_anchors)
         if search.taken:
@@ -93,19 +95,19 @@ class LimbWatch:
 
 
 def hidden_limbs(body: Body, explanation: Explanation) -> list[Chain]:
-    """The limbs of whose end nothing is seen."""
+    """Return the limbs whose end is not seen."""
     return [chain for chain in CHAINS if explanation.covering[end_points(body.points, chain)].mean() < LEAST_SHARE]
 
 
 def explained_by(body: Body, found: Registration, seen: Observation) -> Explanation:
-    """How well a registered pose explains a frame."""
+    """Compute how well a registered pose explains a frame."""
     return explain(body.points, pose_points(body, found.belief.pose), seen.evidence)
 
 
 def is_doubtful(
     body: Body, found: Registration, explanation: Explanation, seen: Observation, sources: Sequence[Source]
 ) -> bool:
-    """Whether the frame shows that a limb may be elsewhere: by skin that nothing covers, or by an anchor."""
+    """Return whether a limb may be elsewhere, by skin that the pose does not cover or by an anchor."""
     if Source.SURFACE in sources and needs_search(explanation, bool(hidden_limbs(body, explanation))):
         return True
     away = contradicted_by(body, found.belief.pose, seen.anchors, ELSEWHERE_M)[LIMB_ENDS]

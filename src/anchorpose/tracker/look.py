@@ -1,7 +1,7 @@
-"""Look through sampled frames before tracking: who is in the room, who is a mirror image, where tracking may begin.
+"""Examine sampled frames before tracking: find the people, mirror images among them, and possible initial frames.
 
-A person beyond a wall may also be in the next room. A mirror image has a twin: the reflection in the wall's plane is
-where another person is, in most of the sampled frames, however both move.
+A person seen beyond a wall is in the next room or is a mirror image. A mirror image has a twin: reflected in the wall's
+plane, it lies where another person stands, in most of the sampled frames, however both move.
 """
 
 from __future__ import annotations
@@ -25,14 +25,15 @@ from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-TWIN_M: Final = 0.35  # from the reflection to the twin, over the floor: bodies seen from front and back
-LEAST_TWINS: Final = 3  # frames: two people who pass each other may be alike in one or two
+TWIN_M: Final = 0.35  # m over the floor, reflection to twin: bodies seen from front and back differ by this much
+LEAST_TWINS: Final = 3  # frames; two people who pass each other may look like twins in one or two frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mirror:
-    """A gap (height, width) in a wall, in the scene with a number, that shows images: in ``twins`` of ``shown`` frames
-    with a person beyond it the twin is seen as well."""
+    """A gap (height, width) in a wall of one scene that shows mirror images: in ``twins`` of the ``shown`` frames with
+    a person beyond it, the twin is seen as well.
+    """
 
     scene: int
     wall: Wall
@@ -41,12 +42,12 @@ class Mirror:
     shown: int
 
     def is_in(self, other: Mirror) -> bool:
-        """Whether two planes of one wall have the same gap."""
+        """Return whether two planes of one wall have the same gap."""
         return self.scene == other.scene and bool((self.gap & other.gap).any())
 
     @property
     def sentence(self) -> str:
-        """For the run's notes."""
+        """Return the sentence for the run's notes."""
         away_m = self.wall.offset_m - self.wall.normal @ self.wall.camera.position_m
         return (
             f"a mirror was found {away_m:.1f} m from camera {self.wall.camera.name}: in {self.twins} of {self.shown} "
@@ -57,7 +58,7 @@ class Mirror:
 def find_mirrors(
     sightings: Sequence[Sighting], scenes: Sequence[Scene], patient_xz_m: tuple[float, float] | None
 ) -> list[Mirror]:
-    """The mirrors in which people are seen; none beyond whose plane the user named the patient's place."""
+    """Find mirrors in which people are seen; a wall beyond which the user placed the patient is no mirror."""
     if max((len(sighting.people) for sighting in sightings), default=0) < 2:
         return []
     found = list[Mirror]()
@@ -71,7 +72,7 @@ def find_mirrors(
 
 
 def with_mirrors(scenes: Sequence[Scene], mirrors: Sequence[Mirror]) -> tuple[Scene, ...]:
-    """The scenes with walls in place of mirrors."""
+    """Return the scenes with walls in place of mirrors."""
     changed = list(scenes)
     for mirror in mirrors:
         changed[mirror.scene] = with_wall(changed[mirror.scene], mirror.wall, mirror.gap)
@@ -79,7 +80,7 @@ def with_mirrors(scenes: Sequence[Scene], mirrors: Sequence[Mirror]) -> tuple[Sc
 
 
 def through_a_gap(choice: PatientChoice, sightings: Sequence[Sighting], scenes: Sequence[Scene]) -> str | None:
-    """That the patient who was chosen is seen through a gap in a wall; None where not."""
+    """Return a note if the chosen patient is seen through a gap in a wall, else None."""
     people = next(sighting.people for sighting in sightings if sighting.frame == choice.frame)
     patient = min(people, key=lambda one: float(np.linalg.norm(one.person.ground_xz_m - choice.ground_xz_m)))
     for scene in scenes:
@@ -94,13 +95,15 @@ def through_a_gap(choice: PatientChoice, sightings: Sequence[Sighting], scenes: 
 
 
 def _gap_before(one: SeenPerson, wall: Wall) -> np.ndarray | None:
-    """(height, width) bool: the gap in a wall through which a person beyond it is seen; None for who is not."""
+    """Return the gap (height, width, bool) in a wall through which a person is seen; None if the person is before
+    it.
+    """
     middle = _middle(one)
     return wall.gap_before(middle) if wall.beyond_m(middle) > TWIN_M else None
 
 
 def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> list[Mirror]:
-    """Each gap of a wall with a twin before it, in most of the frames that could show one."""
+    """Return each gap of a wall that has a twin in most of the frames that could show one."""
     gaps, twins, shown = list[np.ndarray](), list[int](), list[int]()
     for sighting in sightings:
         for one in sighting.people:
@@ -121,7 +124,7 @@ def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras:
 
 
 def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequence[Camera]) -> bool | None:
-    """Whether a person stands where a mirror image would come from; None where nobody could be seen there."""
+    """Return whether a person stands where a mirror image would come from; None where that place is not visible."""
     x, z = image.place_xz_m
     middle = wall.reflected(np.array([x, _middle(image)[1], z]))
     others = [one.place_xz_m for one in sighting.people if one is not image]
@@ -133,20 +136,21 @@ def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequen
 
 
 def _middle(one: SeenPerson) -> np.ndarray:
-    """(3,) the middle of what is seen of a person, at its axis."""
+    """Return the middle (3,) of a person's seen surface, on its vertical axis."""
     person = one.person
     return np.array([person.ground_xz_m[0], (person.bottom_m + person.top_m) / 2.0, person.ground_xz_m[1]])
 
 
 def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
-    """Whether a camera that has most of the points (n, 3) in view sees farther than most of them."""
+    """Return whether a camera that has most of the points (n, 3) in view sees farther than most of them."""
     return any(np.mean(read > own + BEFORE_M) > 0.5 for own, read in looks_at_most(points_m, depths_m, cameras))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """scenes: with walls in place of mirrors; sightings: of each sample; initial_frames: best first, none where nobody
-    may be the patient; notes: sentences on mirrors and gaps in walls."""
+    """The result of examining sampled frames. scenes: with walls in place of mirrors; sightings: one per sample;
+    initial_frames: best first, empty where no patient is found; notes: sentences on mirrors and gaps in walls.
+    """
 
     scenes: tuple[Scene, ...]
     sightings: tuple[Sighting, ...]
@@ -161,7 +165,7 @@ def look_around(
     equipment: EquipmentModel | None,
     config: TrackConfig,
 ) -> Look:
-    """Who may be the patient in sampled frames; positions: theirs in the recording."""
+    """Find who may be the patient in sampled frames; ``positions`` are the samples' positions in the recording."""
     sightings = each(lambda sample: sight_people(sample, scenes), samples)
     mirrors = find_mirrors(sightings, scenes, config.patient_xz_m)
     if mirrors:

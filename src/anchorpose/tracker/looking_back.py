@@ -1,8 +1,8 @@
-"""The frames before a limb or the patient was found again, seen once more from there, against the order of the pass.
+"""Track back from a frame in which a limb or the patient was found again, against the direction of the pass.
 
-Who was lost and is found again was somewhere in between, often in view, while the prediction was elsewhere. From the
-frame that shows it the patient is tracked back until both ways agree, or nothing is seen. Each frame is then that of
-the way in which more of the body is seen at its place, so that images decide and no prediction does.
+A limb or patient that was lost and found again was often in view meanwhile, but not where the prediction had it. From
+the frame that shows it, the patient is tracked back until both directions agree, or nothing is seen. Each frame is then
+taken from the direction in which more of the body is seen at its place, so that images decide, not predictions.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import APART_M, PassResult, cheapest_course, course_of, pass_result, seen_less
 from anchorpose.tracker.start import turn_round
 
-AGREEING: Final = 3  # frames in a row in which both ways have all joints in one place: they will not part again
-IN_VAIN: Final = 10  # frames in a row in which the way back sees no more of the body
-ELSEWHERE_M: Final = 0.15  # from the frame before: a limb that was found again, and no small correction
-FIRST_PAUSE, LONGEST_PAUSE = 4, 64  # frames until the next way back, doubled where one changes nothing
+AGREEING: Final = 3  # frames in a row in which both directions agree on all joints: they will not diverge again
+IN_VAIN: Final = 10  # frames in a row in which the backward direction sees no more of the body
+ELSEWHERE_M: Final = 0.15  # m since the frame before: a limb that was found again moves farther than a small correction
+FIRST_PAUSE, LONGEST_PAUSE = 4, 64  # frames until the next look back, doubled after one that changes nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passed:
-    """A frame of a pass: its position in the recording, what the pass answers (None where no body is learnt), and what
-    is to be stored of it."""
+    """A frame of a pass: its position in the recording, the pass's answer (None where no body is learnt), and its
+    values to store.
+    """
 
     position: int
     result: PassResult | None
@@ -40,7 +41,7 @@ class Passed:
 
 @dataclass(slots=True)
 class Waiting:
-    """The frames of a pass that are not stored yet, in its order; wait, pause: frames until the next way back."""
+    """The frames of a pass that are not stored yet, in order; wait, pause: frames until the next look back."""
 
     frames: list[Passed] = field(default_factory=list)
     wait: int = 0
@@ -54,7 +55,9 @@ class Waiting:
         run: Run,
         keep: Callable[[Estimate], Kept],
     ) -> None:
-        """The next frame; what it has found again is looked for in those before it. The rest as in ``look_back``."""
+        """Add the next frame; if it shows a limb or patient found again, look back from it (arguments as
+        ``look_back``).
+        """
         self.wait -= 1
         if self.wait < 0 and self.frames and _is_found_again(estimate, passed.result, self.frames[-1].result):
             seen = look_back(estimate, self.frames, frame, run, keep)
@@ -64,14 +67,14 @@ class Waiting:
         self.frames.append(passed)
 
     def take_but(self, left: int) -> list[Kept]:
-        """What is to be stored of the first frames, which wait no longer; the last ``left`` go on waiting."""
+        """Return the stored values of all frames but the last ``left``, which remain waiting."""
         count = max(0, len(self.frames) - left)
         taken, self.frames = self.frames[:count], self.frames[count:]
         return [one.kept for one in taken]
 
 
 def _is_found_again(estimate: Estimate, now: PassResult | None, before: PassResult | None) -> bool:
-    """Whether a frame has the patient, or a limb, where the frame before it had them not."""
+    """Return whether the patient or a limb is seen in this frame and was lost in the frame before."""
     if now is None or before is None or now.pose is None:
         return False
     if before.pose is None:
@@ -86,7 +89,7 @@ def look_back(
     run: Run,
     keep: Callable[[Estimate], Kept],
 ) -> list[Passed]:
-    """The frames before one in which something was found again, in the order of the pass, some of them seen from there.
+    """Return the frames before one in which something was found again, in order, some of them tracked back from it.
 
     frame: reads the frame at a position.
     """
@@ -110,7 +113,7 @@ def _seen_again(
     run: Run,
     keep: Callable[[Estimate], Kept],
 ) -> list[Passed]:
-    """The last frames of ``before`` by the other way, in the order of the pass, as far back as they show more."""
+    """Track back through the last frames of ``before`` as long as they show more; return them in order."""
     again, agreeing, in_vain = list[Passed](), 0, 0
     estimates = _tracked_back(tracker, (frame(one.position) for one in reversed(before)))
     for one, estimate in zip(reversed(before), estimates, strict=False):

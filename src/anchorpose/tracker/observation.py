@@ -1,4 +1,4 @@
-"""Hold what one frame shows of the patient: where they were expected, who is who, surface, anchors, evidence."""
+"""Hold the values of one frame: where the patient was expected, who is who, surface, anchors, evidence."""
 
 from __future__ import annotations
 
@@ -21,13 +21,15 @@ from anchorpose.surface.surface import ExpectedSkin, Surface
 from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
-LEAST_TRUSTED = 4  # three tell nodes apart (paper, Section IV-D), four make two subsets; with fewer a node keeps all
+# anchors; three identify a node (paper, Section IV-D), four make two subsets; with fewer a node keeps all
+LEAST_TRUSTED = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectation:
-    """Where the patient should be: the skin, how uncertain each point of it is (p,), anchors_m (5, 3), heading (3,)
-    unit; frames since the last fit."""
+    """Where the patient is expected: skin, uncertainty of each skin point (p,), anchors_m (5, 3), heading (3,) as a
+    unit vector; frames since the last fit.
+    """
 
     skin: ExpectedSkin
     sigma_m: np.ndarray
@@ -36,19 +38,20 @@ class Expectation:
     frames_without_fit: int
 
     def apart_m(self, other: Expectation) -> float:
-        """How far the skin is moved between two expectations, nine tenths of it less."""
+        """Return the distance between two expectations: nine tenths of the skin points are moved by less."""
         return float(np.quantile(np.linalg.norm(self.skin.points_m - other.skin.points_m, axis=1), 0.9))
 
     def moved(self, step: np.ndarray) -> Expectation:
-        """The same at another place; step (3,) metres, world."""
+        """Return the expectation at another place; ``step`` is (3,) metres, world."""
         skin = replace(self.skin, points_m=self.skin.points_m + step.astype(np.float32))
         return replace(self, skin=skin, anchors_m=self.anchors_m + step)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Isolated:
-    """Who is who in one frame: per camera the people's pixels and everybody's labels (None without a depth image),
-    the memory of everybody's skin, and the bystanders' bodies."""
+    """The people of one frame: per camera the people's pixels and all labels (None without a depth image), the memory
+    of everybody's skin, and the bystanders' bodies.
+    """
 
     pieces: tuple[Pieces | None, ...]
     views: tuple[View | None, ...]
@@ -60,8 +63,9 @@ class Isolated:
 class SeenSurface:
     """The patient's surface in one frame.
 
-    whole: with the hidden skin, which is inferred; seen: without it. border (n,) uint8 of ``Border``: what each node of
-    the whole ends at. evidence: what the body is registered to, the seen part of the surface among it.
+    whole: with hidden skin, which is inferred; seen: without it. border (n,) uint8 of ``Border``: what bounds the
+    surface at each node of the whole. evidence: the data that the body is registered to, which include the seen
+    surface.
     """
 
     whole: Surface
@@ -71,7 +75,7 @@ class SeenSurface:
 
 
 class AnchorDistances:
-    """The distances of the seen nodes to the anchors, computed when they are first asked for: most frames need none."""
+    """The distances from the seen nodes to the anchors, computed only when they are used: most frames need none."""
 
     _surface: SeenSurface
     _anchors: Anchors
@@ -85,7 +89,7 @@ class AnchorDistances:
         self._found = None
 
     def of_seen_nodes(self) -> np.ndarray:
-        """(n, 5) as ``Observation.descriptor``."""
+        """Return the distances (n, 5) as ``Observation.descriptor`` defines them."""
         if self._found is None:
             with self._stopwatch.stage("geodesics"):
                 self._found = self._compute()
@@ -105,8 +109,9 @@ class AnchorDistances:
 class Observation:
     """One frame after the stages up to geodesics.
 
-    surface: what is seen of the patient's; whole: with the hidden skin, which is inferred. expected: where the patient
-    was expected, None in a frame without expectation. border (n,) uint8 of ``Border``: what each seen node ends at.
+    surface: the seen part of the patient's; whole: with hidden skin, which is inferred. expected: where the patient was
+    expected, None in a frame without expectation. border (n,) uint8 of ``Border``: what bounds the surface at each seen
+    node.
     """
 
     frame_set: FrameSet
@@ -123,22 +128,24 @@ class Observation:
 
     @property
     def descriptor(self) -> np.ndarray:
-        """(n, 5) metres: the distance of each seen node to each anchor, inf where not reached, NaN where missed.
+        """Return (n, 5) metres: the distance from each seen node to each anchor, inf where not reached, NaN where
+        missed.
 
-        NaN also where a hole lengthens it and enough others are left.
+        A distance that a hole lengthens is NaN too if the node has enough other distances.
         """
         return self.distances.of_seen_nodes()
 
     @property
     def seen_anchors(self) -> SeenAnchors:
-        """Surface and anchors together, for proposals of limbs."""
+        """Return surface and anchors together, for proposals of limbs."""
         return SeenAnchors(self.whole, self.anchors)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """The first frame of a track: what was seen, the body, the belief in its pose; rivals: other poses that explain the
-    frame almost as well."""
+    """The first frame of a track: its observation, the body, the belief in its pose; rivals: other poses that explain
+    the frame almost as well.
+    """
 
     observation: Observation
     shape: FittedShape

@@ -1,4 +1,4 @@
-"""Observe a frame: who is who in it, the patient's surface, the anchors; and hold the frames of the look-ahead."""
+"""Observe a frame (label its people, mesh the patient, find the anchors), and hold the frames of the look-ahead."""
 
 from __future__ import annotations
 
@@ -40,20 +40,20 @@ from anchorpose.tracker.room import FACING, UP, Run
 from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
-LOOSEST_SKIN_M = 0.05  # half of a limb's width: skin predicted less precisely is left out of the likelihood
-UNFITTED_M = 0.04  # that skin may stray in each frame without a fit: 1.2 m/s at 30 Hz, a fast leg
+LOOSEST_SKIN_M = 0.05  # half of a limb's width: less precisely predicted skin is left out of the likelihood
+UNFITTED_M = 0.04  # growth of the skin's uncertainty per frame without a fit: 1.2 m/s at 30 Hz, a fast leg
 
 
 def observe_first(
     frame_set: FrameSet, choice: PatientChoice, height_m: float, run: Run, crowd: Crowd | None = None
 ) -> Observation:
-    """A frame in which nothing is expected except where the patient stands; crowd: its people, where they are known."""
+    """Observe a frame in which only the patient's place is known; ``crowd`` are its people, where they are known."""
     isolated = isolate_first(frame_set, choice, run, crowd)
     return observe(frame_set, isolated, None, height_m, run)
 
 
 def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run, crowd: Crowd | None = None) -> Isolated:
-    """Who is who where nothing is known but where the patient stands; crowd: as in ``observe_first``."""
+    """Label the people of a frame in which only the patient's place is known; ``crowd`` as in ``observe_first``."""
     cameras, bystanders = run.room.cameras, Bystanders()
     with run.stage("isolation"):
         crowd = crowd or see_people_apart(find_all_pieces(frame_set, run.room.scenes), cameras)
@@ -69,9 +69,10 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run, crowd: C
 
 
 def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> tuple[Isolated, np.ndarray]:
-    """Who is who where the patient is expected at a place, and the bystanders where they were in the frame before.
+    """Label the people of a frame from the patient's expected place and the bystanders of the frame before.
 
-    Returns also how far (3,), over the ground, from the expected place the frame shows the patient; 0 where they agree.
+    Returns also the step (3,) over the ground from the expected place to the patient's place in the frame; 0 where they
+    agree.
     """
     with run.stage("isolation"):
         pieces = find_all_pieces(frame_set, run.room.scenes)
@@ -87,7 +88,9 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
 
 
 def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
-    """Those who do not stand in the patient, who is at a place (3,): who does was fitted to the patient's surface."""
+    """Return the bystanders who do not overlap the patient at a place (3,); one who does was fitted to the patient's
+    surface.
+    """
     apart = [
         np.linalg.norm((one.belief.pose.root_m - place_m)[[0, 2]]) > IN_EACH_OTHER_M for one in bystanders.followed
     ]
@@ -95,13 +98,13 @@ def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
 
 
 def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
-    """The memory of a frame with everybody where the next one's pixels (``pieces``) show them to have walked."""
+    """Return the memory of a frame, moved to where the next frame's pixels (``pieces``) show each person."""
     memory = before.memory
     return memory.moved(find_steps(memory.seen_last, pieces, run.room.cameras))
 
 
 def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> np.ndarray:
-    """(3,) from where the patient is expected to where the frame shows the patient; 0 where they agree."""
+    """Return the step (3,) from the patient's expected place to their place in the frame; 0 where they agree."""
     seen_m = memory.seen_last.get(PixelLabel.PATIENT)
     if seen_m is None:
         return np.zeros(3)
@@ -111,10 +114,10 @@ def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pie
 
 
 def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
-    """The likelihood that a place is the patient's, by the predicted skin.
+    """Return the likelihood that a place is the patient's, by the predicted skin.
 
-    A limb that has been hidden for long has none: whatever it met would be taken for it. What is seen of it again
-    is connected to the patient.
+    A limb that has been hidden for long has no likelihood: anything near its predicted place would be taken for it.
+    When it reappears, it is connected to the patient's surface.
     """
     spread = config.skin_sigma_m + UNFITTED_M * expected.frames_without_fit
     sure = expected.sigma_m < LOOSEST_SKIN_M
@@ -130,7 +133,7 @@ def _separated(
     elapsed_s: float,
     run: Run,
 ) -> tuple[View | None, ...]:
-    """Everybody's pixels; elapsed_s: since the frame that the bystanders' bodies were fitted to."""
+    """Label the pixels of all people; elapsed_s: time since the frame that the bystanders' bodies were fitted to."""
     with run.stage("isolation"):
         others = bystander_likelihood(bystanders, body_points(), elapsed_s)
         likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
@@ -160,14 +163,14 @@ def _isolated(
 def observe(
     frame_set: FrameSet, isolated: Isolated, expected: Expectation | None, height_m: float, run: Run
 ) -> Observation:
-    """Surface and anchors of a frame whose people are isolated. height_m: what the anchors' distances are scaled by."""
+    """Compute surface and anchors of a frame whose people are isolated; ``height_m`` scales the anchors' distances."""
     surface = see_surface(isolated, expected, run)
     anchors = see_anchors(surface, expected, height_m, run)
     return gather(frame_set, expected, isolated, surface, anchors, run)
 
 
 def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> SeenSurface:
-    """The patient's surface from the patient's pixels; the expected skin says where it is cut and closed."""
+    """Mesh the patient's pixels; the expected skin determines where the mesh is cut and closed."""
     cameras = run.room.cameras
     shown = [blank_view(camera) if view is None else view for view, camera in zip(isolated.views, cameras, strict=True)]
     with run.stage("surface"):
@@ -180,7 +183,7 @@ def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> S
 
 
 def see_anchors(surface: SeenSurface, expected: Expectation | None, height_m: float, run: Run) -> Anchors:
-    """Head, hands and feet, as the picture shows them."""
+    """Find head, hands and feet as the images show them."""
     with run.stage("geodesics"):
         facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
         cut = surface.border == Border.CUT
@@ -196,7 +199,7 @@ def gather(
     anchors: Anchors,
     run: Run,
 ) -> Observation:
-    """The stages' results of one frame in one value."""
+    """Join the results of all stages of one frame."""
     return Observation(
         frame_set,
         expected,
@@ -213,13 +216,13 @@ def gather(
 
 
 Associate = Callable[[Observation, Observation, TrackConfig], Matcher]
-"""Decides which nodes of a frame and the next are the same place of the skin; by default ``link``."""
+"""Function that decides which nodes of two successive frames are the same place of the skin; by default ``link``."""
 
 
 class Window:
-    """The frame last registered, then the later ones, of which those are observed that were asked for.
+    """The last registered frame and the later ones, of which some are observed already.
 
-    frames: of all of them; seen: the observations of the first ones. Frames are matched when the tree asks for it.
+    frames: all of them; seen: observations of the first frames. Frames are matched when the track tree needs it.
     """
 
     run: Run
@@ -234,7 +237,7 @@ class Window:
         self._matchers = deque()
 
     def __getstate__(self) -> dict[str, object]:
-        """Without matches, which are found again where they are asked for."""
+        """Return the state without matches, which are computed again when needed."""
         return {**self.__dict__, "_matchers": deque([None] * len(self._matchers))}
 
     def __len__(self) -> int:
@@ -244,28 +247,29 @@ class Window:
         return self.seen[number]
 
     def append(self, frame_set: FrameSet) -> None:
-        """One more frame of the look-ahead."""
+        """Add one more frame to the look-ahead."""
         self.frames.append(frame_set)
 
     def see(self, seen: Observation) -> None:
-        """The observation of the first frame that has none."""
+        """Add the observation of the first frame that has none."""
         self._matchers.append(None)
         self.seen.append(seen)
 
     def replace_next(self, seen: Observation) -> None:
-        """Another observation of the frame after the last registered one."""
+        """Replace the observation of the frame after the last registered one."""
         self.seen[1] = seen
         for number in range(min(2, len(self._matchers))):
             self._matchers[number] = None
 
     def move_on(self) -> None:
-        """The frame after the last registered one is registered."""
+        """Drop the first frame, since the frame after it is registered now."""
         for held in (self.frames, self.seen, self._matchers):
             held.popleft()
 
     def matchers(self) -> list[Matcher]:
-        """For every subset of anchors, the node of the next frame that each node of a frame matches; per pair of
-        observed frames."""
+        """Return, per pair of observed frames and subset of anchors, the node of the later frame that each node
+        matches.
+        """
         associate = self.run.associate or (lambda now, later, config: link(now, later, config.hypotheses, config.gate))
         found = [
             associate(now, following, self.run.config) if matcher is None else matcher
@@ -275,7 +279,9 @@ class Window:
         return found
 
     def global_hypothesis(self, body: Body, pose: Pose, predicted: Sequence[Pose]) -> GlobalHypothesis:
-        """Search the track tree over all observed frames; pose: in the first, predicted: in each of the others."""
+        """Search the track tree over all observed frames; ``pose`` is that of the first, ``predicted`` has the
+        others.
+        """
         config = self.run.config
         return global_hypothesis(
             body, pose, predicted, list(self.seen), self.matchers(), config.follow.tree_nodes, config.tree

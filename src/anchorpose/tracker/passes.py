@@ -1,4 +1,4 @@
-"""The whole recording, from the frame in which the patient is seen best: backward to the start, forward to the end."""
+"""Track the whole recording from the best initial frame: backward to the start, forward to the end."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ from anchorpose.tracker.smoothing import (
 from anchorpose.tracker.start import find_start, turn_round
 
 BLOCK: Final = 48
-"""Frames that are stored at once: two to six seconds of work. What goes on from there is ten to fifty megabytes."""
+"""Frames per stored block: two to six seconds of work. The state stored with it has ten to fifty megabytes."""
 
-STRETCHES: Final = 3  # that the body is learnt from at most: each costs a first pose
-STRETCHES_APART_S: Final = 60.0  # patients sit or stand for a minute
+STRETCHES: Final = 3  # most stretches that the body is learnt from: each costs a first pose
+STRETCHES_APART_S: Final = 60.0  # s between stretches: patients sit or stand for about a minute
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """Positions of the frames to track; forward and backward both begin with the initial frame."""
+    """Positions of the frames to track; both directions begin with the initial frame."""
 
     room: Room
     forward: Sequence[int]
@@ -52,18 +52,19 @@ class Route:
     tick: Callable[[], None]  # called for every frame that is read
 
     def frames(self, positions: Sequence[int]) -> Iterator[FrameSet]:
-        """The frames, decoded one at a time."""
+        """Yield the frames, decoded one at a time."""
         for position in positions:
             yield self.frame(position)
             self.tick()
 
     def frame(self, position: int) -> FrameSet:
-        """One frame, without depth images that show another place than the room."""
+        """Return one frame, without depth images that show another place than this room."""
         return without_other_places(read_frame(self.room.recording, position), self.room.scenes)
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """The parts of the recording to learn the body from: one begins at the initial frame, up to two more where the
-        patient is seen best minutes away. What is hidden in one part may be in view in another."""
+        """Return the parts of the recording to learn the body from: one from the initial frame, and up to two, minutes
+        away, that show the patient best. Parts that are hidden in one stretch may be in view in another.
+        """
         chosen = list(self.room.initial_frames[:1])
         for other in self.room.initial_frames[1:]:
             away_s = [abs(self._time_s(other.frame) - self._time_s(one.frame)) for one in chosen]
@@ -76,7 +77,7 @@ class Route:
         return tuple(Stretch(one.choice, one.start, frames) for one, frames in zip(chosen, sides, strict=True))
 
     def _longer_side(self, position: int) -> Sequence[int]:
-        """Positions from one to the end that is farther away."""
+        """Return the positions from this one to the end that is farther away."""
         last, first = self.forward[-1], self.backward[-1]
         forward, backward = range(position, last + 1), range(position, first - 1, -1)
         return max(forward, backward, key=len)
@@ -85,13 +86,15 @@ class Route:
         return float(self.room.recording.streams[0].time_s[position])
 
     def skip(self, count: int) -> None:
-        """That many frames were tracked before the run was stopped."""
+        """Count frames as read that were tracked before the run was stopped."""
         for _ in range(count):
             self.tick()
 
 
 def plan_route(room: Room, config: TrackConfig, tick: Callable[[], None]) -> Route:
-    """From the initial frame to both ends of what is to be tracked; forward from the start where nobody was seen."""
+    """Plan the route from the initial frame to both ends of the tracked range; from its start where no patient was
+    seen.
+    """
     recording = room.recording
     positions = range(*slice(config.start, config.stop).indices(len(recording.streams[0].files)))
     initial = room.initial_frame.frame if room.initial_frame else positions.start
@@ -99,17 +102,17 @@ def plan_route(room: Room, config: TrackConfig, tick: Callable[[], None]) -> Rou
 
 
 def learn_on(route: Route, run: Run) -> LearntPatient | None:
-    """The patient's shape, from stretches spread over the recording.
+    """Learn the patient's shape from stretches spread over the recording.
 
-    It is learnt before anything is tracked: all frames then have one body, whose bones keep their length.
+    The shape is learnt before tracking, so that all frames have the same body and bone lengths.
     """
     return learn_patient(run, route.stretches())
 
 
 def track_on(route: Route, run: Run, shape: FittedShape | None, journal: Journal) -> Iterator[TrackedFrame]:
-    """Tracks every frame once the first is asked for, then yields them in the order of time.
+    """Track all frames when the first is requested, then yield them in the order of time.
 
-    All is stored in the journal while it is done: where that has frames already, tracking goes on behind them. Raises
+    Every block is stored in the journal; if the journal has frames already, tracking continues after them. Raises
     InputError at once where it cannot.
     """
     passes = _Passes(route, run, shape, None if shape is None else build_body(body_points(), shape), journal)
@@ -119,10 +122,10 @@ def track_on(route: Route, run: Run, shape: FittedShape | None, journal: Journal
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PassState:
-    """How far a pass has come: frames read, blocks and frames stored, and what goes on from there, None at its end.
+    """The state of a pass: frames read, blocks and frames stored, and the tracker to continue with, None at its end.
 
-    waiting: frames that are not in a block yet, for later ones may show what was lost in them; turned: where a
-    pass the other way begins, once this one has ended; seconds: spent in each stage so far.
+    waiting: frames that are not stored yet, since later ones may show a limb that they lost; turned: the start of a
+    pass in the other direction, once this one has ended; seconds: spent in each stage so far.
     """
 
     frames: int
@@ -136,7 +139,7 @@ class _PassState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Passes:
-    """What the passes over both sides of the initial frame share; each is stored in a folder of its own."""
+    """The shared state of the passes over both sides of the initial frame; each pass has its own folder."""
 
     route: Route
     run: Run
@@ -145,35 +148,35 @@ class _Passes:
     journal: Journal
 
     def require_readable(self) -> None:
-        """Raises InputError where a pass that was begun cannot go on, or lacks one of its blocks."""
+        """Raise InputError where a stored pass cannot be continued, or lacks one of its blocks."""
         with suppress(KeyError):
             self.journal.read("start", Start | None)
         for folder in sorted(path.parent.name for path in self.journal.folder.glob("*/state")):
             self._blocks(folder).require(self.journal.inside(folder).read("state", _PassState).blocks)
 
     def frames(self) -> Iterator[TrackedFrame]:
-        """Tracks both sides, then yields all frames in the order of time."""
+        """Track both sides, then yield all frames in the order of time."""
         both = len(self.route.backward) > 1
         if both:
             self.side("backward", self.route.backward)
         self.side("forward", self.route.forward)
-        if both:  # the initial frame once
+        if both:  # leave out the initial frame, which both sides have
             yield from islice(self.stored("backward", backward=True), len(self.route.backward) - 1)
         yield from self.stored("forward")
 
     def side(self, name: str, positions: Sequence[int]) -> None:
-        """All frames from the initial frame to one end, in this order."""
+        """Track all frames from the initial frame to one end."""
         if self.run.config.smooth and self.body is not None:
             self._both_ways(name, positions, self.body)
         else:
             self._follow(name, positions, self._start, self._tracked, 0 if self.body is None else BLOCK)
 
     def stored(self, name: str, backward: bool = False) -> Iterator[TrackedFrame]:
-        """The frames of a side, once it is done, in the order of the pass or against it."""
+        """Yield the frames of a finished side, in the order of the pass or against it."""
         yield from self._blocks(name).read(backward=backward)
 
     def _both_ways(self, name: str, positions: Sequence[int], body: Body) -> None:
-        """To one end and back to the initial frame, both passes combined.
+        """Track to one end and back to the initial frame, and combine both passes.
 
         The frames are read a third time, to state how well the smoothed poses explain them.
         """
@@ -202,7 +205,7 @@ class _Passes:
             smoothed.write(number, [self._smoothed(row, *pair, frame, smoothing) for row, (pair, frame) in rows])
 
     def _smoothing(self, there: str, back: str, count: int) -> Smoothing:
-        """How both passes are combined in all frames; few of them are in memory as a whole."""
+        """Compute how both passes are combined in all frames; few of them are fully in memory at a time."""
         time_s, frame = np.zeros(count), np.zeros(count, np.int64)
         for row, (tracked, _) in enumerate(self._blocks(there).read()):
             time_s[row], frame[row] = tracked.record.joints.time_s, tracked.record.joints.frame
@@ -238,9 +241,9 @@ class _Passes:
         keep: Callable[[Estimate], Kept],
         wait: int = 0,
     ) -> Start | None:
-        """One pass, from where the journal has it to its end; returns the start of a pass the other way.
+        """Run one pass, from where the journal has it to its end; return the start of a pass in the other direction.
 
-        wait: frames that a limb which is found again may still change.
+        wait: how many frames stay open to changes by a limb that is found again.
         """
         journal, blocks = self.journal.inside(name), self._blocks(name)
         initial = self.run.room.initial_frame
@@ -279,7 +282,7 @@ class _Passes:
             yield from follower.finish()
 
     def _start(self) -> Start | None:
-        """The patient in the initial frame, where both sides begin; None where nobody is found in it."""
+        """Find the patient in the initial frame, where both sides begin; None where nobody is found in it."""
         return self.journal.once("start", Start | None, lambda: _start_of(self.route, self.run, self.shape))
 
     def _blocks(self, name: str) -> Blocks[Any]:

@@ -1,4 +1,4 @@
-"""One patient followed through time: predict, associate, register, frame by frame (paper, Section IV)."""
+"""Follow one patient through time: predict, associate and register frame by frame (paper, Section IV)."""
 
 from __future__ import annotations
 
@@ -39,16 +39,17 @@ from anchorpose.tracker.observing import Window, gather, isolate, see_anchors, s
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
-IN_VIEW: Final = 0.25  # of the joints within an image: of who walks out past the camera, a hip is there the longest
-SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was for an earlier tree: half a forearm's width
+IN_VIEW: Final = 0.25  # least share of joints in an image to count as in view: a hip stays longest when people walk out
+# m; skin expected this far from its place in an earlier tree is observed again: half a forearm's width
+SEE_AGAIN_M: Final = 0.03
 
 
 class PatientTracker:
-    """The patient from a start on. The window holds the frame last registered and up to ``look_ahead`` later ones.
+    """The tracker of one patient. Its window holds the frame last registered and up to ``look_ahead`` later ones.
 
-    ahead: predicted poses; rivals: poses that explain the last frames almost as well; moved: limbs are elsewhere than
-    the frames before the last one said; ends: hands and feet that were lost and not seen since; limb_seen_s
-    (PARTS, 2): when each limb was last seen, up to elbow or knee and beyond, NaN: never.
+    ahead: predicted poses; rivals: poses that explain the last frames almost as well; moved: limbs were found elsewhere
+    than earlier frames had them; ends: hands and feet that were lost and not seen since; limb_seen_s (PARTS, 2): when
+    each limb was last seen, up to elbow or knee and beyond, NaN: never.
     """
 
     run: Run
@@ -93,10 +94,10 @@ class PatientTracker:
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
     def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:
-        """One frame of the method (paper, Section IV).
+        """Track one frame by the method (paper, Section IV).
 
-        frame_set: the next frame, None when no more come; only_look: it only joins the look-ahead. Returns the estimate
-        of the first frame after the last estimated one, once its whole look-ahead is in the window; else None.
+        frame_set: the next frame, None after the last one; only_look: only add it to the look-ahead. Returns the
+        estimate of the first frame after the last estimated one, once its whole look-ahead is in the window; else None.
         """
         if not self._look(frame_set) or only_look:
             return None
@@ -106,7 +107,7 @@ class PatientTracker:
         return replace(estimate, moved=self.moved)
 
     def _look(self, frame_set: FrameSet | None) -> bool:
-        """One more frame in the window; whether the next one to be estimated has its whole look-ahead there."""
+        """Add a frame to the window; return whether the next frame to estimate has its whole look-ahead."""
         if frame_set is not None:
             self.window.append(frame_set)
         return len(self.window) >= (2 if frame_set is None else 1 + self.config.follow.look_ahead)
@@ -115,24 +116,25 @@ class PatientTracker:
         """Register the body to the second frame of the window, and make it the first."""
         # predict, isolate, surface, anchors: what the second frame of the window shows; it is estimated now
         poses, elapsed_s = self._observe_until(1), self._elapsed_s()
-        # register: the body, all parts at once, to all that is seen of the patient; where that leaves the frame
-        # unexplained, limbs are looked for again
+        # register: fit the body, all parts at once, to everything seen of the patient; where it does not explain the
+        # frame, search for limbs again
         registration, hypothesis = self._register(poses, elapsed_s)
         return registration, self._move_on(registration, elapsed_s), hypothesis
 
     def finish(self) -> Iterator[Estimate]:
-        """The estimates of the frames still in the window, with what look-ahead is left."""
+        """Yield the estimates of the frames still in the window, with the remaining look-ahead."""
         while (estimate := self.step(None)) is not None:
             yield estimate
 
     def search(self) -> Search:
-        """The search that begins where the patient was lost."""
+        """Start a search where the patient was lost."""
         return Search(self.window.seen[-1], self.last, left=self.has_left or not self._in_view)
 
     @property
     def has_left(self) -> bool:
-        """Whether the patient is leaving the picture, or left it within a frame: the next who comes in there may be
-        another person."""
+        """Return whether the patient is leaving the image or left it within a frame: whoever enters there next may be
+        another person.
+        """
         views = self.window[0].evidence.views
         gone = not self._in_view and not any(view.patient.any() for view in views if view is not None)
         return gone or seen_as_strip(views, self.run.room.cameras)
@@ -144,11 +146,11 @@ class PatientTracker:
 
     @property
     def height_m(self) -> float:
-        """Standing height of the learnt body."""
+        """Return the standing height of the learnt body."""
         return float(np.ptp(self.body.mesh.vertices[:, 1]))
 
     def use_shape(self, shape: FittedShape) -> None:
-        """Go on with this shape, and all that depends on it."""
+        """Continue with another shape, and update everything that depends on it."""
         self.shape = shape
         self.body = build_body(self.points, shape)
         self.map = map_body(self.body)
@@ -157,14 +159,16 @@ class PatientTracker:
         return abs(self.window[1].frame_set.time_s - self.window[0].frame_set.time_s)
 
     def next_hypothesis(self) -> GlobalHypothesis | None:
-        """The tree's best branch from this frame to the next; None without a next frame that shows the patient."""
+        """Return the tree's best branch from this frame to the next; None if the next frame does not show the
+        patient.
+        """
         if len(self.window) < 2:
             return None
         self._observe_until(1)
         return self._search_tree() if len(self.window[1].surface) else None
 
     def _estimate(self, registration: Registration, seen: Observation, hypothesis: GlobalHypothesis | None) -> Estimate:
-        """The estimate of a frame; notes of it what the next frames need besides the pose."""
+        """Estimate a frame, and store what the next frames need besides the pose."""
         share = None if hypothesis is None else hypothesis.matched_share
         corrected = self._corrections(seen)
         with self.run.stage("states and sigma"):
@@ -184,20 +188,20 @@ class PatientTracker:
         return estimate
 
     def _unseen_s(self, registration: Registration, seen: Observation) -> np.ndarray:
-        """(PARTS, 2) seconds since each part was seen, infinite: never; notes which parts this frame shows."""
+        """Return (PARTS, 2) seconds since each part was seen, infinite: never; stores which parts this frame shows."""
         time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
         shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
         if corrected is not None:
-            shown[LIMB_OF_JOINTS[corrected.joint]] = True  # by the reviewer
+            shown[LIMB_OF_JOINTS[corrected.joint]] = True  # the reviewer shows it
         self.limb_seen_s = np.where(shown, time_s, self.limb_seen_s)
         return np.asarray(np.where(np.isnan(self.limb_seen_s), np.inf, np.abs(time_s - self.limb_seen_s)))
 
     def _corrections(self, seen: Observation) -> CorrectedJoints | None:
-        """Joints of this frame that a reviewer corrected."""
+        """Return the joints of this frame that a reviewer corrected."""
         return self.run.room.review.corrected(seen.frame_set.frame)
 
     def predict(self, steps: int) -> list[Pose]:
-        """The next poses by scaled motion dynamics; each is fitted to its predicted joints when it is asked for."""
+        """Predict the next poses by scaled motion dynamics; each is fitted to its predicted joints when it is used."""
         with self.run.stage("prediction"):
             if not self.ahead:
                 config = self.config
@@ -209,10 +213,10 @@ class PatientTracker:
         return self.ahead[:steps]
 
     def _observe_until(self, last: int) -> list[Pose]:
-        """Predicted poses of the window's later frames up to number ``last``, which then are observed.
+        """Return predicted poses of the later frames up to number ``last``, and observe these frames.
 
-        The next frame may be observed already, for the tree of the frame before. It is observed again where the
-        patient is now expected at another place.
+        The next frame may be observed already, for the tree of the frame before; it is observed again if the patient is
+        now expected elsewhere.
         """
         if len(self.window.seen) > 1:
             expected, before = self.expect(self.predict(1)[0]), self.window[1].expected
@@ -223,7 +227,7 @@ class PatientTracker:
         return self.predict(last)
 
     def _observe(self, number: int) -> Observation:
-        """What the frame with a number in the window shows, those before it being observed."""
+        """Observe a frame of the window by its number; the frames before it must be observed."""
         frame_set, before = self.window.frames[number], self.window[number - 1]
         # predict: scaled motion dynamics say where the body will be (Section IV-C)
         expected = self.expect(self.predict(number)[-1])
@@ -242,7 +246,7 @@ class PatientTracker:
         return gather(frame_set, expected, isolated, surface, anchors, self.run)
 
     def expect(self, pose: Pose) -> Expectation:
-        """What a frame should show in which the patient has this pose."""
+        """Return where the patient is expected in a frame, with this pose."""
         posed = pose_points(self.body, pose)
         trunk = posed.transforms[self.points.asset.bone("Spine1"), :3, 0]
         level = np.array([trunk[0], 0.0, trunk[2]])
@@ -256,7 +260,7 @@ class PatientTracker:
         )
 
     def _move_on(self, registration: Registration, elapsed_s: float) -> Observation:
-        """Make the second frame of the window the first, with the registered pose; returns it."""
+        """Make the second frame of the window the first, with the registered pose; return it."""
         following = self.window[1]
         self.last = self.last.after(following, registration.belief if registration.found else None, elapsed_s)
         self.belief, self.ahead = self._corrected(registration.belief, following), []
@@ -265,10 +269,10 @@ class PatientTracker:
         return following
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
-        """The belief with a reviewer's corrections of this frame's joints, if there are any.
+        """Return the belief with a reviewer's corrections of this frame's joints, if there are any.
 
-        Where they contradict it, the evidence was attributed to the wrong limb: the corrections then count for more,
-        and the movement so far is forgotten. A place that the body cannot reach is not believed.
+        Where they contradict it, the evidence was attributed to the wrong limb: the corrections then get more weight,
+        and the movement so far is dropped. A place that the body cannot reach is ignored.
         """
         given = self._corrections(seen)
         if given is None:
@@ -283,13 +287,15 @@ class PatientTracker:
         return corrected
 
     def _search_tree(self) -> GlobalHypothesis:
-        """The best branch: the chain of matches over the look-ahead that agrees best with the prediction."""
+        """Search the best branch: the chain of matches over the look-ahead that agrees best with the prediction."""
         poses = self._observe_until(len(self.window) - 1)
         with self.run.stage("association"):
             return self.window.global_hypothesis(self.body, self.belief.pose, poses)
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
-        """The pose of the second frame of the window, the predicted one where nothing is seen; the tree where asked."""
+        """Register the second frame of the window, or keep the predicted pose where nothing is seen; also return the
+        tree, if asked for.
+        """
         predicted, self.moved = self.belief.later(poses[0], elapsed_s, self.pace), False
         if not len(self.window[1].surface):
             return Registration(predicted, 0.0, False), None
@@ -302,7 +308,9 @@ class PatientTracker:
     def _register_body(
         self, poses: list[Pose], predicted: PoseBelief, elapsed_s: float
     ) -> tuple[Registration, GlobalHypothesis | None]:
-        """All parts at once, joined, on the learnt body; held by the tree's matches where a user asks for them."""
+        """Register all joined parts of the learnt body at once; held by the tree's matches if the settings ask for
+        it.
+        """
         hypothesis = self._search_tree() if self.config.hypotheses.always else None
         found = self._fit(predicted, no_constraints() if hypothesis is None else self._held(hypothesis, poses[0]))
         best, seen = found, self.window[1]
@@ -311,7 +319,7 @@ class PatientTracker:
                 self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration
             )
             explanation = explained_by(self.body, best, seen)
-            expected = predicted if best is found else best.belief  # a rival was expected where it was
+            expected = predicted if best is found else best.belief  # a rival was expected where it was before
             search = self.watch.look(self.body, best, explanation, expected, seen)
         else:
             search = self.watch.look_for_whole(self.body, found, predicted, seen)
@@ -320,20 +328,20 @@ class PatientTracker:
             best, self.moved = search.registration, self.moved or search.taken
             self.rivals = rivals_of(self.body, best.belief, [*search.rivals, *self.rivals])
         if self.moved:
-            self.history.clear()  # the limbs moved as other ones
+            self.history.clear()  # the past movement belongs to another pose of the limbs
         return best, hypothesis
 
     def _fit(self, predicted: PoseBelief, held: Constraints) -> Registration:
-        """The body registered to what the next frame shows, and at first to some held places."""
+        """Register the body to the next frame, at first constrained to the held places."""
         seen, config = self.window[1], self.config.registration
         return register(self.body, predicted, seen.evidence, held, config, self.feet.rows(seen.frame_set.time_s))
 
     def _held(self, hypothesis: GlobalHypothesis, pose: Pose) -> Constraints:
-        """Where the tree's matches and the anchors hold the body."""
+        """Return the constraints by the tree's matches and the anchors."""
         return held_by(self.body, self.belief.pose, pose, hypothesis, self.window.seen)
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
-        """The paper's own way: every part by itself, from frame to frame."""
+        """Register every part separately from frame to frame, the paper's original method."""
         joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, self.window.seen)
         pose = pose_from_joints(self.body, pose, joints)
         return posterior(self.body, pose, predicted, self.window[1].evidence, self.config.registration)

@@ -1,4 +1,4 @@
-"""Which of the people is the patient, by what everybody does in the sampled frames.
+"""Choose the patient among the people in the sampled frames.
 
 The patient stands in the equipment, is there all the time, near the middle of what the cameras look at, and does not
 turn the back to all of them; those who help stand around the patient and face the patient. None of these is certain, so
@@ -21,25 +21,29 @@ from anchorpose.rotations import unit
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
-STAYS_M: Final = 0.40  # from a person's usual place: a step, or the way from a seat to standing
-SAME_M: Final = 0.15  # between the pelvises of two people who stand as close as they can, twice as much
-HUMAN: Final = 0.65  # of a person's nodes explained by a body: real people have 0.68 and more, things up to 0.70
-MOST_PAST: Final = 0.3  # of a trunk that cameras see past: a lunge has 0.25 of its rough body, a chair 0.37 and more
-HELP_M: Final = 1.2  # from pelvis to pelvis: an outstretched arm's length and a step
-FACES: Final = 0.7  # cosine: within 45 degrees
-ASIDE_M: Final = 0.4  # from where the cameras look: 0.7 votes less; cameras are aimed by eye
-OUTSIDE_M: Final = 0.2  # of the equipment's outline: a patient leans out of it
-SURE: Final = 1.0  # of the votes between the patient and the next: three to one if votes are likelihoods
-CHANCE: Final = 2  # frames: who is seen once may be a body fitted to an arm
-CHEST_M: Final = np.linspace(0.35, 0.75, 7)  # below the top of the head, where the trunk of who stands or sits is
-BEFORE_M: Final = 0.3  # from the middle of a trunk to what no longer is this person
-STEP_M: Final = 0.4  # from frame to frame: 2 m/s at 5 frames a second
-GIVEN_M: Final = 0.5  # from the given place: beyond it another person is seen, and the patient has not come yet
+STAYS_M: Final = 0.40  # m from a person's usual place: a step, or the way from a seat to standing
+# m between the usual places of one person's appearances: half of the least distance of two pelvises
+SAME_M: Final = 0.15
+HUMAN: Final = 0.65  # least share of a person's nodes explained by a body: people have at least 0.68, things up to 0.70
+# largest share of the trunk that cameras see past: 0.25 for the rough body of a lunge, 0.37 and more for a chair
+MOST_PAST: Final = 0.3
+HELP_M: Final = 1.2  # m between the pelvises of patient and helper: an outstretched arm's length and a step
+FACES: Final = 0.7  # least cosine between a person's heading and the direction to the patient: 45 degrees
+ASIDE_M: Final = 0.4  # m from the cameras' axes that costs 0.7 votes; cameras are aimed by eye
+OUTSIDE_M: Final = 0.2  # m outside of the equipment's outline: a patient leans out of it
+SURE: Final = 1.0  # votes between the patient and the next candidate: three to one if votes are likelihoods
+CHANCE: Final = 2  # frames: a person who is seen once may be a body fitted to an arm
+# m below the top of the head: where the trunk of a standing or sitting person is
+CHEST_M: Final = np.linspace(0.35, 0.75, 7)
+BEFORE_M: Final = 0.3  # m before the middle of a trunk: a nearer reading belongs to something else
+STEP_M: Final = 0.4  # m from frame to frame: 2 m/s at 5 frames a second
+# m from the given place: a person farther away is another person, and the patient has not come yet
+GIVEN_M: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """One person through the sightings. seen: the person in each, None where not seen; votes: larger is likelier."""
+    """A person in all sightings. seen: the person in each, None where not seen; votes: larger is likelier."""
 
     seen: tuple[SeenPerson | None, ...]
     votes: float
@@ -48,13 +52,15 @@ class Candidate:
 
     @property
     def place_xz_m(self) -> np.ndarray:
-        """(2,) where the person usually is."""
+        """Return the place (2,) where the person usually is."""
         return _usual_place(self.seen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patient:
-    """Who the patient is. seen: the person in each sighting, None in those without; the rest as in PatientChoice."""
+    """The chosen patient. seen: the person in each sighting, None where not seen; other fields as in
+    ``PatientChoice``.
+    """
 
     seen: tuple[SeenPerson | None, ...]
     reason: str
@@ -68,10 +74,10 @@ def choose_patient(
     patient_xz_m: tuple[float, float] | None,
     cameras: Sequence[Camera],
 ) -> Patient | None:
-    """The patient among everybody in the sightings, None where nobody is seen.
+    """Choose the patient among all people in the sightings; None where nobody is seen.
 
-    With ``patient_xz_m`` the person nearest to that place when a person first stands there; otherwise the person with
-    most votes.
+    With ``patient_xz_m`` it is the person nearest to that place when a person first stands there, otherwise the person
+    with most votes.
     """
     candidates = find_candidates(sightings, equipment, cameras)
     if not candidates:
@@ -85,9 +91,10 @@ def choose_patient(
 
 
 def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndarray) -> Patient | None:
-    """The person who stands at a place in the sighting ``first``, from frame to frame; None where nobody is near.
+    """Follow the person who stands at a place in the sighting ``first`` from frame to frame; None where nobody is
+    near.
 
-    sightings: of frames that follow one another, so that a person who walks is the nearest to the place just before.
+    sightings: of successive frames, in which a walking person is the one nearest to the previous place.
     """
     seen: list[SeenPerson | None] = [None] * len(sightings)
     for way in (range(first, len(sightings)), range(first, -1, -1)):
@@ -107,14 +114,14 @@ def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndar
 def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
-    """Everybody who was seen, with their votes; people without a human body only where nobody has one."""
+    """Return all people who were seen, with their votes; people without a human body only if nobody has one."""
     members = _joined(_followed(sightings))
     human = [seen for seen in members if _is_human(seen)]
     return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]
 
 
 def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
-    """Each person's appearances: who is near a person's usual place is that person."""
+    """Return each person's appearances: a person near another one's usual place is the same person."""
     members = list[list[SeenPerson | None]]()
     for number, sighting in enumerate(sightings):
         people = sighting.people
@@ -137,7 +144,7 @@ def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
 
 
 def _joined(members: Sequence[list[SeenPerson | None]]) -> list[list[SeenPerson | None]]:
-    """Appearances in one another's place are one person's: who squats is seen now as one, now as two."""
+    """Join appearances at the same place, which are one person's: a squatting person is seen now as one, now as two."""
     joined = list[list[SeenPerson | None]]()
     for seen in sorted(members, key=lambda one: -sum(person is not None for person in one)):
         place = _usual_place(seen)
@@ -154,10 +161,10 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Whether a body explains most of the person, and cameras do not see past its trunk.
+    """Return whether a body explains most of the person, and cameras do not see past its trunk.
 
-    Judged where a quarter of the sightings are better: little is seen of a patient behind a pad and a therapist until
-    the patient stands up.
+    The upper quartile of the sightings decides: little is seen of a patient behind a pad and a therapist until the
+    patient stands up.
     """
     bodies = _bodies(seen)
     if not bodies:
@@ -166,7 +173,7 @@ def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
 
 
 def _seen_past(seen: Sequence[SeenPerson | None]) -> float:
-    """Median share of the trunk that cameras see past; 0 without a body."""
+    """Return the median share of the trunk that cameras see past; 0 without a body."""
     return float(np.median([body.past for body in _bodies(seen)] or [0.0]))
 
 
@@ -197,7 +204,7 @@ def _candidate(
 
 
 def _times_gone(seen: Sequence[SeenPerson | None], sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> int:
-    """In how many frames a person is not seen although nothing hides the usual place: hidden is not gone."""
+    """Count the frames in which a person is not seen although nothing hides their usual place."""
     there = [one for one in seen if one is not None]
     x, z = _usual_place(there)
     chest = min(one.person.top_m for one in there) - CHEST_M
@@ -209,7 +216,7 @@ def _times_gone(seen: Sequence[SeenPerson | None], sightings: Sequence[Sighting]
 
 
 def _is_hidden(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
-    """Whether in every camera that has most of the points (n, 3) in view something stands before most of them."""
+    """Return whether an object hides most of the points (n, 3) in every camera that has most of them in view."""
     hidden = [
         bool(np.mean((read > 0) & (read < own - BEFORE_M)) > 0.5)
         for own, read in looks_at_most(points_m, depths_m, cameras)
@@ -229,7 +236,7 @@ def looks_at_most(
 
 
 def _faced_by(one: SeenPerson, sighting: Sighting) -> int:
-    """How many people nearby face a person."""
+    """Count the people nearby who face a person."""
     count = 0
     for other in sighting.people:
         if other is one or other.body is None:
@@ -240,7 +247,7 @@ def _faced_by(one: SeenPerson, sighting: Sighting) -> int:
 
 
 def _turned_to_camera(one: SeenPerson, cameras: Sequence[Camera]) -> float:
-    """Cosine between where a person faces and the nearest such direction to a camera; 0 without a body."""
+    """Return the cosine between a person's heading and the direction to the camera nearest to it; 0 without a body."""
     if one.body is None:
         return 0.0
     towards = [unit(camera.position_m[[0, 2]] - one.body.place_xz_m) for camera in cameras]
@@ -248,7 +255,7 @@ def _turned_to_camera(one: SeenPerson, cameras: Sequence[Camera]) -> float:
 
 
 def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
-    """How far, over the ground, a place lies beside the cameras' axes (root mean square)."""
+    """Return how far, over the ground, a place lies beside the cameras' axes (root mean square)."""
     aside = []
     for camera in cameras:
         x, z = unit(camera.require_pose()[[0, 2], 2])
@@ -258,14 +265,16 @@ def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
 
 
 def outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
-    """How far a place lies outside of the equipment's outline on the ground; 0 inside."""
+    """Return how far a place lies outside of the equipment's outline on the ground; 0 inside."""
     outline = cv2.convexHull(equipment.triangles()[0][:, [0, 2]].astype(np.float32))
     x, z = place_xz_m
     return max(0.0, -float(cv2.pointPolygonTest(outline, (float(x), float(z)), True)))
 
 
 def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candidate:
-    """The person nearest to a place when a person is first there; if nobody ever is, the person who comes nearest."""
+    """Return the person nearest to a place when a person is first there; if nobody ever is, the person who comes
+    nearest.
+    """
 
     def away_m(candidate: Candidate, number: int) -> float:
         one = candidate.seen[number]
@@ -277,12 +286,14 @@ def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candid
 
 
 def distance_m(one: SeenPerson, place_xz_m: np.ndarray) -> float:
-    """From a place to the person's pelvis or the axis of the surface, whichever is nearer: users point at either."""
+    """Return the distance from a place to the person's pelvis or surface axis, whichever is nearer: users point at
+    either.
+    """
     return float(min(np.linalg.norm(one.place_xz_m - place_xz_m), np.linalg.norm(one.person.ground_xz_m - place_xz_m)))
 
 
 def _reason(patient: Candidate, sightings: Sequence[Sighting]) -> str:
-    """Why this person, as the end of a sentence that begins with "who"."""
+    """Return why this person was chosen, as the end of a sentence that begins with "who"."""
     count = sum(one is not None for one in patient.seen)
     parts = ["stands within the equipment"] if patient.within else []
     parts.append(f"was seen in place in {count} of {len(sightings)} frames")

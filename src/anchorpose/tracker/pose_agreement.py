@@ -1,8 +1,8 @@
-"""Whether two cameras show one room and the same people: what one shows, the other must not see past.
+"""Check whether two cameras show one room and the same people: neither may see past surfaces that the other shows.
 
-What stands in between hides a surface; nothing lets a camera see through it but a wrong pose. The room shows a camera
-that stands too near, too far, too high or tilted; people also one that slid along the surfaces that both see, for their
-outlines are next to free space.
+A surface may be hidden by objects in between, but only a wrong pose lets a camera see through it. The room reveals a
+camera that stands too near, too far, too high or tilted; people also reveal a camera that slid along the common
+surfaces, since their outlines are next to free space.
 """
 
 from __future__ import annotations
@@ -23,23 +23,24 @@ from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet, depths_of
 
-# Of what is in view of both, the share that one camera sees past by more than AWAY_M, in whatever direction
+# Shares of the commonly viewed surface that one camera sees past by more than AWAY_M: noted, and refused
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
-ROOM_ALONE: Final = 0.6  # where nobody's outline confirms it: cameras that draw edges out
-AWAY_M: Final = 0.10  # poses that are less wrong can be used: poses 3 cm and a degree off displace people by up to 0.12
-LEAST_SHARED: Final = 500  # points that both cameras see
-POINTS: Final = 20000  # of the room
-POINTS_OF_PEOPLE: Final = 3000  # of one frame
+ROOM_ALONE: Final = 0.6  # share that is refused where cameras draw edges out, so that no person's outline confirms it
+AWAY_M: Final = 0.10  # m; smaller errors are tolerable: poses 3 cm and a degree off displace people by up to 0.12
+LEAST_SHARED: Final = 500  # points that both cameras see; with fewer there is no share
+POINTS: Final = 20000  # points of the room that are compared
+POINTS_OF_PEOPLE: Final = 3000  # points of the people of one frame
 FRAMES: Final = 8
-OFF_M: Final = 0.015  # right poses have at most 0.009
-REFUTED_M: Final = 0.15  # two cameras that are 10 cm off each
+OFF_M: Final = 0.015  # m between the common surfaces; right poses have at most 0.009
+REFUTED_M: Final = 0.15  # m between the common surfaces: two cameras that are 10 cm off each
 
 
 @dataclass(frozen=True, slots=True)
 class SeenPast:
-    """Shares of what one of two cameras shows and the other sees past, the larger of both ways; NaN where they share
-    too little, and for people where a camera draws edges out, so that nobody has an outline."""
+    """Shares of the surfaces shown by one of two cameras that the other sees past, the larger of both directions. NaN
+    where they share too little, and for people where a camera draws edges out, so that outlines are unreliable.
+    """
 
     cameras: tuple[str, str]
     of_room: float
@@ -47,7 +48,7 @@ class SeenPast:
 
     @property
     def measured(self) -> str:
-        """The shares that are known, for people; empty where none is."""
+        """Return the known shares as a text for users; empty if none is known."""
         shares = (("room", self.of_room), ("people", self.of_people))
         known = [f"{100 * share:.0f} % of the {what}" for what, share in shares if np.isfinite(share)]
         return f"see past {' and '.join(known)}" if known else ""
@@ -55,19 +56,21 @@ class SeenPast:
 
 @dataclass(frozen=True, slots=True)
 class CameraPair:
-    """by: how far the cameras have the surfaces that both see from each other; None where these do not determine it."""
+    """The comparison of two cameras. by: displacement between the surfaces that both see, None where these do not
+    determine it.
+    """
 
     past: SeenPast
     by: Displacement | None
 
     @property
     def measured(self) -> str:
-        """All that is known, for people; empty where nothing is."""
+        """Return all known measurements as a text for users; empty if none is known."""
         return ", ".join(part for part in (self.past.measured, self.apart) if part)
 
     @property
     def apart(self) -> str:
-        """The displacement, for people; empty where it is not known."""
+        """Return the displacement as a text for users; empty if it is unknown."""
         if self.by is None:
             return ""
         turn = "" if self.by.turn_rad is None else f" and {np.degrees(self.by.turn_rad):.1f} degrees"
@@ -77,7 +80,7 @@ class CameraPair:
 def compare_cameras(
     scenes: Sequence[Scene], backgrounds_m: Sequence[np.ndarray | None], samples: Sequence[FrameSet]
 ) -> list[CameraPair]:
-    """Every pair of cameras; samples: frames of all cameras, spread over the recording."""
+    """Compare every pair of cameras; ``samples`` are frames of all cameras, spread over the recording."""
     chosen = [samples[k] for k in thin(len(samples), FRAMES)]
     whole = [frame for frame in chosen if all(depth is not None for depth in frame.depths_m)]
     views = [_surfaces(k, scenes, backgrounds_m, whole) for k in range(len(scenes))] if whole else []
@@ -97,15 +100,17 @@ def _surfaces(
 
 
 def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> list[SeenPast]:
-    """Of all pairs of cameras; moments: each camera's people at some times, None without a frame."""
+    """Return the shares seen past for all pairs of cameras; ``moments`` has each camera's people at some times, None
+    without a frame.
+    """
     return [_of_pair(one, other, scenes, moments) for one, other in combinations(range(len(scenes)), 2)]
 
 
 def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
-    """What a pair of cameras says against their poses.
+    """Return the doubt that the comparison of two cameras raises about their poses, None if there is none.
 
-    The surfaces that both see decide where they determine the displacement; else what is seen past, and of that the
-    room where their clocks are not known: people are elsewhere at another time.
+    The common surfaces decide where they determine the displacement, otherwise the shares seen past. Where the clocks
+    are unknown only the room counts: people are elsewhere at another time.
     """
     past, names = pair.past, " and ".join(pair.past.cameras)
     if pair.by is not None:
@@ -138,7 +143,7 @@ def _largest(shares: Sequence[float]) -> float:
 
 
 def _share(counts: Sequence[tuple[int, int]]) -> float:
-    """Seen past, of the points that are in view and not hidden; NaN where they are too few."""
+    """Return the share of the visible, unhidden points that is seen past; NaN where they are too few."""
     past, known = np.sum(counts, axis=0) if counts else (0, 0)
     return float(past / known) if known >= LEAST_SHARED else float("nan")
 
@@ -156,10 +161,10 @@ def _people_past(here: Pieces, there: Pieces, one: Scene, other: Scene) -> tuple
 
 
 def _past(world_m: np.ndarray, other: Scene, depth_m: np.ndarray) -> tuple[int, int]:
-    """(seen past, known) of the points (n, 3) in another camera's depth image (height, width) metres.
+    """Return (seen past, known) of the points (n, 3) in another camera's depth image (height, width) metres.
 
-    Known are those in view where it has a reading and nothing stands before them; the nearest reading within ``AWAY_M``
-    to every side of a point counts.
+    Points in view are known where the camera has a reading and nothing hides them; for each, the nearest reading within
+    ``AWAY_M`` sideways is used.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
     column, row, inside = other.camera.pixel_of(seen)

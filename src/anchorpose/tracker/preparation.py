@@ -1,4 +1,4 @@
-"""Clocks, calibration and room, from frames spread over the recording.
+"""Find clocks, calibration and room from frames spread over the recording.
 
 Where the equipment looks the same from two sides, the patient's body tells which way the patient faces.
 """
@@ -34,14 +34,16 @@ from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import rough_body_of, sight_people
 from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
-BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
-AROUND: Final = 6  # frames before and after the one in which the user named the patient: half a step each
+# times as many samples where the empty room has to be joined from moments in which its parts are free
+BLIND_SAMPLES = 3
+# frames before and after the one in which the user named the patient: half a step of walking each way
+AROUND: Final = 6
 LOOKS: Final = 3  # frames from which the heading is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """A recording on one clock and in one world, with the frames (positions ``chosen``) that they were found from."""
+    """A recording on one clock and in one world, and the sampled frames (positions ``chosen``) that determined both."""
 
     recording: Recording
     clocks: Clocks
@@ -51,7 +53,7 @@ class Settled:
 
 
 def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Room:
-    """Everything that is known before the first frame is followed.
+    """Return everything that is known before tracking.
 
     Raises InputError where poses cannot be found, or given ones cannot be right (``given_poses``).
     """
@@ -63,9 +65,10 @@ def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_
 
 
 def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
-    """Time and place of all cameras; clocks come out sharper with poses, poses found from people sharper with clocks.
+    """Find time and place of all cameras; clocks become more precise with poses, and poses found from people with
+    clocks.
 
-    Clocks and floor of the results that were reviewed are used as they are. Raises InputError where a pose cannot be
+    Clocks and floor of reviewed results are used unchanged. Raises InputError where a pose cannot be
     found.
     """
     unplaced = len(recording.cameras) > 1 and any(camera.T_world_camera is None for camera in recording.cameras)
@@ -87,7 +90,7 @@ def _settled(
     review: Review = NO_REVIEW,
     rough_clocks: bool = False,
 ) -> Settled:
-    """Clocks by what is known of the cameras' poses, then the poses that are not given."""
+    """Find the clocks by what is known of the cameras' poses, then the poses that are not given."""
     if config.clocks.estimate and all(camera.name in review.clocks for camera in cameras):
         clocks = clocks_of_results(cameras, review.clocks)
         timed = align_clocks(recording, clocks.clocks)
@@ -103,9 +106,9 @@ def _settled(
 def calibrate(
     recording: Recording, samples: Sequence[FrameSet], config: TrackConfig, rough_clocks: bool = False
 ) -> Calibration:
-    """The poses of all cameras, given or found; the body model breaks the tie of equipment that is symmetric.
+    """Find the poses of all cameras that are not given; the body model resolves the facing of symmetric equipment.
 
-    Whom the user named plays no part in it: the place was read in the world of an earlier run, which must stay.
+    The patient's given place is not used for it: it was read in the world of an earlier run, which must stay the same.
     """
     anybody = replace(config, patient_xz_m=None, patient_frame=None)
 
@@ -121,7 +124,7 @@ def calibrate(
 
 
 def sample_recording(recording: Recording, config: TrackConfig) -> tuple[list[int], list[FrameSet]]:
-    """Positions of frames spread over what is to be tracked, and these frames."""
+    """Sample frames spread over the tracked range; return their positions and the frames."""
     first, count = config.start, len(recording.streams[0].time_s[config.start : config.stop])
     wanted = config.follow.samples * (1 if all(room is not None for room in recording.backgrounds_m) else BLIND_SAMPLES)
     chosen = np.unique(np.linspace(first, first + count - 1, min(wanted, count)).astype(int)).tolist()
@@ -131,9 +134,9 @@ def sample_recording(recording: Recording, config: TrackConfig) -> tuple[list[in
 def furnish_room(
     settled: Settled, config: TrackConfig, review: Review, scenes: tuple[Scene, ...] | None = None
 ) -> Room:
-    """Background of every camera, and who is the patient, from the settled recording's sampled frames.
+    """Find the background of every camera and the patient, from the settled recording's sampled frames.
 
-    scenes: of every camera, where they are known already. Tracking does not begin in a frame that a reviewer marked as
+    scenes: every camera's, if known already. Tracking does not begin in a frame that a reviewer marked as
     unusable, unless all are.
     """
     recording, calibration = settled.recording, settled.calibration
@@ -151,15 +154,15 @@ def furnish_room(
 def look_for_patient(
     settled: Settled, config: TrackConfig, review: Review = NO_REVIEW, scenes: tuple[Scene, ...] | None = None
 ) -> Look:
-    """Everybody who is seen in the sampled frames that a reviewer left usable, and who of them is the patient.
+    """Find all people in the sampled frames that a reviewer left usable, and choose the patient.
 
-    scenes: of every camera, where they are known already.
+    scenes: every camera's, if known already.
     """
     scenes = scenes_of(settled) if scenes is None else scenes
     samples = settled.samples
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
-    usable = [usable[k] for k in thin(len(usable), config.follow.samples)]  # samples of an empty room are more
+    usable = [usable[k] for k in thin(len(usable), config.follow.samples)]  # an empty room needs more samples than this
     positions = [settled.chosen[k] for k in usable]
     frames = [without_other_places(samples[k], scenes) for k in usable]
     return look_around(positions, frames, scenes, settled.recording.equipment, config)
@@ -168,7 +171,8 @@ def look_for_patient(
 def _frames_of_named(
     recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int, review: Review
 ) -> tuple[InitialFrame, ...]:
-    """Where to begin with the person who is at the given place in a frame: that frame or one just before or after it.
+    """Return where to begin with the person at the given place in a frame: that frame or one just before or after
+    it.
 
     Empty where nobody stands there in it; raises InputError where the recording has no such frame.
     """
@@ -191,7 +195,7 @@ def _position(recording: Recording, frame: int) -> int:
 
 
 def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int) -> InputError:
-    """That nobody is at the given place, and where people are."""
+    """Return the error that nobody is at the given place, and where people are."""
     people = sight_people(read_frame(recording, _position(recording, frame)), scenes).people
     seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in people)]
     where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"
@@ -201,7 +205,7 @@ def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackCo
 
 
 def scenes_of(settled: Settled) -> tuple[Scene, ...]:
-    """Every camera's empty room."""
+    """Learn every camera's empty room."""
 
     def scene_of(number: int, camera: Camera) -> Scene:
         empty = set_scene(camera, _background(settled, number), settled.recording.equipment)
@@ -224,10 +228,10 @@ def _background(settled: Settled, number: int) -> BackgroundModel:
 def heading_of_patient(
     room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
 ) -> int | None:
-    """Index of the level unit vector (3,) that the patient faces; None unless all frames agree.
+    """Return the index of the level unit vector (3,) that the patient faces; None unless all frames agree.
 
-    room: with an initial frame that indexes ``samples``. Several frames, because in a single one another person may be
-    taken for a part of the patient.
+    room: with an initial frame that indexes ``samples``. It uses several frames, because in a single one another person
+    may be taken for a part of the patient.
     """
     looks = [one for one in room.initial_frames if one.choice.sure][:LOOKS]
     faced = [facing for look in looks if (facing := _facing(room, samples[look.frame], look, config)) is not None]
@@ -236,7 +240,7 @@ def heading_of_patient(
 
 
 def _facing(room: Room, frame_set: FrameSet, look: InitialFrame, config: TrackConfig) -> np.ndarray | None:
-    """(3,) the level direction in which the patient faces in a frame; None where too little of them is seen."""
+    """Return the level direction (3,) in which the patient faces in a frame; None where too little of them is seen."""
     isolated = isolate_first(frame_set, look.choice, Run(room, config))
     body = rough_body_of(isolated.views, room.cameras, PixelLabel.PATIENT)
     return None if body is None else np.array([body.facing_xz[0], 0.0, body.facing_xz[1]])

@@ -63,13 +63,15 @@ _GROWTH_M: Final[dict[Sex, tuple[float, ...]]] = {
 """Medians at 3, 4, ... 19 years: WHO growth standards (to 5 years) and WHO reference 2007 (de Onis et al. 2007,
 doi:10.2471/BLT.07.043497)."""
 
-_SPREAD: Final = 0.045  # of the median: WHO's deviations are 4 to 5 % of it at every age
+_SPREAD: Final = 0.045  # share of the median; WHO's standard deviations are 4 to 5 % of it at every age
 _ADULT_M: Final[dict[Sex, tuple[float, float]]] = {"female": (1.629, 0.064), "male": (1.756, 0.069)}
 """ANSUR II (Gordon et al. 2014, NATICK/TR-15/007), 1,986 women and 4,082 men."""
 
 
 def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
-    """Mean and standard deviation; None: unknown, an adult where it is the age; below 3 years: as at 3."""
+    """Return mean and standard deviation of the stature. An unknown age (None) is an adult's; below 3 years it is as at
+    3.
+    """
     sexes: tuple[Sex, ...] = ("female", "male") if sex is None else (sex,)
     if age_years is None or age_years >= GROWN_YEARS:
         mean, spread = np.mean([_ADULT_M[one] for one in sexes], axis=0).tolist()
@@ -81,17 +83,18 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
     return mean, float(np.hypot(spread, apart if age_years is None or age_years > 12.0 else 0.0))
 
 
-TALLER = (1.0, 0.92)  # of the stature by matches: simulated people are as tall, real ones often 5 to 10 % shorter
+# factors of the stature by matches; real people are often 5 to 10 % shorter than it, simulated ones are not
+TALLER = (1.0, 0.92)
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CHILD_HEIGHTS_M = (0.95, 1.55)
-ORDINARY_HEIGHT_M = 1.70  # of an adult whose height is not given
+ORDINARY_HEIGHT_M = 1.70  # height of an adult whose height is not given
 CONTRADICTS = 3.0  # standard deviations by which a stated height and the images may differ
-SYSTEMATIC_M = 0.02  # of a height by the images: shoes, hair and a body unlike the model
-TRIED_SIGMA_M = 0.01  # of a height that a body is tried with
+SYSTEMATIC_M = 0.02  # systematic error of a height from images: shoes, hair and a body unlike the model
+TRIED_SIGMA_M = 0.01  # weight of a tried height, as a standard deviation
 
 
 def ordinary_height_m(recording: Recording) -> float:
-    """The patient's height as given, else that of people of the given age and sex."""
+    """Return the patient's height as given, else the mean for the given age and sex."""
     subject = recording.subject
     if subject.height_m is not None:
         return subject.height_m
@@ -99,7 +102,7 @@ def ordinary_height_m(recording: Recording) -> float:
 
 
 def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, ...]:
-    """What is known of the patient's shape: of an adult and, unless the patient is grown, of a child, the adult first.
+    """Return the prior beliefs in the patient's shape: an adult's first and, unless the patient is grown, a child's.
 
     A measured height is one more observation. Without one, height follows from age and sex where these are given.
     """
@@ -114,21 +117,21 @@ def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, .
 
 
 def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief:
-    """The group of people that a shape most likely belongs to, by the statistical components."""
+    """Return the belief (adult or child) that a shape most likely belongs to, by the statistical components."""
     asset = body_points().asset
     return min(beliefs, key=lambda belief: belief.common(asset).cost(shape))
 
 
 def shape_cost(shape: FittedShape, subject: Subject, config: TrackConfig) -> float:
-    """Squared deviations of a shape from the people whom it most likely belongs to: twice what it costs in nats."""
+    """Return a shape's squared deviations from the group that it most likely belongs to: twice its cost in nats."""
     likely = likeliest(known_beliefs(subject, config), shape)
     return float(likely.common(body_points().asset).cost(shape))
 
 
 def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> FirstShape:
-    """Return the bodies to begin with, of the stature that is stated or seen, and of what is stated about the patient.
+    """Return the bodies to begin with, of the stated or seen stature, from the statements about the patient.
 
-    A child's only where one may be so tall, or the age is that of a child.
+    A child's body is tried only where a child may be so tall, or the age is a child's.
     """
     asset, tried = body_points().asset, list[ShapeBelief]()
     heights_m = [share * stature_m for share in TALLER] if subject.height_m is None else [subject.height_m]
@@ -144,7 +147,7 @@ def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> Fi
 
 
 def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> str:
-    """How what is stated about the patient contradicts a body that was learnt without it; empty where it does not."""
+    """Return how statements about the patient contradict a body that was learnt without them; empty if they do not."""
     if subject == subject.unmeasured or (
         subject.height_m is None and subject.age_years is None and subject.sex is None
     ):
@@ -165,6 +168,6 @@ def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> s
 
 
 def is_human(shape: FittedShape) -> bool:
-    """Whether a person may be as short or as tall: the model cannot be fitted to half a person."""
+    """Return whether a person may have this height: the model cannot be fitted to half a person."""
     shortest, tallest = STATURES_M
     return shortest < standing_height(body_points().asset, shape)[0] < tallest

@@ -1,6 +1,6 @@
-"""Find objects that are at rest part of the time, furniture that is moved or people who keep still, and give them back.
+"""Find objects that rest part of the time (moved furniture, people who keep still), and give them back.
 
-A door that opens, a chair that is pushed: not in one place for long enough to be learnt as the room, and no person.
+An opened door or a pushed chair is not in one place for long enough to be learnt as the room, and is no person.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ from anchorpose.isolation.components import JUMP_GATE, label_components
 from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet
 
-LEAST_S: Final = 1.0  # that an object rests: a person who turns back stands still for half a second
-LEAST_SAMPLES: Final = 6  # that show it at rest: its sway is measured on them
-SETTLING: Final = 2  # samples in which what was pushed or swung still moves by less than the noise
-WHOLE: Final = 0.8  # of the connected foreground: at rest; of the object: not there all the time
-SHOWN: Final = 33  # percent of the object's pixels: people may hide the others
+LEAST_S: Final = 1.0  # s that an object must rest: a person who turns back stands still for half a second
+LEAST_SAMPLES: Final = 6  # samples that must show it at rest: its sway is measured on them
+SETTLING: Final = 2  # samples after an object comes to rest in which its settling is below the noise
+# share of the connected foreground that must be at rest; an object seen in a larger share of samples is the room
+WHOLE: Final = 0.8
+SHOWN: Final = 33  # percent of the object's pixels that must be seen: people may hide the others
 OFTEN: Final = 67  # percentile of the samples: in a third of them nobody touches the object
-RIM_PX: Final = 2  # around an object: its edge flickers by so much
+RIM_PX: Final = 2  # pixels around an object where its edge flickers
 
 
 class Recorded(NamedTuple):
@@ -39,7 +40,7 @@ class Recorded(NamedTuple):
     nearer: np.ndarray
 
     def reversed(self) -> Recorded:
-        """From the last sample to the first, in a time that increases."""
+        """Return the samples in reverse order, with increasing times."""
         return Recorded(self.frames_m[::-1], -self.time_s[::-1], self.nearer[::-1])
 
 
@@ -54,9 +55,9 @@ class RestingObject:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Still:
-    """What rests until the last of n samples, per pixel (height, width).
+    """The surface that rests until the last of n samples, per pixel (height, width).
 
-    depth_m float32, 0 = nothing; since int: the first sample that read it and after which nothing was read behind it;
+    depth_m float32, 0 = nothing; since int: the first sample that read it, after which no reading lies behind it;
     agrees (n, height, width) bool: the samples from then on that read it.
     """
 
@@ -83,13 +84,13 @@ def resting_objects(
 
 
 def _turned(one: RestingObject, count: int) -> RestingObject:
-    """What was found from the last sample to the first, in the recording's time."""
+    """Convert an object found in reversed samples to the recording's order."""
     layer = RestingLayer(one.layer.depth_m, one.layer.sigma_m, -one.layer.until_s, -one.layer.from_s)
     return RestingObject(one.piece, layer, np.sort(count - 1 - one.samples))
 
 
 def _until_the_end(seen: Recorded, model: BackgroundModel) -> Iterator[RestingObject]:
-    """Those that rest until the last sample."""
+    """Yield the objects that rest until the last sample."""
     still = _what_is_still(seen, model.sensor.noise_per_m)
     pieces, count = label_components(still.depth_m, still.depth_m > 0, model.sensor.jump_limit)
     area = np.bincount(
@@ -106,7 +107,7 @@ def _until_the_end(seen: Recorded, model: BackgroundModel) -> Iterator[RestingOb
 
 
 def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
-    """The farthest surface of the last second, where nothing farther is read after it was first read."""
+    """Return the farthest surface of the last second, as long as no later reading lies behind it."""
     frames, times = seen.frames_m, seen.time_s
     last = frames[min(int(np.searchsorted(times, times[-1] - LEAST_S)), len(frames) - LEAST_SAMPLES) :]
     far = last.max(axis=0)
@@ -123,7 +124,7 @@ def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
 
 
 def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndarray:
-    """(k,) the samples that show most of a piece at rest, without those in which it settles; none if too few."""
+    """Return the samples (k,) that show most of a piece at rest, without those in which it settles; none if too few."""
     since = np.percentile(still.since[piece], SHOWN)
     samples = np.flatnonzero(still.agrees[:, piece].mean(axis=1) > SHOWN / 100.0)
     samples = samples[samples >= since]
@@ -134,7 +135,9 @@ def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndar
 def _whole_share(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> float:
-    """Of the connected foreground that a piece belongs to, the share at rest, in the third of the samples with most."""
+    """Return the share of the connected foreground around a piece that is at rest, at the ``OFTEN`` percentile of the
+    samples.
+    """
     shares = []
     for k in samples:
         pieces, _ = label_components(seen.frames_m[k], seen.nearer[k], model.sensor.jump_limit)
@@ -147,7 +150,7 @@ def _whole_share(
 def _layer(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> RestingLayer:
-    """A piece with its rim from its first sample on; the deviation is that of its own readings, with the z^2 law."""
+    """Make the layer of a piece and its rim, from its first sample on; its deviation is measured, with the z^2 law."""
     readings = np.where(still.agrees[samples][:, piece], seen.frames_m[samples][:, piece], np.nan)
     read = np.isfinite(readings).any(axis=0)
     factor = np.nanstd(readings[:, read], axis=0) / still.depth_m[piece][read] ** 2
@@ -157,14 +160,15 @@ def _layer(
     return RestingLayer(depth, np.float32(sigma_per_m) * depth**2, float(seen.time_s[samples[0]]), np.inf)
 
 
-CHECKED: Final = 3  # samples of an object that are described
-MOST_PERSON: Final = 0.2  # share of an object's pixels that may be taken for a person's: chairs have up to a tenth
+CHECKED: Final = 3  # samples of an object that the descriptor examines
+MOST_PERSON: Final = 0.2  # largest share of an object's pixels that may look like a person: chairs have up to a tenth
 
 
 def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet]) -> Scene:
-    """The scene of the camera with a number, with the objects in its room that are moved, each while it rests.
+    """Add to a camera's scene the moved objects of the room, each for the time that it rests.
 
-    Only in a room that was learnt from the recording: from a picture of the empty room everything stands out.
+    This is done only in a room that was learnt from the recording: with an image of the empty room every object is
+    foreground anyway.
     """
     model, camera = scene.background, scene.camera
     if model.source is not BackgroundSource.RECORDING:
@@ -176,7 +180,9 @@ def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet])
 
 
 def _person_share(one: RestingObject, frames_m: Sequence[np.ndarray], camera: Camera) -> float:
-    """Share of an object's pixels that the descriptor takes for a person's, in the median of some samples."""
+    """Return the share of an object's pixels that the descriptor takes for a person's, in the median of some
+    samples.
+    """
     chosen = [int(one.samples[k]) for k in thin(len(one.samples), CHECKED)]
     row, column, _ = nearest_rays(camera)
     return float(

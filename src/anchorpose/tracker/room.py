@@ -30,17 +30,16 @@ from anchorpose.tracker.stopwatch import Stopwatch
 
 UP = np.array([0.0, 1.0, 0.0])
 NOBODY_SEEN: Final = "nobody was seen in the sampled frames"
-FACING = np.array([1.0, 0.0, 0.0])  # design: X of the world is the way the patient faces
+FACING = np.array([1.0, 0.0, 0.0])  # world convention: the patient faces along X
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InitialFrame:
-    """A frame (position in the recording) that shows the patient, and where the patient stands in it.
+    """A frame that shows the patient (its position in the recording), and where the patient stands in it.
 
-    score: 0 to 1, by how well the patient is seen there, and how far from others; whole: 0 to 1, the patient's visible
-    surface relative to the usual one; alone: nobody is there to be confused with; crowd: the people seen there, as long
-    as it may be needed; start: the patient as found there,
-    None where no body was fitted yet.
+    score: 0 to 1, by how well the patient is seen and how far from others; whole: 0 to 1, the patient's visible surface
+    relative to the usual one; alone: no other person is near; crowd: the people seen there, while it may be needed;
+    start: the patient as found there, None before a body is fitted.
     """
 
     frame: int
@@ -54,10 +53,11 @@ class InitialFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """recording: on one clock; cameras and scenes in its order; initial_frames: where tracking may begin, best first,
-    none where nobody was seen in the sampled frames, or nobody is to be tracked; review: a reviewer's corrections of
-    earlier results; why_nobody: why every joint is lost where there is no initial frame; notes: sentences
-    on mirrors and gaps in walls."""
+    """The prepared room. recording: on one clock; cameras and scenes in its order; initial_frames: where tracking may
+    begin, best first, empty where nobody was seen in the sampled frames or nobody is to be tracked; review: a
+    reviewer's corrections of earlier results; why_nobody: why all joints are lost where there is no initial frame;
+    notes: sentences on mirrors and gaps in walls.
+    """
 
     recording: Recording
     clocks: Clocks
@@ -70,19 +70,21 @@ class Room:
 
     @property
     def initial_frame(self) -> InitialFrame | None:
-        """Where tracking begins."""
+        """Return the frame where tracking begins."""
         return self.initial_frames[0] if self.initial_frames else None
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """The cameras with the poses that are used."""
+        """Return the cameras with the poses that are used."""
         return self.calibration.cameras
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Review:
-    """joints: by frame number. unusable: first and last frame, both included, and the sentence with the reason. clocks,
-    by camera, and floor_height_m: those of the corrected results; none where they have to be found."""
+    """A reviewer's corrections. joints: by frame number. unusable: first and last frame, both included, and the
+    sentence with the reason. clocks, by camera, and floor_height_m: from the corrected results; none where they have to
+    be found.
+    """
 
     joints: dict[int, CorrectedJoints] = field(default_factory=dict)
     unusable: tuple[tuple[int, int, str], ...] = ()
@@ -90,11 +92,11 @@ class Review:
     floor_height_m: float | None = None
 
     def why_unusable(self, frame: int) -> str | None:
-        """The sentence of the first interval that holds the frame, None where the frame may be used."""
+        """Return the reason of the first unusable interval that contains the frame, None where the frame is usable."""
         return next((why for first, last, why in self.unusable if first <= frame <= last), None)
 
     def corrected(self, frame: int) -> CorrectedJoints | None:
-        """The corrected joints of a frame; None without any, and in a frame that is left out."""
+        """Return the corrected joints of a frame; None without corrections, and in an unusable frame."""
         return self.joints.get(frame) if self.why_unusable(frame) is None else None
 
 
@@ -102,7 +104,7 @@ NO_REVIEW: Final = Review()
 
 
 def held_joints(review: Review, frames: Sequence[int]) -> np.ndarray:
-    """(t, 21) bool: the corrected joints of the frames with these numbers, and all joints of their limbs."""
+    """Return (t, 21) bool: corrected joints of the frames with these numbers, and all joints of their limbs."""
     held = np.zeros((len(frames), JOINT_COUNT), bool)
     for row, frame in enumerate(frames):
         corrected = review.corrected(frame)
@@ -112,7 +114,7 @@ def held_joints(review: Review, frames: Sequence[int]) -> np.ndarray:
 
 
 def review_of(corrections: Corrections) -> Review:
-    """What tracking needs from a file of corrections."""
+    """Return the part of a corrections file that tracking needs."""
     by_frame: dict[int, list[JointCorrection]] = {}
     for entry in corrections.joints:
         by_frame.setdefault(entry.frame, []).append(entry)
@@ -125,8 +127,9 @@ def review_of(corrections: Corrections) -> Review:
 
 
 def require_frames(path: Path, corrections: Corrections, recording: Recording) -> None:
-    """Raises InputError where an entry is about a frame that the recording does not have, or has at another time, or
-    the patient is named in a frame that may not be used."""
+    """Raise InputError where an entry names a frame that the recording lacks or has at another time, or where the
+    patient is named in an unusable frame.
+    """
     clock = corrections.recording.clocks.get(recording.cameras[0].name, Clock())
     time_s = clock.reference_s(recording.streams[0].time_s)
     times_s = dict(zip(recording.streams[0].frame.tolist(), time_s.tolist(), strict=True))
@@ -135,7 +138,7 @@ def require_frames(path: Path, corrections: Corrections, recording: Recording) -
             raise InputError(path, f"{what} frame {frame}, which the recording does not have", "take that entry out")
         if abs(stated_s - times_s[frame]) > half_period_s(time_s):
             problem = (
-                f"{what} frame {frame} at {stated_s:g} s, and the recording has that frame at {times_s[frame]:g} s"
+                f"{what} frame {frame} at {stated_s:g} s, but the recording has that frame at {times_s[frame]:g} s"
             )
             raise InputError(path, problem, "correct the frame or the time, or take that entry out")
     patient = corrections.patient
@@ -145,7 +148,7 @@ def require_frames(path: Path, corrections: Corrections, recording: Recording) -
 
 
 def _moments(corrections: Corrections) -> Iterator[tuple[int, float, str]]:
-    """Return every frame that an entry names, the time that it states, and what it does there."""
+    """Yield every frame that an entry names, the time that it states, and what it does there."""
     for joint in corrections.joints:
         yield joint.frame, joint.time_s, "corrects joints of"
     if corrections.patient is not None:
@@ -165,10 +168,10 @@ def _corrected_joints(entries: list[JointCorrection]) -> CorrectedJoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """What every frame of a run is tracked with.
+    """The inputs that every frame of a run is tracked with.
 
-    motions: reference movements, None where the prediction needs none. associate: how the nodes of a frame are matched
-    in the next (``observing.Associate``); None: ``link``.
+    motions: reference movements, None where the prediction needs none. associate: function that matches nodes of
+    successive frames (``observing.Associate``); None: ``link``.
     """
 
     room: Room
@@ -178,9 +181,9 @@ class Run:
     associate: Callable[..., Matcher] | None = None
 
     def without_patient(self, why: str) -> Run:
-        """The run in which who was found is not tracked, and why."""
+        """Return the run for a person who was found but is not to be tracked, with the reason."""
         return replace(self, room=replace(self.room, initial_frames=(), why_nobody=why))
 
     def stage(self, name: str) -> AbstractContextManager[None]:
-        """Time what runs inside as a part of the stage of this name."""
+        """Count the time of the enclosed block for the stage of this name."""
         return self.stopwatch.stage(name)

@@ -1,4 +1,4 @@
-"""Looking for a patient who was lost: nobody who was beside the patient is taken for the patient."""
+"""Search for a lost patient; a person who was seen beside the patient is not taken for the patient."""
 
 from __future__ import annotations
 
@@ -22,21 +22,20 @@ from anchorpose.tracker.patient_choice import outside_m
 from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.start import NoStart
 
-NEAR_M: Final = 0.5  # from where the patient was last seen: what remains visible is off the body's axis
-WALK_M_S: Final = 1.5  # as fast as people walk
-RETURN_S: Final = 1.0  # nobody walks out of the picture, turns round and is back sooner
-STRIP_M: Final = 0.15  # from the border: half a trunk in profile, a head's width
-BORDER: Final = 0.1  # of the image's width or height, where stereo cameras read nothing
-CUT: Final = 0.5  # of a person's rows or columns that go on to the border
+NEAR_M: Final = 0.5  # m from the patient's last place: the visible part of a body lies off its axis
+WALK_M_S: Final = 1.5  # m/s, people's walking speed
+RETURN_S: Final = 1.0  # s: nobody walks out of the image, turns round and is back sooner
+STRIP_M: Final = 0.15  # m from the image border: half a trunk in profile, a head's width
+BORDER: Final = 0.1  # share of the image's width or height at the border where stereo cameras have no readings
+CUT: Final = 0.5  # share of a person's rows or columns that must continue to the border
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LastSeen:
-    """When and how the patient was last seen, and who else was there.
+    """The last sight of the patient, and the other people there.
 
-    seen: the last frame with the patient; belief: in the pose in it; met: labels of the people who were followed
-    beside the patient until now; places: of them, where (2,) each pelvis was when it was last seen; gone_s and
-    gone_frames: since that frame.
+    seen: the last frame with the patient; belief: in its pose; met: labels of the people followed beside the patient
+    until now; places: where (2,) the pelvis of each was last seen; gone_s and gone_frames: time and frames since then.
     """
 
     seen: Observation
@@ -47,7 +46,7 @@ class LastSeen:
     gone_frames: int = 0
 
     def after(self, following: Observation, belief: PoseBelief | None, elapsed_s: float) -> LastSeen:
-        """With one more frame; belief: None where it does not show the patient."""
+        """Return this record after one more frame; ``belief`` is None where the frame does not show the patient."""
         others = [one for one in following.bystanders.followed if one.hidden_s == 0.0]
         met = self.met | {one.label for one in others}
         places = self.places | {one.label: one.belief.pose.root_m[[0, 2]] for one in others}
@@ -58,9 +57,9 @@ class LastSeen:
 
 
 class Search:
-    """Bystanders are still followed while the patient is lost, so that none of them is taken for the patient.
+    """The search for a lost patient. Bystanders are still followed, so that none of them is taken for the patient.
 
-    now: the last frame looked at; left: the patient has walked out of the picture. memory: of everybody else, as of the
+    now: the last frame searched; left: the patient has walked out of the image. memory: of the bystanders, as of the
     last frame.
     """
 
@@ -78,15 +77,15 @@ class Search:
         self.memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
         self._belief, self._lost_s = last.belief, last.seen.frame_set.time_s
         self._place_xz_m = last.belief.pose.root_m[[0, 2]]
-        self._newcomer = last.seen.memory.next_label  # labels from this on are of people who came since
+        self._newcomer = last.seen.memory.next_label  # labels from this one on belong to people who came since
         self._met, self._places, self._left = last.met, last.places, left
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | NoStart:
-        """Who may be the patient in this frame, or why nobody may be; frames come in order, without gaps.
+        """Return who may be the patient in this frame, or why nobody may be; frames come in order, without gaps.
 
-        A person who comes in after the patient has left the picture, or appears elsewhere, may be another one who was
-        there before. It is the patient in the equipment, or if everybody else who was met is in view. Who comes in just
-        after the patient has left is another person.
+        A person who enters after the patient has left the image, or appears elsewhere, may be a bystander who was there
+        before. The person is the patient if in the equipment, or if all bystanders are in view. A person who enters
+        just after the patient has left is another person.
         """
         pieces, cameras = find_all_pieces(frame_set, run.room.scenes), run.room.cameras
         elapsed_s = frame_set.time_s - self._time_s
@@ -111,30 +110,32 @@ class Search:
         )
 
     def _away_m(self, axis_xz_m: np.ndarray) -> float:
-        """How far a place (2,) is from where the patient was last seen."""
+        """Return how far a place (2,) is from where the patient was last seen."""
         return float(np.linalg.norm(axis_xz_m - self._place_xz_m))
 
     def _is_someone_hidden(self, axis_xz_m: np.ndarray, views: Sequence[View | None]) -> bool:
-        """Whether a person at a place (2,) is nearer to where somebody was who is not in view than to where the patient
-        was: who hides both for a while shows the other one first, under a new label."""
+        """Return whether a person at a place (2,) is nearer to the last place of a bystander who is out of view than to
+        the patient's: a person who hides both shows the bystander first, under a new label.
+        """
         shown = _people_in(views)
         hidden = [place for label, place in self._places.items() if label not in shown]
         return any(np.linalg.norm(axis_xz_m - place) < self._away_m(axis_xz_m) for place in hidden)
 
     def expected(self, time_s: float) -> PoseBelief | None:
-        """How the patient may be posed, who was lost and has not walked out of the picture: as before, the less surely
-        the longer ago; nobody turns round within a second behind a therapist."""
+        """Return the expected pose of a lost patient who has not walked out of the image: the last pose, less certain
+        with time; nobody turns round within a second behind a therapist.
+        """
         return None if self._left else self._belief.later(self._belief.pose, abs(time_s - self._lost_s))
 
     def _others_are_away(self, views: Sequence[View | None]) -> bool:
-        """Whether any of the people who were met beside the patient is not in view."""
+        """Return whether any bystander is out of view."""
         return not self._met <= _people_in(views)
 
     def _strangers(self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> list[Person]:
-        """The people who are none of those who were met, each of whom is one person at most.
+        """Return the people who are none of the bystanders; each bystander is at most one person.
 
-        Whoever was met is the person who has most of their pixels: where people touch, labels spread from one to the
-        other, but the descriptor tells them apart.
+        A bystander is the person who has most of the bystander's pixels: where people touch, labels spread from one to
+        the other, but the descriptor separates them.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)
@@ -148,7 +149,7 @@ class Search:
 
 
 def _people_in(views: Sequence[View | None]) -> frozenset[int]:
-    """Labels of the people other than the patient in any view."""
+    """Return the labels of the people other than the patient in any view."""
     seen = np.zeros(256, dtype=bool)
     for view in views:
         if view is not None:
@@ -157,9 +158,9 @@ def _people_in(views: Sequence[View | None]) -> frozenset[int]:
 
 
 def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bool:
-    """Whether all that any camera sees of the patient is a narrow strip at the border of its image.
+    """Return whether all that any camera sees of the patient is a narrow strip at the border of its image.
 
-    False where no camera sees anything of the patient: then something else may hide them.
+    It is False where no camera sees the patient: then something may hide them.
     """
     seen = [(view, camera) for view, camera in zip(views, cameras, strict=True) if view is not None]
     shown = [(view, camera) for view, camera in seen if view.patient.any()]
@@ -167,7 +168,9 @@ def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bo
 
 
 def _is_strip(view: View, camera: Camera) -> bool:
-    """Whether the patient's pixels reach from a border, or the first readings beside it, less than ``STRIP_M``."""
+    """Return whether the patient's pixels extend less than ``STRIP_M`` from a border, or from the first readings beside
+    it.
+    """
     lens = camera.intrinsics
     sides = (
         (view.patient, view.depth_m, lens.fx),
@@ -179,7 +182,9 @@ def _is_strip(view: View, camera: Camera) -> bool:
 
 
 def _reach_m(patient: np.ndarray, depth_m: np.ndarray, focal_px: float) -> float:
-    """How far the patient's pixels reach from column 0, in metres; infinite where column 0 does not cut them off."""
+    """Return how far the patient's pixels extend from column 0, in metres; infinite where column 0 does not cut them
+    off.
+    """
     if not patient[:, : int(np.ceil(BORDER * patient.shape[1]))].any():
         return float("inf")
     rows = np.flatnonzero(patient.any(axis=1))

@@ -1,4 +1,4 @@
-"""Find everybody who is seen in a frame, each with a rough body, before anything is known of who they are."""
+"""Find all people in a frame, each with a rough body, before it is known who they are."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
 from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
-COVERED_M: Final = 0.10  # from the skin of a rough body: clothes, and what it is off
-IN_EACH_OTHER_M: Final = 0.25  # from pelvis to pelvis: a trunk's depth and a rough body's error
+COVERED_M: Final = 0.10  # m from the skin of a rough body: clothes, and the body's error
+IN_EACH_OTHER_M: Final = 0.25  # m between pelvises: a trunk's depth and a rough body's error
 _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crowd:
-    """The people of one moment: pieces, the foreground of each camera (None without a frame); people, whose pixels it
-    shows; bodies, of each person (None where too little is seen)."""
+    """The people of one moment. pieces: the foreground of each camera (None without a frame); people: shown by these
+    pixels; bodies: one per person (None where too little is seen).
+    """
 
     pieces: tuple[Pieces | None, ...]
     people: People
@@ -39,8 +40,10 @@ class Crowd:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoughBody:
-    """place_xz_m (2,): the pelvis; facing_xz (2,): unit vector from the back to the front; explained: 0 to 1, share of
-    the person's nodes that the body accounts for; past: 0 to 1, share of the trunk's skin that cameras see past."""
+    """A rough body's place, heading and fit. place_xz_m (2,): the pelvis; facing_xz (2,): unit vector from the back to
+    the front; explained: 0 to 1, share of the person's nodes that the body explains; past: 0 to 1, share of the trunk's
+    skin that cameras see past.
+    """
 
     place_xz_m: np.ndarray
     facing_xz: np.ndarray
@@ -50,21 +53,22 @@ class RoughBody:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPerson:
-    """A person and the body; None where too little is seen of the person."""
+    """A person and their rough body; None where too little is seen."""
 
     person: Person
     body: RoughBody | None
 
     @property
     def place_xz_m(self) -> np.ndarray:
-        """(2,) the pelvis, of the body where there is one."""
+        """Return the place (2,) of the pelvis, by the body if there is one."""
         return self.person.ground_xz_m if self.body is None else self.body.place_xz_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
-    """Who is seen in the frame with a number; depths_m: each camera's depth image, None without a frame; crowd: the
-    people with their pixels, in the order of ``people``."""
+    """The people seen in one frame. depths_m: each camera's depth image, None without a frame; crowd: the people with
+    their pixels, in the order of ``people``.
+    """
 
     frame: int
     people: tuple[SeenPerson, ...]
@@ -86,10 +90,10 @@ def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
 
 
 def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> Crowd:
-    """Return the people of one moment with their rough bodies; whom another person's body covers is a part of them.
+    """Return the people of one moment with their rough bodies; a person covered by another one's body is a part of
+    it.
 
-    Votes for a pelvis that is hidden may be half a metre off: then a trunk in one camera is a person beside the same
-    person in another.
+    Votes for a hidden pelvis may be half a metre off, so that one person seen by two cameras may first count as two.
     """
     people = see_people(pieces, cameras)
     bodies = _bodies(pieces, people, cameras, np.arange(len(people.people)))
@@ -97,7 +101,7 @@ def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera])
     kept = np.flatnonzero(owner == np.arange(len(owner)))
     if len(kept) < len(owner):
         people = people.joined(owner)
-        grown = np.flatnonzero(np.bincount(owner)[kept] > 1)  # the others look as before
+        grown = np.flatnonzero(np.bincount(owner)[kept] > 1)  # the bodies of the others stay the same
         fitted = dict(zip(grown.tolist(), _bodies(pieces, people, cameras, grown), strict=True))
         bodies = tuple(fitted.get(number, bodies[k]) for number, k in enumerate(kept.tolist()))
     return Crowd(tuple(pieces), people, bodies)
@@ -106,13 +110,13 @@ def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera])
 def _bodies(
     pieces: Sequence[Pieces | None], people: People, cameras: Sequence[Camera], numbers: np.ndarray
 ) -> tuple[RoughPerson | None, ...]:
-    """The bodies of the people with some numbers."""
+    """Fit rough bodies to the people with these numbers."""
     views = label_people(pieces, people, np.arange(len(people.people)))
     return tuple(rough_person(views, cameras, PixelLabel.PATIENT + number) for number in numbers.tolist())
 
 
 def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[RoughPerson | None]) -> np.ndarray:
-    """(k,) int: the person whose body covers most of each person, of those that show more; else the same person."""
+    """Return (k,) int: for each person, the larger one whose body covers most of them, else the person's own number."""
     owner, skins = np.arange(len(people.people)), dict[int, cKDTree]()
     for number in np.argsort([-person.area_m2 for person in people.people], kind="stable").tolist():
         own_m = people.points_m(pieces, number)
@@ -127,7 +131,7 @@ def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[Ro
 
 
 def rough_body_of(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughBody | None:
-    """Return the rough body of the person with a label; None where too little of the person is seen."""
+    """Return the rough body of the person with this label; None where too little of the person is seen."""
     person = rough_person(views, cameras, label)
     return None if person is None else _rough_body(person, views, cameras)
 

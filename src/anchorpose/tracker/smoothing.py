@@ -29,23 +29,23 @@ from anchorpose.surface.surface import seen_part
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.room import Room, Run
 
-SPINE_BASE: Final = JOINT_INDEX["SpineBase"]  # of the trunk, and not of a limb
-FIRST_SPEED_M_S: Final = 1.0  # standard deviation of a joint's velocity before anything is known of it
+SPINE_BASE: Final = JOINT_INDEX["SpineBase"]  # a joint of the trunk, not of a limb
+FIRST_SPEED_M_S: Final = 1.0  # standard deviation of a joint's velocity before any observation
 APART_M: Final = 0.06  # a limb's joints nearer than this are averaged: the width of a wrist, so it is the same limb
 TRUNK_APART_M: Final = 0.15  # half a shoulder breadth: beyond it the trunk is in two places, and limbs cannot be mixed
-HIDDEN_COST: Final = 0.5  # of a joint that is not seen, per frame; of one that is seen: 0
-LOST_COST: Final = 2.0  # of a joint where the cameras see past it: it is not there
-SWITCH_COST: Final = 0.2  # of changing from one pass to the other: less than a hidden joint in one frame
-SWITCH_COST_PER_M: Final = 10.0  # a jump of 0.2 m has to save one lost joint
-AT_ONCE: Final = 3  # joints that are smoothed together: all of an hour's would fill the memory
+HIDDEN_COST: Final = 0.5  # cost per frame of a joint that is not seen; a seen joint costs 0
+LOST_COST: Final = 2.0  # cost of a joint where the cameras see past it: it is not there
+SWITCH_COST: Final = 0.2  # cost of changing from one pass to the other: less than a hidden joint in one frame
+SWITCH_COST_PER_M: Final = 10.0  # cost of a change per metre: a jump of 0.2 m has to save one lost joint
+AT_ONCE: Final = 3  # joints smoothed together: all joints of an hour would fill the memory
 ACCELERATION: Final = 2.0  # m/s per square root of a second: 1 m/s in the quarter of a second that a reach starts in
 
 
 def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float) -> np.ndarray:
-    """The most likely course (t, j, 3) of joints seen at joints_m (t, j, 3), (t, j) sigma_m off, whose velocity is a
-    random walk: it changes by ``acceleration`` times the square root of the time, m/s.
+    """Return the most likely course (t, j, 3) of joints observed at joints_m (t, j, 3) with sigma_m (t, j). Their
+    velocity is a random walk: it changes by ``acceleration`` times the square root of the time, m/s.
 
-    Every axis of every joint by itself. time_s (t,): strictly rising or falling.
+    Every axis of every joint is smoothed separately. time_s (t,): strictly rising or falling.
     """
     steps_s = np.abs(np.diff(time_s))
     mean, spread, ahead_mean, ahead_spread = _forwards(steps_s, joints_m, sigma_m, acceleration)
@@ -61,8 +61,9 @@ def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray
 def _forwards(
     steps_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Kalman's filter: position and velocity (j, 2, 3) and their covariance (j, 2, 2) of each frame, and as predicted
-    from the frame before, of each but the first."""
+    """Run Kalman's filter: return position and velocity (j, 2, 3) and covariance (j, 2, 2) of each frame, and the
+    predictions from the frame before, for all frames but the first.
+    """
     count = joints_m.shape[1]
     mean = np.stack([joints_m[0], np.zeros((count, 3))], axis=1)
     spread = np.zeros((count, 2, 2))
@@ -86,7 +87,7 @@ def _motion(step_s: float) -> np.ndarray:
 
 
 def _random_walk(step_s: float) -> np.ndarray:
-    """(2, 2) covariance that position and velocity gain in a step, for an acceleration of one."""
+    """Return the covariance (2, 2) that position and velocity gain in a step, for an acceleration of one."""
     return np.array([[step_s**3 / 3.0, step_s**2 / 2.0], [step_s**2 / 2.0, step_s]])
 
 
@@ -98,10 +99,10 @@ _JOINT_COST: Final = np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassResult:
-    """What one pass, or both together, answer for a frame, and the person labels that it was seen by: some kilobytes.
+    """A pass's answer for a frame, or that of both together, and the person labels it was based on: some kilobytes.
 
-    pose: None where the patient is lost; joints_m (21, 3) by that pose, also of lost joints; sigma_m (21,), NaN where
-    lost; labels: of each camera with a depth image, none where the patient is lost.
+    pose: None where the patient is lost; joints_m (21, 3) by that pose, including lost joints; sigma_m (21,), NaN where
+    lost; labels: one image per camera with a depth image, empty where the patient is lost.
     """
 
     pose: Pose | None
@@ -112,7 +113,9 @@ class PassResult:
 
 
 def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], usable: bool) -> PassResult:
-    """What is kept of an estimate until the other pass has come to the same frame; nothing of one of no use."""
+    """Return the part of an estimate to keep until the other pass reaches its frame; an unusable frame keeps
+    nothing.
+    """
     if estimate.belief is None or not usable:
         blank = np.full((JOINT_COUNT, 3), np.nan)
         return PassResult(None, blank, blank[:, 0].copy(), (JointState.LOST,) * JOINT_COUNT)
@@ -122,7 +125,7 @@ def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassCourse:
-    """All frames of a pass, or of both together, but for poses and labels.
+    """All frames of a pass, or of both together, without poses and labels.
 
     joints_m (t, 21, 3), sigma_m (t, 21), NaN where lost; state_code (t, 21) int8; found (t,) bool: there is a pose.
     """
@@ -134,7 +137,7 @@ class PassCourse:
 
 
 def course_of(frames: Iterable[PassResult], count: int) -> PassCourse:
-    """The course of ``count`` frames, read one at a time."""
+    """Collect the course of ``count`` frames, read one at a time."""
     joints, sigma = np.full((count, JOINT_COUNT, 3), np.nan), np.full((count, JOINT_COUNT), np.nan)
     code, found = np.full((count, JOINT_COUNT), LOST, np.int8), np.zeros(count, bool)
     for row, frame in enumerate(frames):
@@ -145,19 +148,19 @@ def course_of(frames: Iterable[PassResult], count: int) -> PassCourse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothing:
-    """Both passes together. weight (t, PARTS): share of the second pass in trunk and limbs; course: all frames, their
-    joints smoothed over time; the body is then posed to meet them."""
+    """The combination of both passes. weight (t, PARTS): share of the second pass in trunk and limbs; course: all
+    frames with smoothed joints, which the body is then posed to meet.
+    """
 
     weight: np.ndarray
     course: PassCourse
 
 
 def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.ndarray, lost_sigma_m: float) -> Smoothing:
-    """The frames (t,) of two passes, both in the order of the first, as one.
+    """Combine and smooth the frames (t,) of two passes, both in the order of the first.
 
-    held (t, 21) bool: joints whose place a reviewer gave, and their limbs: they stay, and move no other frame.
-    Joints are put together and smoothed over each stretch without a gap; frames in which both passes lost the patient
-    stay lost.
+    held (t, 21) bool: joints that a reviewer placed, and their limbs: they stay, and do not affect other frames. Joints
+    are combined and smoothed over each stretch without a gap; frames in which both passes lost the patient stay lost.
     """
     weight = _weights_of_back(there, back, lost_sigma_m)
     mixed = _mixed(there, back, weight[:, LIMB_OF_JOINTS])
@@ -165,8 +168,9 @@ def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.nda
 
 
 def smoothed_result(body: Body, there: PassResult, back: PassResult, smoothing: Smoothing, row: int) -> PassResult:
-    """The answer of both passes in a frame, posed to meet the smoothed joints: bones keep their lengths, joints their
-    ranges. Labels are those of the pass that the trunk is taken from."""
+    """Pose the body to meet the smoothed joints of a frame, within its bone lengths and joint ranges. Labels are those
+    of the pass that the trunk is taken from.
+    """
     weight, course = smoothing.weight[row], smoothing.course
     start, joints_m = _nearer_pose(there.pose, back.pose, body.points, weight), course.joints_m[row]
     pose = None if start is None else pose_from_joints(body, start, joints_m)
@@ -184,7 +188,7 @@ def smoothed_result(body: Body, there: PassResult, back: PassResult, smoothing: 
 
 
 def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray, lost_sigma_m: float) -> np.ndarray:
-    """(t, 21, 3) joints, NaN where the patient is lost."""
+    """Return the smoothed joints (t, 21, 3), NaN where the patient is lost."""
     joints = mixed.joints_m.copy()
     sigma = np.where(held, lost_sigma_m, _known_sigma(mixed, lost_sigma_m))
     followed = np.isfinite(joints).all(axis=(1, 2))
@@ -199,7 +203,7 @@ def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray,
 
 
 def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -> np.ndarray:
-    """(t, PARTS) share of the second pass in trunk and limbs: by information where the two agree, else 0 or 1."""
+    """Return (t, PARTS) share of the second pass in trunk and limbs: by information where both agree, else 0 or 1."""
     apart_m = np.nan_to_num(np.linalg.norm(there.joints_m - back.joints_m, axis=2))
     costs = np.array([_JOINT_COST[way.state_code] for way in (there, back)])
     variance = np.array([_known_sigma(way, lost_sigma_m) ** 2 for way in (there, back)])
@@ -214,7 +218,7 @@ def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -
         weight[:, part] = np.where(agree, spread[0] / spread.sum(axis=0), chosen)
         if part == 0:
             split = ~agree
-        weight[split, part] = weight[split, 0]  # limbs hang on the trunk: where that is in two places, they go with it
+        weight[split, part] = weight[split, 0]  # limbs follow a trunk that is in two places
     return weight
 
 
@@ -223,14 +227,15 @@ def _known_sigma(course: PassCourse, lost_sigma_m: float) -> np.ndarray:
 
 
 def seen_less(answer: PassResult) -> float:
-    """How little of the body is seen at its place: 0 where all joints are."""
+    """Return the cost of the joints that are not seen at their place; 0 where all joints are seen."""
     return float(_JOINT_COST[[STATE_CODE[state] for state in answer.states]].sum())
 
 
 def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
-    """(t,) which of two ways, (2, t) cost, is the cheapest course through all frames (Viterbi 1967).
+    """Return (t,) which of two courses with cost (2, t) to take in each frame so that the total is least (Viterbi
+    1967).
 
-    Changing over costs more the farther the two are apart: limbs do not jump.
+    Changing costs more the farther apart the two are: limbs do not jump.
     """
     change = SWITCH_COST + SWITCH_COST_PER_M * distance_m
     total, came_from = cost[:, 0].copy(), np.zeros((len(distance_m), 2), dtype=np.int64)
@@ -247,7 +252,7 @@ def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
 
 
 def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCourse:
-    """Joints, sigma and states of both; weight (t, 21): share of the second pass where both found the patient."""
+    """Mix joints, sigma and states of both; weight (t, 21): share of the second pass where both found the patient."""
     share = np.where((there.found & back.found)[:, None], weight, back.found[:, None].astype(np.float64))
     code = np.where(share > 0.5, back.state_code, there.state_code)
     joints = there.joints_m + share[..., None] * (back.joints_m - there.joints_m)
@@ -258,8 +263,9 @@ def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCours
 
 
 def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.ndarray:
-    """(t, 21) of the mixture of both answers. Both saw the same images: agreement does not reduce sigma, disagreement
-    increases it."""
+    """Return sigma (t, 21) of the mixture. Both passes saw the same images: agreement does not reduce sigma,
+    disagreement increases it.
+    """
     a = np.where(np.isnan(there.sigma_m), back.sigma_m, there.sigma_m)
     b = np.where(np.isnan(back.sigma_m), there.sigma_m, back.sigma_m)
     apart2 = np.nan_to_num(((there.joints_m - back.joints_m) ** 2).sum(axis=2) / 3.0)
@@ -267,7 +273,7 @@ def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.
 
 
 def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weight: np.ndarray) -> Pose | None:
-    """Each part's bones from the pose that has more weight there; None where both are lost."""
+    """Take each part's bones from the pose that has more weight there; None where both are lost."""
     if one is None or other is None:
         return one or other
     rotations = one.rotations.copy()
@@ -277,10 +283,10 @@ def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weigh
 
 
 def explain_smoothed(frame_set: FrameSet, answer: PassResult, body: Body, run: Run) -> Explanation | None:
-    """The explanation by the pose of both passes together; None where there is none.
+    """Compute how well the combined pose explains a frame; None where there is no pose.
 
-    frame_set: the frame, read again; to keep the views of all frames until both passes have met would fill the memory.
-    Person labels are those of ``answer``.
+    frame_set: the frame, read again, since the views of all frames would fill the memory. Person labels are those of
+    ``answer``.
     """
     if answer.pose is None:
         return None
@@ -292,7 +298,7 @@ def explain_smoothed(frame_set: FrameSet, answer: PassResult, body: Body, run: R
 
 
 def labelled_views(frame_set: FrameSet, images: tuple[LabelImage, ...], room: Room) -> tuple[View | None, ...]:
-    """One view per camera as it was when ``images`` were encoded; None for a camera without a depth image."""
+    """Decode one view per camera from ``images``; None for a camera without a depth image."""
     labels = {image.camera: decode_labels(image) for image in images}
     return tuple(
         None

@@ -51,20 +51,21 @@ from anchorpose.tracker.prior_shape import (
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import Crowd, SeenPerson, Sighting
 
-SEEN = 0.3  # of the skin of a forearm or shank: half of it faces a camera
+SEEN = 0.3  # share of a forearm's or shank's skin that is fully seen: half of it faces a camera
 USUAL = 60.0  # squared deviations of all joint ranges: right first poses have 15 to 60, wrong ones over 100
-LEAST_QUALITY = 0.25  # where no equipment says that a person is there: right ones have 0.35, one in a crowd had less
-LEAST_TRUNK = 0.05  # of the skin of trunk and head: a face, or what is seen of a chest between others
+# quality without equipment around: right starts have 0.35, one wrong start in a crowd had less than 0.25
+LEAST_QUALITY = 0.25
+LEAST_TRUNK = 0.05  # least seen share of the skin of trunk and head: a face, or a part of a chest between other people
 TURN_GATE = 21.1  # squared deviations of three angles: one patient in ten thousand turns so far unseen
-MOST_DEVIATIONS = 4.0  # of the largest of 16 statistical components: one adult in a thousand
-LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
-HANGS_M = 0.35  # above the floor: who sits on a high bed, or stands on a treadmill, has the feet lower
-UPRIGHT = 0.7  # cosine between trunk and the vertical: who lies has no feet near the floor
+MOST_DEVIATIONS = 4.0  # standard deviations of the largest of 16 statistical components: one adult in a thousand
+LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must explain
+HANGS_M = 0.35  # m from floor to feet: people on a high bed or a treadmill have their feet lower than this
+UPRIGHT = 0.7  # cosine between trunk and vertical: the feet of a lying person are not near the floor
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
 
 
 class NoStart(StrEnum):
-    """Why a track does not begin in a frame."""
+    """The reason why tracking does not begin in a frame."""
 
     NOBODY_THERE = "nobody is seen where the patient should be"
     NOBODY_NEW = "everybody in view was there beside the patient"
@@ -84,10 +85,10 @@ def find_start(
     crowd: Crowd | None = None,
     expected: PoseBelief | None = None,
 ) -> Start | NoStart:
-    """The patient in this frame, or why there is none.
+    """Find the patient in this frame, or return why there is none.
 
     known: the learnt shape, if there is one already; crowd: the people of this frame, where they are known; expected:
-    the pose that the patient had before, who was lost. The first pose has no part of it; a search may turn it round.
+    the pose before the patient was lost. The first pose is found without it; a search may then turn the body round.
     """
     points, room, config = body_points(), run.room, run.config
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
@@ -100,7 +101,7 @@ def find_start(
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
     rivals = tuple[Rival, ...]()
-    if found.found:  # sides that the descriptor exchanged, and limbs that it left out
+    if found.found:  # exchanged sides, and limbs without matches
         before = expected or vague_belief(found.belief.pose)
         search = search_limbs(body, found, before, observation.evidence, config.registration)
         found = search.registration
@@ -114,23 +115,25 @@ def find_start(
 
 
 def _turned_round(before: PoseBelief, now: Pose) -> bool:
-    """Whether the pelvis has turned farther than the patient may have turned since the pose before.
+    """Return whether the pelvis has turned farther than is likely since the pose before.
 
-    Who was hidden together with the patient often faces the patient, and shows a back where a front was.
+    A person hidden together with the patient often faces the patient, and so shows a back where a front was.
     """
     turn = before.pose.change_to(now, body_points().moving)[:3]
     return float(turn @ np.linalg.solve(before.covariance[:3, :3], turn)) > TURN_GATE
 
 
 def _turned(first: FirstPose) -> Iterator[Rival]:
-    """The person facing the other way, with the same body or with one of its own, whichever is likelier."""
+    """Yield the person facing the other way, with the same body or with one learnt for that facing, whichever is
+    likelier.
+    """
     for other in sorted(first.others, key=first.ahead_of)[:1]:
         own = None if other.shape is first.shape else build_body(body_points(), other.shape)
         yield Rival(vague_belief(other.pose), first.ahead_of(other), body=own)
 
 
 def starts_turned(first: Estimate, rivals: Sequence[Rival], config: TrackConfig) -> Iterator[Start]:
-    """The starts with the other bodies among the rivals of a first estimate: the person facing the other way."""
+    """Yield the starts in which the person faces the other way, among the rivals of a first estimate."""
     seen = first.observation
     for rival in rivals:
         if seen is None or rival.body is None:
@@ -141,9 +144,9 @@ def starts_turned(first: Estimate, rivals: Sequence[Rival], config: TrackConfig)
 
 
 def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: FittedShape | None) -> FirstPose:
-    """The first pose with the learnt body, else with one that may still change.
+    """Find the first pose with the learnt body, else with a body that may still change.
 
-    Where what is stated about the patient allows no likely body, the images decide without it.
+    Where no likely body fits the statements about the patient, the images decide without them.
     """
     subject, config = run.room.recording.subject, run.config
     if known is not None:
@@ -156,7 +159,7 @@ def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: Fitte
 
 
 def _is_likely(first: FirstPose, subject: Subject) -> bool:
-    """Whether people have such a height and such a build; a height that was measured is believed."""
+    """Return whether people have such a height and build; a measured height is always accepted."""
     deviations = first.belief.deviations(first.shape)[: body_points().asset.common_count]
     return (subject.height_m is not None or is_human(first.shape)) and bool(deviations.max() < MOST_DEVIATIONS)
 
@@ -167,7 +170,7 @@ def _first_pose(seen: Observation, person: MatchedPerson, shape: FirstShape, run
 
 
 def _why_not(start: Start, run: Run) -> NoStart | None:
-    """Why a first pose that explains what is seen is not believed all the same, None where it is."""
+    """Return why a first pose that explains the images is rejected all the same, None if it is accepted."""
     body = build_body(body_points(), start.shape)
     posed, evidence = pose_points(body, start.belief.pose), start.observation.evidence
     explanation = explain(body.points, posed, evidence)
@@ -183,7 +186,7 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
 
 
 def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
-    """Whether an upright body ends far above the floor (a height): what is seen is then not all of the person.
+    """Return whether an upright body ends far above the floor: then only a part of the person is seen.
 
     joints_m (21, 3).
     """
@@ -192,11 +195,11 @@ def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
 
 
 def quality(start: Start) -> float:
-    """0 to 1: the share of the surface that the body explains, less for each forearm and shank of which little is seen,
-    and for a pose that people seldom take.
+    """Return the quality of a start, 0 to 1: the share of the surface that the body explains, reduced for each forearm
+    and shank that is hardly seen, and for a rare pose.
 
-    Where such a part is hidden its pose is arbitrary, and what is taken for another person's in the first frame is not
-    soon given back. Legs that explain the head of another person who kneels beside are bent as legs seldom are.
+    A hidden part's pose is arbitrary, and a limb given to another person in the first frame is not soon given back.
+    Legs that were fitted to the head of a kneeling person are bent in a rare way.
     """
     body = build_body(body_points(), start.shape)
     points, pose = body.points, start.belief.pose
@@ -207,9 +210,9 @@ def quality(start: Start) -> float:
 
 
 def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
-    """The start of a pass the other way from the frame in which one ended; None where the patient is lost there.
+    """Return the start of a pass in the other direction, from the frame in which a pass ended; None if lost there.
 
-    Only what this frame shows makes the pose sure: the other way is to see for itself.
+    The belief is reduced to this frame's evidence, so that the other direction is independent.
     """
     seen, belief, shape = estimate.observation, estimate.belief, estimate.shape
     if seen is None or belief is None or shape is None:
@@ -220,12 +223,12 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     return Start(seen, shape, found.belief, found.explained, estimate.rivals)
 
 
-CROWDED_M: Final = 1.0  # from axis to axis: an outstretched arm and half a trunk
-MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be taken for one
-WELL: Final = 0.92  # of the surface explained, all limbs seen: 95 to 100 % when alone, 70 with a therapist's arm
-WHOLE: Final = 0.8  # of the patient's usual visible surface: a sliver behind a therapist is explained by anything
-TRIES: Final = 8  # frames; each takes a second or two to fit
-APART: Final = 0.25  # of the frames' span: what spoils a frame spoils those around it
+CROWDED_M: Final = 1.0  # m between the axes of two people: an outstretched arm and half a trunk
+MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be seen as one person
+WELL: Final = 0.92  # share of the surface explained, all limbs seen: 0.95 to 1 when alone, 0.7 with a therapist's arm
+WHOLE: Final = 0.8  # share of the patient's usual visible surface: a sliver beside a therapist is explained by any pose
+TRIES: Final = 8  # frames; each takes one or two seconds to fit
+APART: Final = 0.25  # share of the frames' time span: nearby frames fail for the same reason
 
 
 def rank_initial_frames(
@@ -235,10 +238,10 @@ def rank_initial_frames(
     patient_xz_m: tuple[float, float] | None,
     cameras: Sequence[Camera],
 ) -> tuple[InitialFrame, ...]:
-    """The frames that show the patient: first those that show the patient well and nobody nearby.
+    """Return the frames that show the patient: first those that show the patient well and nobody nearby.
 
     frames: positions in the recording; sightings: the people of each. If the user gave the patient's place, only the
-    first frames in a row with the patient there, since the place is given for the start.
+    first run of frames with the patient there counts, since the place is given for the start.
     """
     patient = choose_patient(sightings, equipment, patient_xz_m, cameras)
     if patient is None:
@@ -250,7 +253,7 @@ def rank_initial_frames(
 def ranked_by_view(
     patient: Patient, frames: Sequence[int], sightings: Sequence[Sighting], chosen: Sequence[int]
 ) -> tuple[InitialFrame, ...]:
-    """The frames that show the patient well first; chosen: which of ``patient.seen`` each of them is."""
+    """Return the frames that show the patient, best first; ``chosen`` gives each frame's index in ``patient.seen``."""
     shown = zip(frames, sightings, (patient.seen[k] for k in chosen), strict=True)
     found = [_Shown(frame, sighting, one) for frame, sighting, one in shown if one is not None]
     ordinary_m2 = float(np.median([shown.patient.person.area_m2 for shown in found]))
@@ -268,7 +271,7 @@ class _Shown(NamedTuple):
 
 
 def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
-    """The frames from the first in which the patient is at a place to the next without; all if never there."""
+    """Return the first run of frames in which the patient is at a place; all frames if never there."""
     there = [one is not None and distance_m(one, place_xz_m) < GIVEN_M for one in patient.seen]
     if not any(there):
         return range(len(there))
@@ -277,7 +280,7 @@ def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
 
 
 def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: float) -> InitialFrame:
-    """The frame with its score; more surface than usual is not better: it may be another person's who touches."""
+    """Score a frame; more surface than usual does not help: it may belong to another person who touches the patient."""
     one, sighting = shown.patient, shown.sighting
     people = sighting.people
     place = one.person.ground_xz_m
@@ -290,7 +293,9 @@ def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: f
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
-    """The room with its best initial frame first. A person who is alone cannot be confused: no fit is needed."""
+    """Return the room with its best initial frame first; a person who is alone cannot be confused, so no fit is
+    needed.
+    """
     candidates = room.initial_frames
     if all(one.alone for one in candidates):
         return replace(room, initial_frames=tuple(replace(one, crowd=None) for one in candidates))
@@ -313,7 +318,7 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
 
 def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> float:
-    """How probable pose and shape of a start are by the images and by what is known of bodies, nats."""
+    """Return the log probability of a start's pose and shape, by the images and the body priors, nats."""
     body = build_body(body_points(), start.shape)
     readings = log_probability(body, start.belief.pose, start.observation.evidence)
     return readings - 0.5 * shape_cost(start.shape, subject, config)
@@ -322,11 +327,11 @@ def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> flo
 def best_of(
     candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], tuple[float, float]]
 ) -> InitialFrame:
-    """The first that shows the whole patient and is explained well, or the most probable of ``TRIES``.
+    """Return the first frame that shows the whole patient and is explained well, or the most probable of ``TRIES``.
 
-    explained: 0 to 1, how well a body explains the patient there, and how probable it is, nats. A body that is turned
-    round covers as much, but makes the readings less probable than the right one makes those of other frames, or has a
-    shape that few people have. After the best by score come those that are far from all that were tried.
+    explained: returns how well a body explains the patient there, 0 to 1, and its log probability, nats. A body that is
+    turned round covers as much surface, but its readings are less probable than in other frames, or its shape is rare.
+    After the frame with the best score, frames far from all tried ones follow.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:
@@ -340,7 +345,7 @@ def best_of(
 
 
 def _worth(candidate: InitialFrame, tried: Sequence[InitialFrame], candidates: Sequence[InitialFrame]) -> float:
-    """The score, reduced near a frame that was tried."""
+    """Return the score, reduced near a frame that was tried."""
     if not tried:
         return candidate.score
     span = APART * max(1, np.ptp([one.frame for one in candidates]))

@@ -1,7 +1,7 @@
-"""Where everybody went since the last frame, from the depth images alone.
+"""Find where all people went since the last frame, from the depth images alone.
 
-Where frames are few, a person who walks moves by a quarter of a metre from one to the next: farther than remembered or
-predicted skin reaches. What was seen of a person is then looked for in the new frame, moved over the ground.
+At a low frame rate a walking person moves a quarter of a metre between frames, farther than remembered or predicted
+skin reaches. The person's last seen points are then searched for in the new frame, moved over the ground.
 """
 
 from __future__ import annotations
@@ -18,30 +18,31 @@ from anchorpose.body.visibility import Projection, pixels_of, projection_of
 from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Pieces
 
-REACH_M: Final = 0.60  # from frame to frame: 3 m/s at 5 frames a second
-GRID_M: Final = 0.05  # half a limb's width
-SAME_M: Final = 0.06  # from a moved point to the reading: half the grid along the ray, clothes and noise
-PAST_M: Final = 0.15  # a reading so far behind a point shows that it is not there
-POINTS: Final = 250  # of a person: enough for a share good to three hundredths
-STAYED: Final = 0.6  # share of a person's points found again: where more of them are, the person has not walked
-PLACED: Final = 0.4  # of expected skin: a part of it is hidden by the person's own limbs
-BETTER: Final = 0.2  # of the points: what a step must explain more than staying does
-LEAST: Final = 0.25  # of the points, found after a step: others may hide the rest
-FAR_COST: Final = 0.2  # of the points, per metre: of two places that are as good the nearer counts
-MOST_WALKERS: Final = 5  # who are compared with one another; more do not fit into a picture
-MOST_STEPS: Final = 4  # for each of them
-APART_M: Final = 0.25  # between the axes of two people, and between two steps worth comparing
-LEAST_POINTS: Final = 60  # a hand's: of fewer the share says nothing
+REACH_M: Final = 0.60  # m from frame to frame: 3 m/s at 5 frames a second
+GRID_M: Final = 0.05  # m between tried steps: half a limb's width
+SAME_M: Final = 0.06  # m from a moved point to the reading: half the grid along the ray, clothes and noise
+PAST_M: Final = 0.15  # m; a reading so far behind a point shows that the point is not there
+POINTS: Final = 250  # points per person: the share found is then precise to 0.03
+STAYED: Final = 0.6  # share of a person's points found again: above it the person has not walked
+PLACED: Final = 0.4  # share of expected skin that must be found: the person's own limbs hide a part of it
+BETTER: Final = 0.2  # share of the points that a step must explain more than staying does
+LEAST: Final = 0.25  # least share of the points found after a step: others may hide the rest
+FAR_COST: Final = 0.2  # share of the points per metre: of two equally good places the nearer is chosen
+MOST_WALKERS: Final = 5  # people whose steps are compared jointly; more do not fit into an image
+MOST_STEPS: Final = 4  # steps considered for each person
+APART_M: Final = 0.25  # m between the axes of two people, and between two steps worth comparing
+LEAST_POINTS: Final = 60  # points of a hand: a share of fewer points is not reliable
 
 
 def find_steps(
     skin_m: Mapping[int, np.ndarray], pieces: Sequence[Pieces | None], cameras: Sequence[Camera]
 ) -> dict[int, np.ndarray]:
-    """How far people moved over the ground, (3,) metres by label; without those who stayed or are not seen.
+    """Return how far people moved over the ground, (3,) metres by label; people who stayed or are not seen are left
+    out.
 
-    skin_m: label to points (n, 3) world of what was seen of each person in the last frame. A point is found where a
-    pixel of the people lies at its depth, and refuted where a camera sees past it; what hides it says nothing. Of
-    all the places where people may have gone, those count that together explain most.
+    skin_m: per label the points (n, 3), world, that were seen of the person in the last frame. A point is found where a
+    pixel of the people lies at its depth, refuted where a camera sees past it, and unknown where it is hidden. The
+    combination of steps that explains most points is chosen.
     """
     shown = [(pixels, projection_of(camera)) for pixels, camera in zip(pieces, cameras, strict=True) if pixels]
     free = [pixels.index >= 0 for pixels, _ in shown]
@@ -59,7 +60,7 @@ def find_steps(
 
 
 class _Option(NamedTuple):
-    """A step (3,), where it leads (2,) on the ground, and its worth."""
+    """A possible step (3,), where it leads (2,) on the ground, and its worth."""
 
     step: np.ndarray
     place_xz_m: np.ndarray
@@ -69,7 +70,7 @@ class _Option(NamedTuple):
 def _options(
     points_m: np.ndarray, staying: float, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> list[_Option]:
-    """What a person may have done: stayed, or taken one of the best steps, which lead to different places."""
+    """Return the options of a person: staying, or one of the best steps, which lead to different places."""
     steps, center = _grid(), points_m.mean(axis=0)[[0, 2]]
     worth = _worth(_thinned(points_m), steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     found = [_Option(np.zeros(3), center, max(staying, 0.0))]
@@ -82,7 +83,7 @@ def _options(
 
 
 def _together(chosen: Sequence[_Option]) -> float:
-    """The worth of what several people did; no two of them can go to the same place."""
+    """Return the total worth of several people's steps; no two people can go to the same place."""
     for one, other in combinations(chosen, 2):
         if (one.step.any() or other.step.any()) and np.linalg.norm(one.place_xz_m - other.place_xz_m) < APART_M:
             return -np.inf
@@ -92,9 +93,10 @@ def _together(chosen: Sequence[_Option]) -> float:
 def step_onto(
     skin_m: np.ndarray, seen_m: np.ndarray, pieces: Sequence[Pieces | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """(3,) how far expected skin has to be moved over the ground to lie where its owner is seen; 0 where it does.
+    """Return the step (3,) over the ground that moves expected skin to where its owner is seen; 0 where it already
+    is.
 
-    skin_m (p, 3): expected, the side that faces a camera; seen_m (n, 3): where ``find_steps`` found the owner.
+    skin_m (p, 3): the expected side that faces a camera; seen_m (n, 3): where ``find_steps`` found the owner.
     """
     nowhere = np.zeros(3)
     if len(skin_m) < LEAST_POINTS or len(seen_m) < LEAST_POINTS:
@@ -112,7 +114,7 @@ def step_onto(
 
 
 def facing_points(points_m: np.ndarray, normals: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
-    """The points (n, 3) that are turned to any camera; normals (n, 3)."""
+    """Return the points (n, 3) that face any camera; normals (n, 3)."""
     facing = np.zeros(len(points_m), dtype=bool)
     for camera in cameras:
         facing |= ((camera.position_m - points_m) * normals).sum(axis=1) > 0
@@ -125,7 +127,7 @@ def _thinned(points_m: np.ndarray) -> np.ndarray:
 
 @cache
 def _grid() -> np.ndarray:
-    """(k, 3) steps over the ground, none first."""
+    """Return the tried steps (k, 3) over the ground, the zero step first."""
     side = np.arange(-REACH_M, REACH_M + GRID_M / 2, GRID_M)
     x, z = (axis.ravel() for axis in np.meshgrid(side, side))
     steps = np.column_stack([x, np.zeros_like(x), z])
@@ -137,7 +139,7 @@ def _grid() -> np.ndarray:
 def _best_step(
     points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, float]:
-    """The step that finds most of the points again, and its worth."""
+    """Return the step that finds most of the points again, and its worth."""
     steps = _grid()
     worth = _worth(points_m, steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     best = int(worth.argmax())
@@ -147,7 +149,9 @@ def _best_step(
 def _worth(
     points_m: np.ndarray, steps: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """(k,) share of the points that are found after each step, less those refuted; a point is found in any camera."""
+    """Return (k,) the share of points found after each step, less the refuted ones; one camera is enough to find a
+    point.
+    """
     found = np.zeros((len(steps), len(points_m)), np.int8)
     for (pixels, projection), open_ in zip(shown, free, strict=True):
         _look(points_m, steps, projection, pixels.depth_m, open_, found)
@@ -181,7 +185,7 @@ def _look(
 
 
 def _take(points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]) -> None:
-    """The pixels at the points are somebody's: nobody else is found there."""
+    """Mark the pixels at the points as taken: nobody else is found there."""
     for (pixels, projection), open_ in zip(shown, free, strict=True):
         _close(points_m, projection, pixels.depth_m, open_)
 

@@ -8,15 +8,15 @@ from contextlib import contextmanager
 
 
 class Stopwatch:
-    """Adds up the seconds spent in each named stage; a stage inside another one is not counted twice."""
+    """Sum of the seconds spent in each named stage; a stage inside another is not counted twice."""
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
         self.seconds: dict[str, float] = {}
-        self._clock, self._inside = clock, 0.0  # seconds of the stages inside the present one
+        self._clock, self._inside = clock, 0.0  # seconds of the stages inside the current one
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time what runs inside."""
+        """Time the enclosed block."""
         before, self._inside, began = self._inside, 0.0, self._clock()
         try:
             yield

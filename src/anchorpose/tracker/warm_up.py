@@ -41,16 +41,16 @@ CAMERA: Final = Camera(
 
 
 def start_warm_up() -> subprocess.Popen[bytes]:
-    """The second process. It ends by itself; its result is the cache of compiled kernels.
+    """Start the second process. It ends by itself; its result is the cache of compiled kernels.
 
-    Where it fails, nothing is lost but time: the first process then compiles the same kernels itself.
+    If it fails only time is lost: the first process then compiles the same kernels itself.
     """
     run = f"from {__name__} import warm_up; warm_up()"
     return subprocess.Popen([sys.executable, "-c", run], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 def warm_up() -> Registration:
-    """Predict a body that stands still, and fit it to its own skin as a camera in front of it would see it."""
+    """Predict a body that stands still, and fit it to its own skin as seen by a camera in front of it."""
     points = body_points()
     body = build_body(points, shape_of_height(points.asset, 1.70))
     pose = Pose(np.tile(np.eye(3), (len(points.asset.bone_names), 1, 1)), np.zeros(3))
@@ -70,7 +70,7 @@ def warm_up() -> Registration:
 
 
 def _own_skin(points: SkinPoints, posed: PosedPoints) -> Evidence:
-    """The skin points that face the camera as nodes, and the picture of the skin before a wall."""
+    """Return the skin points that face the camera as nodes, and the depth image of the skin before a wall."""
     facing = ((CAMERA.position_m - posed.points_m) * posed.normals).sum(axis=1) > 0.0
     seen = posed.points_m[facing]
     T_camera_world = np.linalg.inv(CAMERA.require_pose())

@@ -1,1 +1,1 @@
-"""``anchorpose view``: a page in the browser, served from this machine, to review results and correct them."""
+"""Serve ``anchorpose view``: a page in the browser, from this machine, to review results and correct them."""

@@ -1,4 +1,4 @@
-"""Who may use a page's server: only the page that this program opened, over so many connections and no more."""
+"""Control who may use a page's server: only the page that this program opened, with a limited number of connections."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """Which requests are served: the token must be the first part of every path.
+    """The rule which requests are served: the token must be the first part of every path.
 
     On loopback the Host must be a loopback name as well: another site that points its name here (DNS rebinding) sends
     its own. A request that changes something must come from the page.
@@ -29,29 +29,31 @@ class Guard:
     loopback: bool
 
     def path_within(self, path: str) -> str | None:
-        """The rest of a request's path after the token, without the query; None where the token is missing."""
+        """Return the rest of a request's path after the token, without the query; None where the token is missing."""
         first, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
         return rest if hmac.compare_digest(first.encode(), self.token.encode()) else None
 
     def host_is_ours(self, headers: Mapping[str, str]) -> bool:
-        """Whether the request was made to a name of this machine; on any port, since the other end of a tunnel has
-        another one."""
+        """Return whether the request was made to a name of this machine; on any port, since the other end of a tunnel
+        has another one.
+        """
         return not self.loopback or is_loopback(_name_in(headers.get("Host", "")))
 
     def comes_from_the_page(self, headers: Mapping[str, str]) -> bool:
-        """Whether a request that changes something was made by our page: browsers name the origin, and pages from
-        elsewhere cannot send JSON without a preflight request."""
+        """Return whether a request that changes something was made by our page: browsers name the origin, and pages
+        from elsewhere cannot send JSON without a preflight request.
+        """
         origin, host = headers.get("Origin"), headers.get("Host", "")
         return headers.get("Content-Type", "") == "application/json" and origin == f"http://{host}"
 
 
 def new_token() -> str:
-    """A token that cannot be guessed, of characters that are valid in an address."""
+    """Return a token that cannot be guessed, of characters that are valid in an address."""
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 
 def _name_in(host: str) -> str:
-    """The name in a Host header without its port; empty where it is malformed."""
+    """Return the name in a Host header without its port; empty where it is malformed."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:
@@ -59,7 +61,7 @@ def _name_in(host: str) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach the address."""
+    """Return whether only this machine can reach the address."""
     if host == "localhost":
         return True
     try:
@@ -68,7 +70,7 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-MOST: Final = 48  # at once; systems allow a program 256 open files or more, and depth images are written beside
+MOST: Final = 48  # open at once; systems allow a program 256 open files or more, and depth images are written beside
 MOST_PER_CLIENT: Final = 24  # from one address: four windows, each with the six connections of a browser
 CLOSING_S: Final = 1.0  # a connection that was shut down is closed at once
 
@@ -77,19 +79,19 @@ CLOSING_S: Final = 1.0  # a connection that was shut down is closed at once
 class _Connection:
     request: socket.socket
     client: str
-    known: bool = False  # has sent a request with the token
+    known: bool = False  # whether it has sent a request with the token
     leaving: bool = False
 
 
 class Connections:
-    """Those that are open. One that has sent no request with the token gives way to a new one, the oldest first."""
+    """The open connections. A connection without a request with the token gives way to a new one, the oldest first."""
 
     def __init__(self) -> None:
         self._open: list[_Connection] = []
         self._changed = Condition()
 
     def add(self, request: socket.socket, client: str) -> bool:
-        """Whether there is room for a connection from the address ``client``; it is counted from now on."""
+        """Return whether there is space for a connection from the address ``client``; it is counted from now on."""
         with self._changed:
             while full := self._in_the_way(client):
                 strangers = [one for one in full if not one.known and not one.leaving]
@@ -99,26 +101,26 @@ class Connections:
         return True
 
     def trust(self, request: socket.socket) -> None:
-        """A connection has sent the token: it gives way to none."""
+        """Note that a connection has sent the token: it no longer gives way."""
         with self._changed:
             for one in self._open:
                 one.known |= one.request is request
 
     def remove(self, request: socket.socket) -> None:
-        """A connection is closed."""
+        """Note that a connection is closed."""
         with self._changed:
             self._open = [one for one in self._open if one.request is not request]
             self._changed.notify_all()
 
     def _in_the_way(self, client: str) -> list[_Connection]:
-        """The connections of which one must go before another one of ``client`` may come; empty where none must."""
+        """Return the connections of which one must go before another one of ``client`` may come; empty if none must."""
         if len(self._open) >= MOST:
             return self._open
         own = [one for one in self._open if one.client == client]
         return own if len(own) >= MOST_PER_CLIENT else []
 
     def _close(self, stranger: _Connection) -> bool:
-        """Whether it is closed by the thread that serves it, soon."""
+        """Return whether the thread that serves the connection will close it soon."""
         stranger.leaving = True
         with suppress(OSError):  # it has gone by itself
             stranger.request.shutdown(socket.SHUT_RDWR)

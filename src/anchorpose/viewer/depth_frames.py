@@ -1,6 +1,6 @@
-"""The depth images behind the results, frame by frame: labelled points of all cameras, and the patient's surface.
+"""Provide the depth images behind the results: labelled points of all cameras, and the patient's surface.
 
-The cameras' clocks are those of the run, so that the images shown together are those that were tracked together.
+The cameras' clocks are the run's, so that images are shown together as they were tracked together.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ from anchorpose.surface.mesh import build_surface, faces
 
 
 def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> tuple[Clock, ...]:
-    """One per camera, in the order of the names, from the run.json at ``path``; raises InputError where it has none."""
+    """Return the clock of each camera, in the order of the names, from the run.json at ``path``; raises InputError
+    where it has none.
+    """
     clocks = {camera["name"]: camera.get("clock") for camera in run["cameras"]}
     if not all(clocks.get(camera) for camera in cameras):
         raise InputError(path, "does not state the cameras' clocks", "track the recording again with this version")
@@ -39,7 +41,8 @@ _LIGHT: Final = np.array(
 
 
 def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """(height, width) uint8, 255 = facing the light; only for display, so that points do not look flat.
+    """Return the brightness (height, width) uint8, 255 = facing the light; only for display, so that points do not look
+    flat.
 
     depth_m (height, width) metres, 0 = no reading. The slope is 0 where a neighbour is missing or on another surface.
     """
@@ -51,7 +54,7 @@ def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _slope(depth_m: np.ndarray, axis: int) -> np.ndarray:
-    """The change of depth over ``2 * REACH_PX`` pixels along an axis; 0 where it is unknown."""
+    """Return the change of depth over ``2 * REACH_PX`` pixels along an axis; 0 where unknown."""
     before, after = np.roll(depth_m, REACH_PX, axis), np.roll(depth_m, -REACH_PX, axis)
     change = after - before
     known = (before > 0) & (after > 0) & (np.abs(change) < JUMP_M)
@@ -62,13 +65,13 @@ def _slope(depth_m: np.ndarray, axis: int) -> np.ndarray:
 
 
 UNLABELLED: Final = 255
-"""The label of all pixels where there is no people.parquet."""
+"""Label of all pixels where there is no people.parquet."""
 
 ROOM_STEP: Final = 3
-"""Every third row and column of the room is shown, for orientation."""
+"""Step in rows and columns at which the room is shown, for orientation."""
 
 UNLABELLED_STEP: Final = 2
-"""Every second row and column of images without person labels is shown: most of their pixels are room."""
+"""Step in rows and columns of images without person labels: most of their pixels are room."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,15 +89,16 @@ class DepthFrames:
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """In the order of the lists of ``points``."""
+        """Return the cameras in the order of the lists of ``points``."""
         return self.recording.cameras
 
     def points(self, position: int, room: bool) -> tuple[list[np.ndarray], list[str]]:
-        """For each camera (m, 4) uint16: column, row, grey value and look of each pixel with a reading; and problems.
+        """Return, for each camera, (m, 4) uint16: column, row, grey value and look of each pixel with a reading; and
+        problems.
 
         Coarse grids come first (every eighth row and column, then every fourth, every second, the rest), so that a
         slow page may draw a part. The look is 256 times ``shade`` plus the label. position: row of the results'
-        frames. Pixels of the room only with ``room``, thinned out.
+        frames. Pixels of the room are included, thinned out, only with ``room``.
         """
         found, problems = list[np.ndarray](), list[str]()
         for number, camera in enumerate(self.cameras):
@@ -107,9 +111,10 @@ class DepthFrames:
         return found, problems
 
     def surface(self, position: int) -> tuple[np.ndarray, np.ndarray]:
-        """The patient's seen skin, all cameras: vertices (v, 3) world metres, faces (f, 3) int32; empty without labels.
+        """Return the patient's seen skin of all cameras: vertices (v, 3), world, metres, faces (f, 3) int32; empty
+        without labels.
 
-        Each camera's own mesh as ``surface.mesh`` makes it, not cut at contacts and not joined.
+        It has each camera's own mesh as ``surface.mesh`` makes it, not cut at contacts and not joined.
         """
         vertices, triangles, count = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.int32)], 0
         for number, camera in enumerate(self.cameras):
@@ -124,10 +129,11 @@ class DepthFrames:
         return np.concatenate(vertices), np.concatenate(triangles)
 
     def place_of_person(self, position: int, camera: str, column: int, row: int) -> tuple[np.ndarray | None, str]:
-        """(3,) metres, world: the point of a person that a pixel shows; or None and the reason, for the user.
+        """Return the point (3,) of a person, metres, world, that a pixel shows; or None and the reason, for the
+        user.
 
-        Without labels any reading will do: ``track`` looks whether a person is there. Raises ValueError for a camera or
-        a pixel that does not exist.
+        Without labels any reading is accepted: ``track`` checks whether a person is there. Raises ValueError for a
+        camera or a pixel that does not exist.
         """
         names = [one.name for one in self.cameras]
         if camera not in names:
@@ -153,7 +159,7 @@ class DepthFrames:
         return place_m, ""
 
     def depth(self, position: int, camera: int) -> tuple[np.ndarray | None, str]:
-        """The depth image in metres, or None and the reason."""
+        """Return the depth image in metres, or None and the reason."""
         index = self.pairs[position, camera]
         if index < 0:
             return None, "there is no picture of this time"
@@ -161,7 +167,9 @@ class DepthFrames:
         return picture.depth_m, f"the picture {picture.problem}" if picture.problem else ""
 
     def labels(self, position: int, camera: int) -> np.ndarray | None:
-        """(height, width) uint8; all ``ROOM`` in a frame without people, None where the results have no labels."""
+        """Return the labels (height, width) uint8; all ``ROOM`` in a frame without people, None where the results have
+        no labels.
+        """
         if self.people is None:
             return None
         packed = self.people.get(int(self.frame[position]), self.cameras[camera].name)
@@ -171,7 +179,7 @@ class DepthFrames:
 
 
 def open_depth_frames(folder: Path, results: Path, run: dict[str, Any], frame: np.ndarray) -> DepthFrames:
-    """The recording behind the results; raises InputError where it is another one.
+    """Open the recording behind the results; raises InputError where it is another one.
 
     frame (n,): the numbers of the results' frames.
     """
@@ -197,7 +205,7 @@ _REMEDY: Final = "give the recording that these results were made of"
 
 
 def _refuse_another(recording: Recording, run: dict[str, Any], poses: dict[str, Any]) -> None:
-    """Compares cameras, timestamps, and the first and last images: hashing all images would take minutes."""
+    """Compare cameras, timestamps, and the first and last images: hashing all images would take minutes."""
     names = [camera.name for camera in recording.cameras]
     if set(names) != set(poses):
         raise InputError(recording.folder, f"has the cameras {', '.join(names)}, not {', '.join(poses)}", _REMEDY)
@@ -231,7 +239,7 @@ def _pixels(depth_m: np.ndarray, labels: np.ndarray | None, camera: Camera, room
 
 
 def _fineness(row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """0 for pixels on every eighth row and column, 1 on every fourth, 2 on every second, 3 for the rest."""
+    """Return 0 for pixels on every eighth row and column, 1 on every fourth, 2 on every second, 3 for the rest."""
     both = row | column
     ranks = np.where(both % 2, 3, np.where(both % 4, 2, np.where(both % 8, 1, 0)))
     return ranks.astype(np.uint8)  # bytes are sorted by counting

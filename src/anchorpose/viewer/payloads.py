@@ -1,6 +1,7 @@
-"""What the page fetches, as bytes: all frames at a glance; tables, points, surfaces some frames at a time; the body.
+"""Pack what the page fetches, as bytes: all frames at a glance; tables, points, surfaces some frames at a time; the
+body.
 
-Arrays travel in one piece: a short JSON head that says where each array lies, then the arrays.
+Arrays are sent in one piece: a short JSON head with each array's place, then the arrays.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ TYPES: Final = ("uint8", "uint16", "int16", "int32", "uint32", "float32", "float
 
 
 def pack(meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
-    """MAGIC, length of the head (uint32), head, arrays; little-endian, each array at a multiple of ``ALIGNED``.
+    """Return MAGIC, length of the head (uint32), head, arrays; little-endian, each array at a multiple of
+    ``ALIGNED``.
 
     The head is {"meta": meta, "arrays": [{"name", "type", "shape", "start"}]}; start is counted from the first multiple
     of ``ALIGNED`` after the head. Raises ValueError for types that browsers have no array for.
@@ -52,14 +54,15 @@ def _up(place: int) -> int:
     return place + -place % ALIGNED
 
 
-MOST_FRAMES: Final = 32  # in one answer
-SAMPLED: Final = 2000  # frames that the middle of the view is taken from
+MOST_FRAMES: Final = 32  # frames in one answer
+SAMPLED: Final = 2000  # frames from which the middle of the view is computed
 MOST_ROWS: Final = 512  # frames of the tables in one answer: some hundred kilobytes
 
 
 def overview_payload(review: Review) -> bytes:
-    """One row per frame of the results: time_s (n,) float64, frame (n,) int32, observed and lost (n,) uint8, the number
-    of joints in these states, and where the results have it unexplained (n,), as in ``results.explained.unexplained``.
+    """Return one row per frame of the results: time_s (n,) float64, frame (n,) int32, observed and lost (n,) uint8, the
+    number of joints in these states, and unexplained (n,), if the results have it, as in
+    ``results.explained.unexplained``.
 
     meta: middle_m, the patient's median position, and lowest_m, the height of the lowest joint; null where unknown.
     """
@@ -81,7 +84,7 @@ def overview_payload(review: Review) -> bytes:
 
 
 def motion_payload(review: Review, first: int, count: int) -> bytes:
-    """The tables' frames from row ``first`` on, NaN where unknown, metres, world frame.
+    """Return the tables' frames from row ``first`` on, NaN where unknown, metres, world frame.
 
     joints (n, 21, 3), sigma (n, 21), state (n, 21) uint8 of ``JointState``, angles, angle_sigma, angle_state (n, a),
     and where the results have them poses (n, 21, 7: head, quaternion w x y z) and anchors (n, 5, 4: place, sigma).
@@ -106,7 +109,7 @@ def motion_payload(review: Review, first: int, count: int) -> bytes:
 
 
 def curves_payload(review: Review, first: int, count: int) -> bytes:
-    """The angle curves of the frames from row ``first`` on, with no more points than a screen shows.
+    """Return the angle curves of the frames from row ``first`` on, with no more points than a screen shows.
 
     The points of all angles, one angle after the other, each in the order of time. start (a + 1,) int32: where each
     angle's points begin. row (m,) int32 of the results' frames, degrees and sigma (m,) float32, state (m,) uint8: as in
@@ -128,15 +131,17 @@ def curves_payload(review: Review, first: int, count: int) -> bytes:
 
 
 INTERVALS: Final = 800
-"""Of the time that is drawn: a chart is some 400 pixels wide."""
+"""Number of intervals of the drawn time: a chart is some 400 pixels wide."""
 
 KEPT: Final = 5
-"""Frames of an interval at most, per angle: the least and the largest value, the widest sigma, the first frame in which
-the angle is unknown and the first in which it is inferred. So no peak, no gap and no inferred frame disappears."""
+"""Largest number of frames kept per interval and angle: the least and the largest value, the widest sigma, the first
+frame in which the angle is unknown and the first in which it is inferred. So no peak, no gap and no inferred frame
+disappears.
+"""
 
 
 def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) -> list[np.ndarray]:
-    """Return for each angle the rows to draw of its values (n, angles), in their order; of few frames all."""
+    """Return, for each angle, the rows to draw of its values (n, angles), in order; all if frames are few."""
     count, angles = degrees.shape
     size = count // INTERVALS  # frames in an interval
     if size <= KEPT:
@@ -154,12 +159,15 @@ def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) 
 
 
 def rays_payload(depth_frames: DepthFrames) -> bytes:
-    """Where each pixel of each camera looks: ``rays<i>`` (height, width, 2) float32, x/z and y/z, camera frame."""
+    """Return where each pixel of each camera looks: ``rays<i>`` (height, width, 2) float32, x/z and y/z, camera
+    frame.
+    """
     return pack({}, {f"rays{number}": camera.pixel_rays() for number, camera in enumerate(depth_frames.cameras)})
 
 
 def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool) -> bytes:
-    """Pixels of the frames (rows of the results) ``first`` on: points (m, 4) uint16 as ``DepthFrames.points``.
+    """Return the pixels of the frames (rows of the results) ``first`` on: points (m, 4) uint16 as
+    ``DepthFrames.points``.
 
     Frame by frame, camera by camera; meta counts has one list per frame with one count per camera. A point in the
     world is ``T_world_camera @ (ray x, ray y, 1) * grey * depth_scale``.
@@ -175,7 +183,7 @@ def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool
 
 
 def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
-    """The patient's surface of some frames: vertices (v, 3) int16 millimetres, world; faces (f, 3) uint32.
+    """Return the patient's surface of some frames: vertices (v, 3) int16 millimetres, world; faces (f, 3) uint32.
 
     meta counts has [vertices, faces] of each frame; a frame's faces count from its own first vertex.
     """
@@ -198,7 +206,7 @@ def _positions(depth_frames: DepthFrames, first: int, count: int) -> range:
 
 
 def _rows(frames: int, first: int, count: int, most: int) -> slice:
-    """Raises ValueError for frames that do not exist, or more than ``most``."""
+    """Return the rows; raises ValueError for frames that do not exist, or more than ``most``."""
     if not (0 <= first < frames and 1 <= count <= most):
         raise ValueError(f"there are no frames {first} to {first + count - 1}")
     return slice(first, min(first + count, frames))
@@ -208,7 +216,7 @@ INFLUENCES: Final = 4  # bones per point on the graphics card; the others move n
 
 
 def moving_ancestor(asset: BodyAsset) -> np.ndarray:
-    """(b,) the row of ``MOVING_BONES`` that moves each bone: itself, or the nearest ancestor."""
+    """Return (b,) the row of ``MOVING_BONES`` that moves each bone: itself, or the nearest ancestor."""
     row_of = {asset.bone(name): row for row, name in enumerate(MOVING_BONES)}
     carried = np.zeros(len(asset.bone_names), np.int64)
     for bone, parent in enumerate(asset.bone_parents.tolist()):
@@ -217,7 +225,7 @@ def moving_ancestor(asset: BodyAsset) -> np.ndarray:
 
 
 def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
-    """The arrays of the page's body; None where no body was learnt.
+    """Return the arrays of the page's body; None where no body was learnt.
 
     vertices (v, 3) and normals (v, 3) float32 at rest, faces (f, 3) uint32, bones (v, 4) uint8 rows of
     ``MOVING_BONES``, weights (v, 4) float32, heads (21, 3) float32: the centres of rotation at rest. Posed:
@@ -240,7 +248,9 @@ def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
 
 
 def _heaviest(bones: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The ``INFLUENCES`` heaviest bones of each point, bones that move together counted as one; weights sum to 1."""
+    """Return the ``INFLUENCES`` heaviest bones of each point, bones that move together counted as one; weights sum to
+    1.
+    """
     total = np.zeros((len(bones), len(MOVING_BONES)))
     np.add.at(total, (np.arange(len(bones))[:, None], bones), weights)
     chosen = np.argsort(-total, axis=1, kind="stable")[:, :INFLUENCES]

@@ -1,6 +1,6 @@
 """What the viewer shows: tables, recording, which frames to check first, and the file of corrections.
 
-Corrections are changed one at a time, among programs as well: a lock file stands beside the file that is changed.
+Corrections are changed one at a time, also between programs: a lock file is beside the changed file.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def _equipment(depth_frames: DepthFrames) -> dict[str, Any] | None:
 
 APART_S: Final = 1.0  # two frames closer than this show the same thing
 MOST_OF_A_KIND: Final = 12  # frames with the same kind of reason
-FEW_MATCHED: Final = 0.9  # the usual share in good recordings is 0.95 to 1
+FEW_MATCHED: Final = 0.9  # good recordings have 0.95 to 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,7 +41,7 @@ from anchorpose.viewer.review import CorrectionFile, Review, describe, open_revi
 
 
 class Progress(StrEnum):
-    """How far the work is."""
+    """The progress of the work."""
 
     IDLE = "idle"
     WORKING = "working"

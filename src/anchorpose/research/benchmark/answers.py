@@ -1,4 +1,4 @@
-"""A folder of anybody's answers, read and checked: answers.json, joints and matches as CSV or Parquet."""
+"""Read and check a folder of answers: answers.json, joints and matches as CSV or Parquet."""
 
 from __future__ import annotations
 
@@ -28,14 +28,16 @@ JOINTS: Final = {"recording": pa.string(), "frame": pa.int64(), "joint": pa.stri
 MATCHES: Final = {"task": pa.string(), "pair": pa.string(), "node": pa.int64(), "match": pa.int64()}
 OPTIONAL: Final = "sigma_m"
 MAY_BE_EMPTY: Final = frozenset((*PLACE, OPTIONAL, "match"))
-FARTHEST_M: Final = 100.0  # no room is that large; millimetres are
+FARTHEST_M: Final = 100.0  # a room is smaller; larger values are millimetres
 NO_ROW, NO_MATCH = -2, -1
-"""Of a node: the answers have no row for it; they say that it has no match."""
+"""Marks of a node: the answers have no row for it; they state that it has no match."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointAnswers:
-    """Of one recording: position_m (t, 21, 3) world and sigma_m (t, 21), NaN where the answers give none."""
+    """The answers on one recording: position_m (t, 21, 3), world, and sigma_m (t, 21), NaN where the answers give
+    none.
+    """
 
     position_m: np.ndarray
     sigma_m: np.ndarray
@@ -43,7 +45,7 @@ class JointAnswers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answers:
-    """Everything that was answered about the recordings of a benchmark folder.
+    """All answers about the recordings of a benchmark folder.
 
     joints: by recording; matches: by task and pair, (n,) int64 node of the second frame, ``NO_MATCH`` or ``NO_ROW``.
     elsewhere: rows about recordings that are not in the folder.
@@ -57,7 +59,9 @@ class Answers:
 
 
 def read_answers(folder: Path, benchmark: Benchmark) -> Answers:
-    """The answers about what is in the benchmark folder; raises InputError with the first thing that is wrong."""
+    """Return the answers about what is in the benchmark folder; raises InputError with the first thing that is
+    wrong.
+    """
     method, source = _read_about(folder / ABOUT)
     joints, matches = (_table_file(folder, name) for name in ("joints", "matches"))
     if joints is None and matches is None:
@@ -68,7 +72,7 @@ def read_answers(folder: Path, benchmark: Benchmark) -> Answers:
 
 
 def _read_about(path: Path) -> tuple[str, str]:
-    """Name and source of the method."""
+    """Return the name and source of the method."""
     try:
         document = read_json(path)
         form, version, method = (document[key] for key in ("format", "version", "method"))
@@ -87,7 +91,7 @@ def _table_file(folder: Path, name: str) -> Path | None:
 
 
 def read_table(path: Path, columns: Mapping[str, pa.DataType]) -> dict[str, np.ndarray]:
-    """The columns by name: texts, int64, or float64 with NaN where empty; ``match`` is ``NO_MATCH`` where empty.
+    """Return the columns by name: texts, int64, or float64 with NaN where empty; ``match`` is ``NO_MATCH`` where empty.
 
     sigma_m may be left out. Raises InputError where columns are missing, unknown, of another type or partly empty.
     """
@@ -127,7 +131,7 @@ def _row(index: int) -> str:
 
 
 def _codes(path: Path, name: str, values: np.ndarray, known: Sequence[str]) -> np.ndarray:
-    """(rows,) index of each text in ``known``; raises InputError for another."""
+    """Return (rows,) index of each text in ``known``; raises InputError for another."""
     texts = pa.array(values, pa.string()).dictionary_encode()
     place = {text: index for index, text in enumerate(known)}
     codes = np.array([place.get(text, -1) for text in texts.dictionary.to_pylist()], np.int64)[texts.indices.to_numpy()]
@@ -138,13 +142,13 @@ def _codes(path: Path, name: str, values: np.ndarray, known: Sequence[str]) -> n
 
 
 def _refuse(path: Path, wrong: np.ndarray, problem: str, remedy: str) -> None:
-    """Raises InputError about the first row where ``wrong`` (rows,) is true."""
+    """Raise InputError about the first row where ``wrong`` (rows,) is true."""
     if wrong.any():
         raise InputError(path, f"{problem} in {_row(int(np.flatnonzero(wrong)[0]))}", remedy)
 
 
 def _repeated(*keys: np.ndarray) -> np.ndarray:
-    """(rows,) bool: an earlier row has the same keys."""
+    """Return (rows,) bool: an earlier row has the same keys."""
     one = np.zeros(len(keys[0]), np.int64)
     for key in keys:
         one = np.unique(one, return_inverse=True)[1] * (key.max(initial=0) + 1) + key
@@ -180,7 +184,7 @@ def _read_joints(path: Path, benchmark: Benchmark) -> tuple[dict[str, JointAnswe
 
 
 def check_places(path: Path, place_m: np.ndarray) -> None:
-    """Raises InputError where a row of ``place_m`` (rows, 3) is neither a place in a room nor empty."""
+    """Raise InputError where a row of ``place_m`` (rows, 3) is neither a place in a room nor empty."""
     empty, finite = np.isnan(place_m), np.isfinite(place_m).all(axis=1)
     _refuse(path, ~finite & ~empty.all(axis=1), "has part of a position", "give x_m, y_m and z_m, or none of them")
     far = finite & (np.abs(place_m) > FARTHEST_M).any(axis=1)
@@ -217,7 +221,7 @@ def _read_matches(path: Path, benchmark: Benchmark) -> tuple[dict[tuple[str, str
 
 
 def _sizes(folder: Path, pair: Pair, known: dict[str, int]) -> tuple[int, int]:
-    """How many nodes the two frames of a pair have."""
+    """Return how many nodes the two frames of a pair have."""
     for name in (pair.first, pair.second):
         if name not in known:
             known[name] = len(read_nodes(folder / name))

@@ -1,4 +1,4 @@
-"""Labels of people made by eye in real depth images: read, compared with each other, and with joints."""
+"""Read labels of people made by eye in real depth images, and compare them with each other and with joints."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # around a label: the depth of the skin that it was set on
-IN_FRONT_M, BEHIND_M = 0.10, 0.35  # of that skin: where a joint beneath it may be
+PATCH_PX: Final = 3  # around a label: gives the depth of the labelled skin
+IN_FRONT_M, BEHIND_M = 0.10, 0.35  # limits, relative to that skin, of a joint beneath it
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
-"""Nothing shows these under clothes: the labellers placed them by proportion, and are up to 12 cm apart."""
+"""Joints that are invisible under clothes: labellers placed them by proportion, up to 12 cm apart."""
 DEEP_M: Final = 0.10  # from the skin of a trunk to its axis
 
 
@@ -39,12 +39,12 @@ Frames = dict[int, tuple[LabelledPerson, ...]]
 
 
 def read_labels(folder: Path, recording: str, labeller: str) -> Frames:
-    """Frame number to the people in it, as one of ``LABELLERS`` saw them. folder: benchmarks/labels."""
+    """Return the frame number to the people in it, as one of ``LABELLERS`` saw them. folder: benchmarks/labels."""
     return _frames(_document(folder, recording, labeller)["frames"])
 
 
 def read_label_set(folder: Path, name: str, labeller: str) -> dict[str, Frames]:
-    """Recording to its labelled frames, from a file that holds several recordings."""
+    """Return the recording to its labelled frames, from a file that holds several recordings."""
     return {recording: _frames(frames) for recording, frames in _document(folder, name, labeller)["recordings"].items()}
 
 
@@ -65,7 +65,7 @@ def _person(entry: dict[str, Any]) -> LabelledPerson:
 
 
 def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
-    """Median depth about a place (column, row); NaN where nothing was read there."""
+    """Return the median depth around a place (column, row); NaN without readings there."""
     column, row = (round(value) for value in place)
     patch = depth_m[max(row - PATCH_PX, 0) : row + PATCH_PX + 1, max(column - PATCH_PX, 0) : column + PATCH_PX + 1]
     read = patch[patch > 0]
@@ -73,7 +73,7 @@ def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
 
 
 def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """(3,) world: the middle of a labelled trunk; None where no joint of it is labelled or read."""
+    """Return (3,) world: the middle of a labelled trunk; None where no joint of it is labelled or read."""
     found = []
     for name in TRUNK:
         if name in person.joints and np.isfinite(z := skin_depth_m(depth_m, person.joints[name])):
@@ -85,7 +85,8 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
 
 
 def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """How far each labelled joint that can be seen is from a tracked one, (21, 3) world, across the line of sight.
+    """Return how far each labelled joint that can be seen is from a tracked one, (21, 3) world, across the line of
+    sight.
 
     inf where it is lost, or before or far behind the skin that the label was set on; left out where nothing was read.
     """
@@ -97,7 +98,8 @@ def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, cam
 
 
 def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, np.ndarray]:
-    """Joint to (3,): how far (21, 3) world joints are right of, below and behind a label on the skin; NaN where lost.
+    """Return the joint to (3,): how far (21, 3) world joints are right of, below and behind a label on the skin; NaN
+    where lost.
 
     Joints that are labelled by proportion, and labels where nothing was read, are left out.
     """
@@ -114,7 +116,7 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """How far two labels of the same joint are apart, where both have it."""
+    """Return how far apart two labels of the same joint are, where both have it."""
     lens = camera.intrinsics
     return {
         name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)
@@ -124,7 +126,7 @@ def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, cam
 
 
 def trunk_pixel(table: JointTable, row: int, camera: Camera) -> np.ndarray | None:
-    """(3,) column, row and depth of the tracked trunk's middle; None where it is lost."""
+    """Return (3,) column, row and depth of the tracked trunk's middle; None where it is lost."""
     middle = table.position_m[row, [JOINT_INDEX[name] for name in TRUNK]].mean(axis=0)
     if not np.isfinite(middle).all():
         return None
@@ -134,5 +136,5 @@ def trunk_pixel(table: JointTable, row: int, camera: Camera) -> np.ndarray | Non
 
 
 def within(box: tuple[float, float, float, float], place: np.ndarray) -> bool:
-    """Whether a pixel lies in a box."""
+    """Return whether a pixel lies in a box."""
     return bool(box[0] <= place[0] <= box[2] and box[1] <= place[1] <= box[3])

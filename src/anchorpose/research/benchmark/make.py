@@ -44,7 +44,9 @@ TRUTH_UNIT_M: Final = 1e-4  # true joints are compared to a tenth of a millimetr
 
 @dataclass(frozen=True, slots=True)
 class Fingerprint:
-    """depth: hash of all decoded depth images; truth: of the joints, rounded to 0.1 mm; readings: how many; mean_mm."""
+    """The fingerprint of a recording. depth: hash of all decoded depth images; truth: hash of the joints, rounded to
+    0.1 mm; readings: their number; mean_mm.
+    """
 
     depth: str
     truth: str
@@ -54,7 +56,9 @@ class Fingerprint:
 
 @dataclass(frozen=True, slots=True)
 class Benchmark:
-    """A benchmark folder. groups: those that are in it; other_bytes: a sentence per recording unlike the reference."""
+    """A benchmark folder. groups: the existing ones; other_bytes: a sentence per recording that differs from the
+    reference.
+    """
 
     folder: Path
     groups: tuple[Group, ...]
@@ -90,7 +94,7 @@ def make_benchmark(
 
 
 def open_benchmark(folder: Path) -> Benchmark:
-    """A folder that ``make_benchmark`` wrote; raises InputError for any other."""
+    """Return a folder that ``make_benchmark`` wrote; raises InputError for any other."""
     found = _read_document(folder)
     groups = tuple(group for group in ALL_GROUPS if set(group.recordings.values()) <= set(found))
     if not groups:
@@ -102,7 +106,7 @@ def open_benchmark(folder: Path) -> Benchmark:
 
 
 def unlike_reference(found: dict[str, Fingerprint]) -> list[str]:
-    """A sentence for each recording whose content is not that of the reference."""
+    """Return a sentence for each recording whose content is not that of the reference."""
     known, sentences = reference(), list[str]()
     for name, mark in found.items():
         expected = known.get(name)
@@ -117,13 +121,13 @@ def unlike_reference(found: dict[str, Fingerprint]) -> list[str]:
 
 
 def reference() -> dict[str, Fingerprint]:
-    """The fingerprints of all recordings by name."""
+    """Return the fingerprints of all recordings by name."""
     document = json.loads(files(__package__).joinpath(REFERENCE).read_text(encoding="utf-8"))
     return {name: Fingerprint(**mark) for name, mark in document["recordings"].items()}
 
 
 def make_group(group: Group, out: Path) -> None:
-    """Everything of one seed: recordings, true joints, nodes, and their true matches in the format of answers."""
+    """Make everything of one seed: recordings, true joints, nodes, and their true matches in the format of answers."""
     with one_thread(), whole_or_nothing(out / group.name) as work:
         simulated = work / "simulated"
         simulate_recording(simulated, group.simulation)
@@ -136,7 +140,9 @@ def make_group(group: Group, out: Path) -> None:
 
 
 def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -> None:
-    """The copies with holes, all in the same frames, and the nodes of the frames of pairs with their true matches."""
+    """Make the copies with holes, all in the same frames, and the nodes of the pairs' frames with their true
+    matches.
+    """
     camera, frames = recording.cameras[0].name, range(len(recording.streams[0].files))
     seen = [patient_pixels(recording, labels / camera, frame) for frame in frames]
     centre_m = np.array([points.mean(axis=0) for _, points in seen])
@@ -153,7 +159,9 @@ def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -
 
 
 def patient_pixels(recording: Recording, labels: Path, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column (n, 2) of the pixels that truly show the patient and have a reading; places (n, 3), world."""
+    """Return the row and column (n, 2) of the pixels that truly show the patient and have a reading; places (n, 3),
+    world.
+    """
     camera = recording.cameras[0]
     depth_m = read_depth_image(recording.streams[0].files[frame], camera).depth_m
     label = read_image(labels / f"{frame:06d}.png")
@@ -165,7 +173,7 @@ def patient_pixels(recording: Recording, labels: Path, frame: int) -> tuple[np.n
 
 
 def _without_links(folder: Path) -> None:
-    """Copies in place of links, so that the folder can be moved."""
+    """Replace links by copies, so that the folder can be moved."""
     for path in folder.rglob("*.png"):
         if path.is_symlink():
             source = path.resolve()
@@ -181,7 +189,7 @@ def _write_nodes(path: Path, pixel: np.ndarray, points_m: np.ndarray) -> None:
 
 
 def _write_matches(group: Group, work: Path) -> None:
-    """The node nearest to each true place, in the format of answers."""
+    """Write the node nearest to each true place, in the format of answers."""
     skin, rows = Skin(group.simulation), ["task,pair,node,match"]
     for pair in group.pairs:
         best = truth_of(work, pair, skin).nearest()
@@ -190,7 +198,7 @@ def _write_matches(group: Group, work: Path) -> None:
 
 
 def fingerprint(recording: Path) -> Fingerprint:
-    """Of a recording folder whose truth is beside it."""
+    """Compute the fingerprint of a recording folder with its truth beside it."""
     digest, readings, total = hashlib.sha256(), 0, 0
     for path in sorted(recording.glob("*/depth/*.png")):
         image = read_image(path)

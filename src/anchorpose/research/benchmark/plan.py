@@ -1,4 +1,4 @@
-"""What the public benchmark consists of: recordings fixed by seeds, tasks, and the names that answers use."""
+"""Define the public benchmark: recordings fixed by seeds, tasks, and the names that answers use."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
 VERSION: Final = 1
-"""Grows with every change of recordings, tasks or scores: figures of two versions are not comparable."""
+"""Version; it grows with every change of recordings, tasks or scores: figures of two versions are not comparable."""
 
 SECONDS: Final = 6.0
 FPS: Final = 10.0  # the paper's samples are about a tenth of a second apart
@@ -29,7 +29,7 @@ TASKS: Final = (*GAPS, *TRACKING, CLINIC)
 
 
 class Part(StrEnum):
-    """Which recordings: those to develop a method on, or those that leader board figures are of."""
+    """The part of the benchmark: recordings for developing a method, or recordings for leader board figures."""
 
     DEVELOPMENT = "development"
     TEST = "test"
@@ -56,7 +56,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """What is made from one seed: a recording with its copies that have holes, or a clinic."""
+    """Everything made from one seed: a recording with its copies that have holes, or a clinic."""
 
     part: Part
     is_clinic: bool
@@ -64,12 +64,12 @@ class Group:
 
     @property
     def name(self) -> str:
-        """The folder, relative to the benchmark."""
+        """Return the folder, relative to the benchmark."""
         return f"{self.part}/{'clinic' if self.is_clinic else 'single'}-{self.seed}"
 
     @property
     def simulation(self) -> SimulationConfig:
-        """The settings of the simulator."""
+        """Return the settings of the simulator."""
         preset = presets.clinic if self.is_clinic else presets.single
         return preset(self.seed, SECONDS, FPS)
 
@@ -82,7 +82,7 @@ class Group:
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
-        """The pairs of frames of the recording without holes."""
+        """Return the pairs of frames of the recording without holes."""
         if self.is_clinic:
             return ()
         return tuple(
@@ -92,16 +92,16 @@ class Group:
         )
 
     def nodes(self, frame: int) -> str:
-        """The file of a frame's nodes, relative to the benchmark."""
+        """Return the file of a frame's nodes, relative to the benchmark."""
         return f"{self.name}/{NODES}/{frame:06d}.csv"
 
     def truth(self, benchmark: Path) -> Path:
-        """The file of the true joints."""
+        """Return the file of the true joints."""
         return benchmark / self.name / "truth.npz"
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """The groups of a part; at_most: only so many of each kind, the first seeds."""
+    """Return the groups of a part; at_most: limit per kind, beginning with the first seeds."""
     single, clinic = SEEDS[part]
     return tuple(
         Group(part, is_clinic, seed)

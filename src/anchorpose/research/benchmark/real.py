@@ -1,4 +1,4 @@
-"""The second track: joints in real recordings that the user has, against labels made by eye."""
+"""Score joints in real recordings of the user against labels made by eye: the benchmark's second track."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Joints = dict[tuple[str, str, int], np.ndarray]
 
 
 def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskScore]:
-    """By recording that has labels and is in the user's folder: distances across the line of sight, both labellers.
+    """Return, by recording with labels in the user's folder, distances across the line of sight, to both labellers.
 
     A joint that is not at the labelled person's depth counts as missing. Raises InputError where no recording is there.
     """
@@ -46,7 +46,7 @@ def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskS
 
 
 def _distances(name: str, joints: Joints, folder: Path, labels: Path) -> Iterator[float]:
-    """Metres of each labelled joint, inf where the answer is missing or at another depth."""
+    """Yield the error of each labelled joint in metres, inf where the answer is missing or at another depth."""
     recording = open_recording(folder)
     camera = replace(recording.cameras[0], T_world_camera=np.eye(4))
     for labeller in LABELLERS:

@@ -1,6 +1,6 @@
-"""Scores of answers, task by task, and the paired comparison of two.
+"""Score answers task by task, and compare two sets of answers in pairs.
 
-What was not answered is counted by itself, and lies outside of every share.
+Missing answers are counted separately, and count as outside in every share.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ RESAMPLES: Final = 2000
 
 
 class Asked(NamedTuple):
-    """All that a task asks about one recording: m nodes that are seen in both frames, or joints with a known truth.
+    """The questions of a task about one recording: m nodes seen in both frames, or joints with a known truth.
 
     error_mm (m,): NaN without an answer. none (m,) bool: answered that there is no match. moved (m,) bool: nodes that
     moved. within (m, 3): 1 or 0 for each axis with the truth in 1.96 sigma or not, NaN where no sigma is given.
@@ -40,7 +40,7 @@ class Asked(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskScore:
-    """Figures of one task; None where there is nothing to take one of.
+    """Figures of one task; None where there is no data for one.
 
     missing_share: of what was asked, without an answer; none_share: answered that there is no match. Shares within a
     distance are of all that was asked, millimetres of what was answered. coverage_95: of the axes with a sigma.
@@ -63,7 +63,7 @@ class TaskScore:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Score:
-    """tasks: those with any answer; asked: what they asked, by task and group."""
+    """A score. tasks: those with any answer; asked: their questions, by task and group."""
 
     answers: Answers
     part: Part
@@ -73,7 +73,7 @@ class Score:
 
 
 def score_answers(benchmark: Benchmark, answers: Answers, part: Part) -> Score:
-    """Every task of a part that the answers take part in: all of its recordings in the folder count."""
+    """Score every task of a part that the answers take part in: all of its recordings in the folder count."""
     groups = [group for group in benchmark.groups if group.part is part]
     asked: dict[str, dict[str, Asked]] = {}
     for group in groups:
@@ -92,7 +92,7 @@ def _takes_part(answers: Answers, groups: Sequence[Group], task: str) -> bool:
 
 
 def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
-    """The association tasks on a group."""
+    """Return the association tasks on a group."""
     pairs, found = [pair for pair in group.pairs if pair.task in tasks], dict[str, list[Asked]]()
     if not pairs:
         return []
@@ -107,7 +107,7 @@ def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequen
 
 
 def _joints(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
-    """The tracking tasks on a group."""
+    """Yield the tracking tasks on a group."""
     truth_m = read_truth(group.truth(benchmark.folder)).position_m
     known = np.isfinite(truth_m).all(axis=2)
     for task in (task for task in group.recordings if task in tasks):
@@ -124,7 +124,7 @@ def _together(each: Sequence[Asked]) -> Asked:
 
 
 def summarise(each: Sequence[Asked]) -> TaskScore:
-    """The figures of a task over its recordings."""
+    """Return the figures of a task over its recordings."""
     error, none, moved, within = _together(each)
     given, covered = error[np.isfinite(error)], within[np.isfinite(within)]
     moved_error = error[moved]
@@ -146,7 +146,7 @@ def summarise(each: Sequence[Asked]) -> TaskScore:
 
 
 def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
-    """``one`` minus ``other``, by task, with 95 % intervals by the bootstrap over recordings, drawn in pairs.
+    """Return ``one`` minus ``other``, by task, with 95 % intervals by the bootstrap over recordings, drawn in pairs.
 
     mm: mean distance where both have an answer, negative where ``one`` is nearer; within_50mm: share of everything that
     was asked, positive where ``one`` is better.
@@ -165,7 +165,7 @@ def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
 
 
 def as_document(score: Score) -> dict[str, Any]:
-    """The score as JSON values; tasks without any answer are null."""
+    """Return the score as JSON values; tasks without any answer are null."""
     return {
         "format": "anchorpose-benchmark-score",
         "version": VERSION,
@@ -180,8 +180,9 @@ def as_document(score: Score) -> dict[str, Any]:
 
 
 def leader_board_row(score: Score) -> str:
-    """A row of the table of docs/benchmark.md: per cent within 50 mm, all / moved, by gap; mean joint error by hole and
-    in clinics, with the share that is missing; per cent in 1.96 sigma in clinics."""
+    """Return a row of the table of docs/benchmark.md: per cent within 50 mm, all / moved, by gap; mean joint error by
+    hole and in clinics, with the share that is missing; per cent in 1.96 sigma in clinics.
+    """
     cells = [score.answers.method]
     for task in (*GAPS, *TRACKING, CLINIC):
         one = score.tasks.get(task)

@@ -1,4 +1,4 @@
-"""The true places of a frame's nodes in another frame, and the distance on the body of matches from them."""
+"""Compute the true places of a frame's nodes in another frame, and the distance of matches from them on the body."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ MOVED_M = 0.03  # a node whose place changed by more counts as moved
 
 
 def read_nodes(path: Path) -> np.ndarray:
-    """(n, 3) places of a frame's nodes, metres, world. Raises InputError where the file is not as it was made."""
+    """Return (n, 3) places of a frame's nodes, metres, world. Raises InputError where the file is not as it was
+    made.
+    """
     try:
         table = np.loadtxt(StringIO(read_text(path)), delimiter=",", skiprows=1, ndmin=2)
         if table.shape[1] != 6 or not np.array_equal(table[:, 0], np.arange(len(table))):
@@ -31,7 +33,8 @@ def read_nodes(path: Path) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairTruth:
-    """Of a pair: first_m (n, 3) and second_m (k, 3) nodes, world metres; places: the first nodes' in the second frame.
+    """The truth of a pair. first_m (n, 3) and second_m (k, 3): nodes, world, metres; places: the first nodes' in the
+    second frame.
 
     Nodes on the body whose place has no node near it in the second frame are hidden there; nodes off the body (flying
     pixels) have no place.
@@ -45,18 +48,18 @@ class PairTruth:
 
     @property
     def moved(self) -> np.ndarray:
-        """(n,) bool: nodes that are farther than ``MOVED_M`` away in the second frame."""
+        """Return (n,) bool: nodes that are farther than ``MOVED_M`` away in the second frame."""
         moved: np.ndarray = np.linalg.norm(self.places.place_m - self.first_m, axis=1) > MOVED_M
         return moved
 
     def nearest(self) -> np.ndarray:
-        """(n,) int: the node nearest to each true place, -1 where it is not seen: the best possible answer."""
+        """Return (n,) int: the node nearest to each true place, -1 where it is not seen: the best possible answer."""
         best, seen = np.full(len(self.first_m), -1, np.int64), self.places.seen
         best[seen] = cKDTree(self.second_m).query(self.places.place_m[seen])[1]
         return best
 
     def error_mm(self, match: np.ndarray) -> np.ndarray:
-        """(n,) distance along the skin of each match (-1 or less: none) from the true place; NaN without either.
+        """Return (n,) distance along the skin of each match (-1 or less: none) from the true place; NaN without either.
 
         At least the straight distance: both ends are known only to the nearest vertex of the skin.
         """
@@ -69,7 +72,7 @@ class PairTruth:
 
 
 def truth_of(group: Path, pair: Pair, skin: Skin) -> PairTruth:
-    """The truth of a pair. group: the folder of its group; skin: of the group's simulation."""
+    """Return the truth of a pair. group: the folder of its group; skin: of the group's simulation."""
     first, second = (read_nodes(group / NODES / Path(name).name) for name in (pair.first, pair.second))
     places = skin.follow(first, pair.first_frame, pair.second_frame, second)
     return PairTruth(skin, pair, first, second, places)

@@ -34,7 +34,7 @@ COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # therapists;
 USUAL_FORM_S: Final = 0.02  # of a frame in one form of the framework, without the method
 USUAL_OWN_S: Final = 0.15
 WARM_FRAMES: Final = 2  # of a segment, before it is timed
-MAKING: Final = 2.0  # to simulate a frame and to track it for the reference, in times of ``own_s``
+MAKING: Final = 2.0  # to simulate a frame and to track it for the reference, in multiples of ``own_s``
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ def _forms(config: ExperimentConfig) -> int:
 
 
 def usual_costs(methods: Sequence[Method], config: ExperimentConfig) -> Costs:
-    """On an idle core."""
+    """Return the costs on an idle core."""
     forms, method_s = _forms(config), {method.key: method.frame_ms / 1000.0 for method in methods}
     return Costs(
         {key: forms * USUAL_FORM_S + len(config.holes_m) * spent for key, spent in method_s.items()},
@@ -148,6 +148,6 @@ def _seconds(work: Callable[[], object]) -> float:
 
 
 def duration(seconds: float) -> str:
-    """For readers."""
+    """Format a duration for readers."""
     minutes = max(1, round(seconds / 60))
     return f"{minutes} minutes" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"

@@ -23,8 +23,8 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-NO_HEIGHT_M = np.nan  # only anchors depend on it, which are not looked for before the body is known
-NEVER_M = 1000.0  # no branch of the tree is ever so far from its prediction that it is given up
+NO_HEIGHT_M = np.nan  # only anchors depend on it, which are not searched before the body is known
+NEVER_M = 1000.0  # no branch of the tree is ever this far from its prediction, so none is given up
 ANYWHERE_M = 10.0  # every node may be matched with every other, as in the paper
 ALL_NODES = (
     100_000  # the tree starts from every node: it takes all of them to distinguish a random method from a good one
@@ -59,8 +59,8 @@ def paper_room(recording: Recording, reference: Reference, movements: Path) -> R
 def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
     """All that is known before the first frame is tracked, with the configuration of ``paper_config``.
 
-    stride: only every so many frames of the recording are looked at. Over more than one the patient is expected where
-    they were: reference movements say nothing about a second ahead, and are too short at such a rate.
+    stride: only every so many frames of the recording are looked at. With a stride over one the patient is expected at
+    the last place: reference movements do not predict a second ahead, and are too short at such a rate.
     """
     config = paper_config(movements, form)
     if stride > 1:
@@ -114,5 +114,5 @@ def follow_segment(tracker: PaperTracker, later: Sequence[FrameSet]) -> np.ndarr
 
 
 def _confident(belief: PoseBelief) -> PoseBelief:
-    """A tenth of the standard deviation: the pose was tracked."""
+    """Return the belief with a tenth of its standard deviation, since the pose was tracked."""
     return PoseBelief(belief.pose, belief.covariance / 100.0, belief.information * 100.0)

@@ -1,4 +1,5 @@
-"""What every method of the experiment is given: the body, the pose before tracking starts, and the patient's pixels.
+"""Provide what every method of the experiment is given: the body, the pose before tracking starts, the patient's
+pixels.
 
 The paper takes all three from the sensor's own tracker on unoccluded data; here they come from this project's tracker,
 on the recording before anything is removed from it. No method sees the truth.
@@ -37,13 +38,13 @@ class NoReference(AnchorposeError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """What all methods start from.
+    """The common start of all methods.
 
     T_world_camera (k, 4, 4): poses of the cameras, given or found, so that all methods share one world. Over t frames:
     rotations (t, b, 3, 3) and root_m (t, 3) of the pose, joints_m (t, 21, 3) and centre_m (t, 3), the mean of the
     visible body, world; NaN where the patient was lost. shape: the learnt body. labels: per camera (t, height, width)
-    uint8 of ``PixelLabel``, all ``NO_READING`` in a frame that nobody was looked for in; none where they were not asked
-    for. clocks: of the cameras, which say whose images are of one time.
+    uint8 of ``PixelLabel``, all ``NO_READING`` in a frame without a search; empty where not requested. clocks: of the
+    cameras, which determine the images of one time.
     """
 
     T_world_camera: np.ndarray
@@ -217,5 +218,5 @@ class GivenFrames:
 
 
 def _isolated(views: tuple[View | None, ...]) -> Isolated:
-    """Who is who where it is given: nobody else has to be followed."""
+    """Return the labelled people as given: nobody else has to be followed."""
     return Isolated((None,) * len(views), views, empty_memory(), Bystanders())

@@ -1,4 +1,4 @@
-"""Angles in kernels: fast arctangents, and histograms around a circle with the angle of their peak."""
+"""Handle angles in kernels: fast arctangents, and histograms around a circle with the angle of their peak."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba import njit
 
 FULL_TURN = 2.0 * np.pi
 
-SMALLEST = 5e-324  # so that the direction of a zero vector is 0, not NaN
+SMALLEST = 5e-324  # makes the direction of a zero vector 0, not NaN
 
 ARC = (
     0.159154940193,
@@ -27,7 +27,9 @@ ARC = (
 
 @njit(cache=True, error_model="numpy")
 def turn_fraction(x: float, y: float, begin: float) -> float:
-    """Direction of (x, y) from begin, both shares of a turn, in [0, 1); faster than a library's arctangent."""
+    """Return the direction of (x, y) from begin, both shares of a turn, in [0, 1); faster than a library's
+    arctangent.
+    """
     wide, high = abs(x), abs(y)
     ratio = min(wide, high) / max(wide, high, SMALLEST)
     square = ratio * ratio
@@ -59,7 +61,7 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
 
 @njit(cache=True)
 def peak_fraction(bins: np.ndarray) -> float:
-    """Share of a turn at the top of the parabola through the first fullest bin and its two neighbours."""
+    """Return the share of a turn at the top of the parabola through the first fullest bin and its two neighbours."""
     peak = 0
     for b in range(len(bins)):
         if bins[b] > bins[peak]:
@@ -93,7 +95,9 @@ PI, HALF_PI = np.float32(np.pi), np.float32(np.pi / 2)
 
 @njit(cache=True, error_model="numpy")
 def angle_of(y: Any, x: Any) -> Any:
-    """Angle of (x, y) float32 from the x axis, radians, -pi to pi; 0 for a zero vector. Branch-free: it vectorises."""
+    """Return the angle of (x, y) float32 from the x axis, radians, -pi to pi; 0 for a zero vector. Branch-free: it
+    vectorises.
+    """
     along, across = abs(x), abs(y)
     steep = across > along
     longer = across if steep else along

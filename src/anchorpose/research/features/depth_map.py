@@ -1,4 +1,4 @@
-"""The depth of the surface around a node as a small upright image, and the SIFT descriptor of that image.
+"""Draw the depth of the surface around a node as a small upright image, and compute its SIFT descriptor.
 
 The surface is seen from above the node's tangent plane; pixels may be unknown (NaN).
 """
@@ -14,7 +14,7 @@ from anchorpose.research.features.circle import FULL_TURN, turn_fraction
 
 SMALLEST_M2 = 1e-12  # twice the area of a triangle that still has a slope
 HALF_SPREAD = 0.5  # sigma of the weights for the angle, as a share of the window's half width
-CELLS: Final = 4  # a side
+CELLS: Final = 4  # cells per side
 ORIENTATIONS: Final = 8
 WIDTH: Final = CELLS * CELLS * ORIENTATIONS
 CLIP: Final = 0.2  # of the unit length: no single edge may outweigh the rest
@@ -42,7 +42,7 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 
 @njit(cache=True)
 def outline_angle(slopes: np.ndarray, count: int) -> float:
-    """Direction, as a share of a turn, of the longer principal axis of the triangles' centres.
+    """Return the direction, as a share of a turn, of the longer principal axis of the triangles' centres.
 
     Of its two ends the one towards which the surface rises; NaN where there is no surface.
     """
@@ -107,18 +107,21 @@ def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, image: np.ndarray
 
 @njit(cache=True)
 def _lowest(one: float, other: float) -> float:
-    """The smallest of 0 and both."""
+    """Return the smallest of 0 and both values."""
     low = one if one < other else other
     return low if low < 0.0 else 0.0
 
 
 def image_side(samples: int) -> int:
-    """Pixels on a side of an image with ``samples`` per cell: cells, margins, and one more all around for gradients."""
+    """Return the pixels on a side of an image with ``samples`` per cell: cells, margins, and one more all around for
+    gradients.
+    """
     return (CELLS + 1) * samples + 2
 
 
 def cell_shares(samples: int) -> np.ndarray:
-    """(side, 3) float64: for each column (or row) its Gaussian weight, the first of its two cells, the second's share.
+    """Return (side, 3) float64: for each column (or row) its Gaussian weight, the first of its two cells, the second's
+    share.
 
     Cell 0 is the margin.
     """
@@ -179,7 +182,9 @@ def _row_gradients(above: np.ndarray, row: np.ndarray, below: np.ndarray, length
 
 @njit(cache=True)
 def _difference(before: float, here: float, after: float) -> float:
-    """Over two pixels, from one side where the other is unknown; NaN where it is unknown."""
+    """Return the difference over two pixels, or from one side where the other is unknown; NaN where the pixel is
+    unknown.
+    """
     first = here if np.isnan(before) else before
     last = here if np.isnan(after) else after
     steps = 2.0 if np.isnan(before) != np.isnan(after) else 1.0

@@ -1,8 +1,9 @@
-"""How far two surfaces are from isometric: the least distortion of a map between them, d_PE (paper, Eq. gmds).
+"""Measure how far two surfaces are from isometric: the least distortion of a map between them, d_PE (paper, Eq.
+gmds).
 
 The distortion of a map is the greatest change of a distance (paper, Eq. distortion; Bronstein, Bronstein and Kimmel
 2006, doi:10.1073/pnas.0508601103). Branch and bound finds the map of least distortion exactly, for few samples. GMDS as
-rivals use it (``gmds``) minds all changes instead of the worst one, and so tells better maps apart.
+rival methods use it (``gmds``) counts all changes instead of the worst one, and so distinguishes maps better.
 """
 
 from __future__ import annotations
@@ -28,19 +29,21 @@ class LeastDistortion:
 
     @property
     def d_pe_m(self) -> float:
-        """d_PE, metres: half of the distortion; an upper bound of it unless ``proven``."""
+        """Return d_PE, metres: half of the distortion; an upper bound unless ``proven``."""
         return self.distortion_m / 2.0
 
 
 def distortion_m(distances_a: np.ndarray, distances_b: np.ndarray, match: np.ndarray) -> float:
-    """dis of a map, metres; distances_a (n_a, n_a) and distances_b (n_b, n_b) metres, match (n_a,) int."""
+    """Return the distortion of a map, metres; distances_a (n_a, n_a) and distances_b (n_b, n_b) metres, match (n_a,)
+    int.
+    """
     return float(np.abs(distances_a.astype(np.float64) - distances_b[np.ix_(match, match)]).max(initial=0.0))
 
 
 def least_distortion(
     distances_a: np.ndarray, distances_b: np.ndarray, max_branches: int = 1_000_000
 ) -> LeastDistortion:
-    """The map from the first set of points to the second that changes the worst distance least.
+    """Return the map from the first set of points to the second that changes the worst distance least.
 
     distances_a (n_a, n_a), distances_b (n_b, n_b): metres, symmetric, zero from a point to itself, finite. Raises
     ValueError on others, and where the second set is empty and the first is not.
@@ -53,7 +56,7 @@ def least_distortion(
 
 
 def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates: int = 60) -> LeastDistortion:
-    """d_PE between samples of a surface and candidates on another, each as far apart as possible.
+    """Compute d_PE between samples of a surface and candidates on another, each as far apart as possible.
 
     Distances are by fast marching, links are paths; between pieces of a surface they are ``APART_M``.
     """
@@ -62,7 +65,7 @@ def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates:
 
 
 def _among(surface: Surface, nodes: np.ndarray) -> np.ndarray:
-    """(k, k) float64 distances between nodes, the same both ways."""
+    """Return (k, k) float64 distances between nodes, the same both ways."""
     fields = np.minimum(geodesic_distance(surface, nodes)[:, nodes], APART_M).astype(np.float64)
     return np.asarray((fields + fields.T) / 2.0)
 
@@ -78,8 +81,9 @@ def _require_distances(distances: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _search(a: np.ndarray, b: np.ndarray, max_branches: int) -> tuple[np.ndarray, int]:
-    """Depth first, the best place first. worst[level, i, v]: the greatest change if point i goes to v, against the
-    points placed before; a branch is cut once some point has no place with less than the best map's distortion."""
+    """Search depth first, the best place first. worst[level, i, v]: the greatest change if point i goes to v, against
+    the points placed before; a branch is cut once some point has no place with less than the best map's distortion.
+    """
     depth, count = len(a), len(b)
     best, least = np.zeros(depth, np.int32), np.inf
     worst, order = np.zeros((depth + 1, depth, count)), np.zeros((depth, count), np.int64)

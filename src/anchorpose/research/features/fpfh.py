@@ -29,7 +29,7 @@ class FpfhConfig:
 
 
 def fpfh(points_m: np.ndarray, normals: np.ndarray, config: FpfhConfig | None = None) -> np.ndarray:
-    """(n, 33) float32: the histograms of three angles, 11 bins each.
+    """Return (n, 33) float32: the histograms of three angles, 11 bins each.
 
     points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown: such a node is left out of all
     histograms. Each histogram sums to 100, or to 200 with the node's own. NaN row: a node without position, normal or
@@ -45,7 +45,8 @@ def fpfh(points_m: np.ndarray, normals: np.ndarray, config: FpfhConfig | None = 
 
 @njit(cache=True)
 def _simplified(oriented: np.ndarray, start: np.ndarray, node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 40) float32 histograms that sum to 100 each, the last columns empty; (n,) int32 number of pairs in each.
+    """Return (n, 40) float32 histograms that sum to 100 each, the last columns empty; (n,) int32 number of pairs in
+    each.
 
     Each pair is computed once for both of its nodes: the angles are the same for either of them.
     """
@@ -79,7 +80,8 @@ def _simplified(oriented: np.ndarray, start: np.ndarray, node: np.ndarray) -> tu
 
 @njit(cache=True, error_model="numpy")
 def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bins: np.ndarray) -> None:
-    """The bin of each pair in each histogram: the paper's angles, of Darboux's frame at the more tilted of the two.
+    """Fill the bin of each pair in each histogram: the paper's angles, in Darboux's frame at the more tilted of the
+    two.
 
     With unit normals, v = d x n / |d x n| and w = n x v, everything is products of d, n and the other normal.
     """
@@ -113,7 +115,9 @@ def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bin
 
 @njit(cache=True, error_model="numpy")
 def _weighted(simple: np.ndarray, pairs: np.ndarray, near: Neighbours, own: bool) -> np.ndarray:
-    """(n, 33): the neighbours' histograms, weighted by inverse squared distance, each of the three summing to 100."""
+    """Return (n, 33): the neighbours' histograms, weighted by inverse squared distance, each of the three summing to
+    100.
+    """
     start, node, distance2 = near.start, near.node, near.distance2_m2
     result, mixed = np.empty((len(simple), SIZE), np.float32), np.empty(_PADDED, np.float32)
     for p in range(len(simple)):

@@ -1,4 +1,4 @@
-"""Matching two surfaces by generalised multi-dimensional scaling, GMDS (paper, Section III-A).
+"""Match two surfaces by generalised multi-dimensional scaling, GMDS (paper, Section III-A).
 
 Samples far apart are mapped so that the distances between them change least, from coarse to fine: first the few
 farthest onto few candidates, by branch and bound, which keeps the best of all maps that differ; then all samples onto
@@ -21,12 +21,12 @@ from anchorpose.surface.links import pieces
 from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
-APART_M: Final = 1e3  # stands for the distance between pieces of surface; far from any distance on a body
-FIRST_LIMIT_M: Final = 0.02  # mean change of a distance at which the search begins; doubled until it finds enough
+APART_M: Final = 1e3  # distance assumed between separate pieces of surface; far larger than any distance on a body
+FIRST_LIMIT_M: Final = 0.02  # mean change of a distance at which the search begins; doubled until it finds enough maps
 
 
 def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of which each is as far as possible from those before it, and their distances to all nodes.
+    """Return nodes, each as far as possible from those before it, and their distances to all nodes.
 
     Returns nodes (k,) int32, k = ``count`` unless there are fewer, and fields (k, n) float32 metres, ``APART_M`` on
     other pieces. The first is the node farthest from the middle of its piece, the middle being the node nearest the
@@ -50,7 +50,7 @@ def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarra
 
 
 def field_from(surface: Surface, node: int) -> np.ndarray:
-    """(n,) float32 distance field of one node."""
+    """Return (n,) float32 distance field of one node."""
     field = geodesic_distance(surface, np.array([node]))[0]
     return np.minimum(field, np.float32(APART_M))
 
@@ -60,12 +60,12 @@ class GmdsConfig:
     """Resolution and effort of the search."""
 
     samples: Count = 100  # 7 cm apart on a body; with 50 the mirror image is as good as the truth more often
-    first_samples: Count = 6  # more often than not head, hands, feet and one more
+    first_samples: Count = 6  # usually head, hands, feet and one more
     first_candidates: Count = 60  # 10 cm apart on a body
     candidates: Count = 200  # 5 cm apart
     starts: Count = 24  # maps of the first samples to continue with: mirrored, limbs swapped, coarse
     finalists: Count = 3  # of these that are refined to nodes
-    cap_m: Positive = 0.15  # of a change: where a hand starts or stops touching the body, all distances to it change
+    cap_m: Positive = 0.15  # of a change: if a hand starts or stops touching the body, all distances to it change
     sweeps: Count = 10  # over all samples, at most; usually they settle after four
     min_piece: Share = 0.03  # of the nodes: a forearm; smaller pieces have no shape that could be recognised
     max_branches: Count = 300_000  # a tenth of a second
@@ -95,18 +95,19 @@ class GmdsMaps:
 
 
 def match_by_gmds(source: Surface, target: Surface, config: GmdsConfig | None = None) -> np.ndarray:
-    """(n_source,) int32: the target's node for each of the source's, by the best map of ``gmds_maps``; -1 = undefined.
+    """Return (n_source,) int32: the target's node for each of the source's, by the best map of ``gmds_maps``; -1 =
+    undefined.
 
-    Undefined are nodes that are not finite or on pieces smaller than ``min_piece`` of the finite nodes, and all if
-    either surface has no other. Distances are by fast marching, links are paths. Positions do not count, so a body may
-    be matched with its mirror image. Several nodes may share a match.
+    A node is undefined if it is not finite or on a piece smaller than ``min_piece`` of the finite nodes; all are if
+    either surface has only such nodes. Distances are by fast marching, links are paths. Positions do not count, so a
+    body may be matched with its mirror image. Several nodes may share a match.
     """
     match: np.ndarray = _solve(source, target, config or GmdsConfig())[1]
     return match
 
 
 def gmds_maps(source: Surface, target: Surface, config: GmdsConfig | None = None) -> GmdsMaps:
-    """The maps of the samples that ``match_by_gmds`` chooses from: no map at all where everything is undefined."""
+    """Return the maps of the samples among which ``match_by_gmds`` chooses; none where all nodes are undefined."""
     return _solve(source, target, config or GmdsConfig())[0]
 
 
@@ -130,7 +131,7 @@ def _solve(source: Surface, target: Surface, config: GmdsConfig) -> tuple[GmdsMa
 
 
 def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
-    """The finite nodes on large pieces as a surface, and their numbers (k,) int32."""
+    """Return the finite nodes on large pieces as a surface, and their numbers (k,) int32."""
     node = np.flatnonzero(np.isfinite(surface.points_m).all(axis=1)).astype(np.int32)
     finite = keep_nodes(surface, np.isin(np.arange(len(surface)), node))
     piece = pieces(finite)
@@ -139,7 +140,7 @@ def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
 
 
 def _starts(among_a: np.ndarray, among_b: np.ndarray, config: GmdsConfig) -> tuple[np.ndarray, bool]:
-    """(m, k) int32 maps of the first samples to candidates, the best first, and whether the best is proven."""
+    """Return (m, k) int32 maps of the first samples to candidates, the best first, and whether the best is proven."""
     few = min(config.first_samples, len(among_a))
     a = np.ascontiguousarray(among_a[:few, :few])
     b = np.ascontiguousarray(among_b[: config.first_candidates, : config.first_candidates])
@@ -157,7 +158,9 @@ def _starts(among_a: np.ndarray, among_b: np.ndarray, config: GmdsConfig) -> tup
 def _settled(
     among_a: np.ndarray, among_b: np.ndarray, start: np.ndarray, config: GmdsConfig
 ) -> tuple[np.ndarray, float]:
-    """All samples' candidates (k,) int32, from a map of the first of them, and the stress."""
+    """Place all samples on candidates (k,) int32, starting from a map of the first of them; return places and
+    stress.
+    """
     places = np.zeros(len(among_a), np.int32)
     places[: len(start)] = start
     settle(among_a, among_b, places, len(start), config.cap_m, config.sweeps)
@@ -165,7 +168,7 @@ def _settled(
 
 
 def _alternatives(found: list[tuple[np.ndarray, float]], among_b: np.ndarray, count: int) -> list[np.ndarray]:
-    """The maps of least stress of which no two send the samples to nearly the same places."""
+    """Return the maps of least stress, no two of which send the samples to nearly the same places."""
     kept: list[np.ndarray] = []
     for places, _ in sorted(found, key=lambda one: one[1]):
         if len(kept) < count and all(among_b[places, other].mean() > _spacing_m(among_b) for other in kept):
@@ -174,14 +177,14 @@ def _alternatives(found: list[tuple[np.ndarray, float]], among_b: np.ndarray, co
 
 
 def _spacing_m(distances: np.ndarray) -> float:
-    """Median distance of a point to its nearest neighbour; 0 of a point alone."""
+    """Return the median distance of a point to its nearest neighbour; 0 of a point alone."""
     return float(np.median(np.sort(distances, axis=1)[:, min(1, len(distances) - 1)]))
 
 
 def _refined(
     target: Surface, among_a: np.ndarray, places: np.ndarray, fields: np.ndarray, config: GmdsConfig
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Moves samples to the nodes of least stress, one after another, until none moves. Places, fields, stress."""
+    """Move samples to the nodes of least stress, one after another, until none moves; return places, fields, stress."""
     places, fields, unmoved = places.copy(), fields.copy(), 0
     for step in range(config.sweeps * len(places)):
         at = step % len(places)

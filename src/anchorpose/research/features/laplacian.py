@@ -45,7 +45,8 @@ class Laplacian:
 
 
 def surface_laplacian(surface: Surface) -> Laplacian:
-    """Cotangent weights with lumped mass on the intrinsic Delaunay triangulation, Neumann boundary conditions.
+    """Return the cotangent weights with lumped mass on the intrinsic Delaunay triangulation, Neumann boundary
+    conditions.
 
     Links have no triangles and conduct no heat. Triangles with a node whose position is not finite are left out.
     """
@@ -54,7 +55,7 @@ def surface_laplacian(surface: Surface) -> Laplacian:
 
 
 def mesh_laplacian(points_m: np.ndarray, triangles: np.ndarray) -> Laplacian:
-    """The same for any triangles (f, 3) int of points (n, 3) metres, also where three share an edge."""
+    """Return the same for any triangles (f, 3) int of points (n, 3) metres, also where three share an edge."""
     node, own = np.unique(triangles, return_inverse=True)
     count = len(node)
     edges, values = intrinsic_delaunay(np.asarray(points_m, np.float64)[node], own.reshape(-1, 3))
@@ -69,7 +70,7 @@ def mesh_laplacian(points_m: np.ndarray, triangles: np.ndarray) -> Laplacian:
 
 
 def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weight of each half-edge and the area at either half of it, on the triangulation after all flips.
+    """Return the weight of each half-edge and the area at either half of it, on the triangulation after all flips.
 
     points_m (n, 3) float64 metres, triangles (f, 3) int of finite points, sides of any orientation. Returns
     edges (6 f, 2) int32, tail and head node, which are the same where an edge was flipped across the outline;
@@ -136,7 +137,7 @@ def _flip_all(tail: np.ndarray, after: np.ndarray, twin: np.ndarray, length: np.
 
 @njit(cache=True)
 def _other_diagonal(h: int, g: int, after: np.ndarray, length: np.ndarray) -> float:
-    """Distance between the two corners opposite an edge, both triangles laid flat."""
+    """Return the distance between the two corners opposite an edge, both triangles laid flat."""
     base = length[h]
     beside, from_j, from_i = 2.0 * _area(h, after, length) / base, length[after[h]], length[after[after[h]]]
     along = (base * base + from_i * from_i - from_j * from_j) / (2.0 * base)
@@ -147,7 +148,7 @@ def _other_diagonal(h: int, g: int, after: np.ndarray, length: np.ndarray) -> fl
 
 @njit(cache=True)
 def _area(h: int, after: np.ndarray, length: np.ndarray) -> float:
-    """Area of the half-edge's triangle by Heron's formula in Kahan's order, which is stable for slivers."""
+    """Return the area of the half-edge's triangle by Heron's formula in Kahan's order, which is stable for slivers."""
     a, b, c = length[h], length[after[h]], length[after[after[h]]]
     long, short = max(a, b, c), min(a, b, c)
     mid = max(min(a, b), min(max(a, b), c))
@@ -157,7 +158,7 @@ def _area(h: int, after: np.ndarray, length: np.ndarray) -> float:
 
 @njit(cache=True)
 def _cotangent(h: int, after: np.ndarray, length: np.ndarray) -> float:
-    """Cotangent of the angle opposite the half-edge."""
+    """Return the cotangent of the angle opposite the half-edge."""
     a, b, c = length[h], length[after[h]], length[after[after[h]]]
     return (b * b + c * c - a * a) / max(4.0 * _area(h, after, length), 1e-300)
 

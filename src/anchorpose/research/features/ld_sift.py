@@ -32,7 +32,7 @@ REACH: Final = np.sqrt(2.0) * (CELLS + 1) / CELLS
 
 
 class Beyond(StrEnum):
-    """What the depth map holds where there is no surface."""
+    """The content of the depth map where there is no surface."""
 
     UNKNOWN = "unknown"  # no gradient: the end of the camera's view is not part of the shape
     FLOOR = "floor"  # a plane floor_m below the node, so that the outline is an edge
@@ -40,7 +40,7 @@ class Beyond(StrEnum):
 
 @settings
 class LdSiftConfig:
-    """What LD-SIFT describes."""
+    """Settings of LD-SIFT."""
 
     radius_m: Positive = 0.15  # half the width of the 4 x 4 cells; wider distinguishes more, and costs more
     beyond: Beyond = Beyond.UNKNOWN
@@ -49,7 +49,7 @@ class LdSiftConfig:
 
 
 def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
-    """(n, 128) float32, unit length, none below 0.
+    """Return (n, 128) float32, unit length, none below 0.
 
     A row is NaN where the node has no position, normal or triangle, and where no gradient of its depth map is known:
     it is flat to the last bit, or covered nowhere two pixels wide.
@@ -70,7 +70,7 @@ def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
 
 
 def _fans(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """start (n + 1,) int64, others (f, 2) int32: each triangle once, listed at its first node."""
+    """Return start (n + 1,) int64 and others (f, 2) int32: each triangle once, listed at its first node."""
     order = np.argsort(triangles[:, 0], kind="stable")
     start = np.searchsorted(triangles[order, 0], np.arange(count + 1))
     return start.astype(np.int64), np.ascontiguousarray(triangles[order, 1:])

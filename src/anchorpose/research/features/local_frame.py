@@ -1,4 +1,5 @@
-"""The repeatable local reference frame of SHOT: principal axes of the neighbourhood, pointing to most neighbours.
+"""Compute the repeatable local reference frame of SHOT: principal axes of the neighbourhood, pointing to most
+neighbours.
 
 Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), Section 3, as PCL 1.13 implements it.
 """
@@ -10,12 +11,12 @@ from numba import njit
 
 from anchorpose.research.features.neighbours import Neighbours, as_points
 
-FEWEST = 5  # neighbours; axes of fewer are noise, and the authors' program gives up there too
+FEWEST = 5  # neighbours; axes of fewer are noise, and the authors' program gives up there, too
 SWEEPS = 12  # of Jacobi rotations, which converge quadratically: six reach the last digit
 
 
 def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarray | None = None) -> np.ndarray:
-    """(n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where undefined.
+    """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where undefined.
 
     points_m (n, 3). x lies along the widest spread and z across the surface, each towards the side of more neighbours;
     where that is a tie, the five in the middle of the order by distance decide. normals (n, 3): where given, z points
@@ -28,7 +29,7 @@ def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarr
 
 
 def as_frames(frames: np.ndarray, count: int) -> np.ndarray:
-    """(k, 3, 3) float32, contiguous; ValueError on another shape."""
+    """Return (k, 3, 3) float32, contiguous; ValueError on another shape."""
     frames = np.ascontiguousarray(frames, np.float32)
     if frames.shape != (count, 3, 3):
         raise ValueError(f"frames must have shape ({count}, 3, 3), got {frames.shape}")
@@ -92,7 +93,7 @@ def _spread(
 
 @njit(cache=True, error_model="numpy")
 def _points_away(points: np.ndarray, own: int, near: np.ndarray, distance2: np.ndarray, axis: np.ndarray) -> bool:
-    """Whether more of the neighbours lie against the axis than along it."""
+    """Return whether more of the neighbours lie against the axis than along it."""
     balance = 0
     for m in range(len(near)):
         ahead = _along(points, own, near[m], axis) >= 0.0
@@ -140,7 +141,7 @@ def principal_axes(matrix: np.ndarray, axes: np.ndarray) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _rotate(matrix: np.ndarray, axes: np.ndarray, p: int, q: int) -> None:
-    """One rotation in the plane of p and q that makes their entry zero."""
+    """Rotate once in the plane of p and q so that their entry becomes zero."""
     lean = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
     tangent = (1.0 if lean >= 0.0 else -1.0) / (abs(lean) + np.sqrt(lean * lean + 1.0))
     cosine = 1.0 / np.sqrt(tangent * tangent + 1.0)

@@ -1,4 +1,5 @@
-"""The stress of a map between two sets of points with known distances, and the searches that minimise it.
+"""Compute the stress of a map between two sets of points with known distances, and search for the map that minimises
+it.
 
 Branch and bound finds the best maps of few samples; ``settle`` and ``best_places`` improve maps of many, one sample
 at a time. The stress is a sum of squared changes of distance, each change capped.
@@ -14,7 +15,7 @@ from numba import njit
 def branch_and_bound(
     a: np.ndarray, b: np.ndarray, cap: float, limit: float, kept: int, same: float, steps: int
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """The best map of few samples onto candidates, exactly, and others that differ from it.
+    """Return the best map of few samples onto candidates, exactly, and others that differ from it.
 
     a (k, k), b (n, n) float32 distances; limit: stress, each pair counted once, that every map must stay below. Returns
     maps (kept, k) int32 and costs (kept,) float64, inf = none, best first, and the number of branches visited, equal to
@@ -101,7 +102,7 @@ def _alike(one: np.ndarray, other: np.ndarray, b: np.ndarray, same: float) -> bo
 
 
 def stress_m(a: np.ndarray, b: np.ndarray, cap: float) -> float:
-    """Root mean square over all pairs of samples of the capped change from a to b (k, k), both in metres."""
+    """Return the root mean square over all pairs of samples of the capped change from a to b (k, k), both in metres."""
     change = np.minimum(np.abs(a - b, dtype=np.float64), cap)
     np.fill_diagonal(change, 0.0)
     return float(np.sqrt((change**2).sum() / max(len(a) * (len(a) - 1), 1)))
@@ -109,7 +110,7 @@ def stress_m(a: np.ndarray, b: np.ndarray, cap: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def best_places(rows: np.ndarray, fields: np.ndarray, cap: float, own: np.ndarray) -> np.ndarray:
-    """(m,) int32: the place of least cost of each point, by its distances to samples whose places are known.
+    """Return the place of least cost (m,) int32 of each point, by its distances to samples with known places.
 
     rows (m, k) float32: distances on the source; fields (k, n) float32: those of the samples' places to every node of
     the target; both metres. own (m,) int: the sample that a row belongs to and that does not count, -1 = none. The cost

@@ -1,4 +1,4 @@
-"""Derivatives on the mesh: the gradient of a function known at the nodes, and the curvature of the surface.
+"""Compute derivatives on the mesh: the gradient of a function known at the nodes, and the curvature of the surface.
 
 Curvature comes from how the normals turn. Second differences of depth are mostly noise; the normals are already fitted
 to many pixels, and one more fit over all neighbours within a few centimetres keeps the curvature of a limb or a nose.
@@ -42,11 +42,12 @@ def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
 
 
 FLAT_RATIO = 1e-3
-"""Neighbours whose spread has a smaller ratio of width to length lie on a line and do not determine a derivative."""
+"""Ratio of width to length of the neighbours' spread, below which they lie on a line and determine no derivative."""
 
 
 def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:
-    """(n, 2) float32, 1/m: the larger and the smaller curvature, positive where the skin bulges towards the camera.
+    """Return (n, 2) float32, 1/m: the larger and the smaller curvature, positive where the skin bulges towards the
+    camera.
 
     radius_m: reach along the edges of the neighbours used, whose weights fall to zero there. NaN where they do not
     determine it: isolated nodes, nodes on a line, normals or positions that are NaN.
@@ -58,12 +59,12 @@ def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:
 
 
 def mean_curvature(surface: Surface, radius_m: float) -> np.ndarray:
-    """(n,) float32, 1/m: half the sum of both ``principal_curvatures``."""
+    """Return (n,) float32, 1/m: half the sum of both ``principal_curvatures``."""
     return principal_curvatures(surface, radius_m).mean(axis=1)
 
 
 def gaussian_curvature(surface: Surface, radius_m: float) -> np.ndarray:
-    """(n,) float32, 1/m^2: the product of both ``principal_curvatures``."""
+    """Return (n,) float32, 1/m^2: the product of both ``principal_curvatures``."""
     return principal_curvatures(surface, radius_m).prod(axis=1)
 
 
@@ -71,7 +72,9 @@ def gaussian_curvature(surface: Surface, radius_m: float) -> np.ndarray:
 def _curvatures(
     points: np.ndarray, normals: np.ndarray, start: np.ndarray, ring: np.ndarray, distance: np.ndarray, radius: float
 ) -> np.ndarray:
-    """Normal equations of S = [[a, b], [b, c]]: each neighbour gives dn_u = a u + b v and dn_v = b u + c v."""
+    """Return the normal equations of S = [[a, b], [b, c]]: each neighbour gives dn_u = a u + b v and dn_v = b u + c
+    v.
+    """
     curvatures = np.full((len(points), 2), np.nan, np.float32)
     frame, d = np.empty((3, 3)), np.empty(4)
     for node in range(len(points)):
@@ -103,7 +106,7 @@ def _curvatures(
 
 
 def mesh_gradient(surface: Surface, values: np.ndarray) -> np.ndarray:
-    """(n, 3) float32, units of values per metre, world frame: the gradient in each node's tangent plane.
+    """Return (n, 3) float32, units of values per metre, world frame: the gradient in each node's tangent plane.
 
     values (n,): the function. NaN where it or the normal is unknown, and where fewer than two neighbours in different
     directions have a value. Least squares over the directional derivatives along the grid's edges: exact for

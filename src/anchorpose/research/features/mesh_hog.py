@@ -1,4 +1,4 @@
-"""MeshHOG: histograms of the gradients of a function on the mesh (Zaharescu et al. 2009, 2012)."""
+"""Compute MeshHOG: histograms of the gradients of a function on the mesh (Zaharescu et al. 2009, 2012)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TwoOrMore = Annotated[int, Field(ge=2)]
 
 @settings
 class MeshHogConfig:
-    """What MeshHOG describes; the numbers are the authors' except for both radii and the smoothing."""
+    """Settings of MeshHOG; the numbers are the authors' except for both radii and the smoothing."""
 
     radius_m: Positive = 0.20  # of 0.1 to 0.3 m the one that distinguishes most places of a body at 0.1 s per frame
     curvature_radius_m: Positive = 0.07  # larger than the noise of a depth camera, resolves a forearm
@@ -41,12 +41,12 @@ class MeshHogConfig:
 
     @property
     def width(self) -> int:
-        """Columns of the descriptor."""
+        """Return the columns of the descriptor."""
         return 3 * self.slices * self.orientations
 
 
 def mesh_hog(surface: Surface, config: MeshHogConfig | None = None) -> np.ndarray:
-    """(n, 3 * slices * orientations) float32, unit length.
+    """Return (n, 3 * slices * orientations) float32, unit length.
 
     A row is NaN where the node has no position or normal, or where the function has no gradient anywhere around it.
 
@@ -69,7 +69,7 @@ def mesh_hog(surface: Surface, config: MeshHogConfig | None = None) -> np.ndarra
 
 
 def scalar_function(surface: Surface, config: MeshHogConfig) -> np.ndarray:
-    """(n,) float32: the configured function of every node."""
+    """Return (n,) float32: the configured function of every node."""
     curvature = gaussian_curvature if config.function == ScalarFunction.GAUSSIAN_CURVATURE else mean_curvature
     return curvature(surface, config.curvature_radius_m)
 
@@ -147,7 +147,7 @@ def _to_local(
 
 @njit(cache=True)
 def _first_axis(local: np.ndarray, count: int, rounds: int, polar: np.ndarray) -> float:
-    """Angle of the first axis from the first tangent; NaN where all gradients are zero."""
+    """Return the angle of the first axis from the first tangent; NaN where all gradients are zero."""
     x, y, total = 0.0, 0.0, 0.0
     for c in range(count):
         size = np.sqrt(local[c, 0] ** 2 + local[c, 1] ** 2)

@@ -1,7 +1,7 @@
-"""The row of one table of descriptors that is nearest to each row of another.
+"""Find the row of one table of descriptors that is nearest to each row of another.
 
-All distances are computed in float32 first, which is fast; those that its rounding cannot tell from the smallest are
-computed again in float64.
+All distances are computed in float32 first, which is fast; distances that rounding cannot distinguish from the smallest
+are computed again in float64.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class Metric(StrEnum):
 
 
 def nearest_descriptor(source: np.ndarray, target: np.ndarray, metric: Metric | str = Metric.EUCLIDEAN) -> np.ndarray:
-    """(m,) int32: the row of target nearest to each row of source, but for the rounding of float64.
+    """Return (m,) int32: the row of target nearest to each row of source, but for the rounding of float64.
 
-    source (m, d), target (n, d), compared as float32 values. A row with a value that is not finite is undefined: -1
-    for such a row of source, and such a row of target is never chosen; -1 too where target has no other rows. The first
-    of equals. Raises ValueError where the widths differ, for an unknown metric, and for negative values under
+    source (m, d), target (n, d), compared as float32 values. A row with a value that is not finite is undefined: -1 for
+    such a row of source, and such a row of target is never chosen; -1 too where target has no other rows. Of equal rows
+    the first is chosen. Raises ValueError where the widths differ, for an unknown metric, and for negative values under
     HELLINGER.
     """
     metric = Metric(metric)
@@ -57,13 +57,13 @@ def nearest_descriptor(source: np.ndarray, target: np.ndarray, metric: Metric | 
 
 
 class _RoughDifferences:
-    """Manhattan distances to a table (n, d)."""
+    """Rough Manhattan distances to a table (n, d)."""
 
     def __init__(self, target: np.ndarray) -> None:
         self._columns = np.ascontiguousarray(target.T, dtype=np.float32)
 
     def apart(self, source: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m, n) float32, and (m,) by how much the smallest of a row and one more may be off together.
+        """Return (m, n) float32, and (m,) by how much the smallest of a row and one more may be off together.
 
         A sum of d values that are not negative is off by d + 1 roundings of itself at most.
         """
@@ -72,7 +72,7 @@ class _RoughDifferences:
 
 
 class _RoughSquares:
-    """Squared distances to a table (n, d), less |s|^2, which is constant in a row.
+    """Rough squared distances to a table (n, d), less |s|^2, which is constant in a row.
 
     The mean is subtracted, so that squares are not much larger than their differences.
     """
@@ -97,7 +97,7 @@ class _RoughSquares:
 
 @njit(cache=True)
 def _sum_of_differences(source: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """(m, n) float32 Manhattan distances of source (m, d) from the rows of a table, given as columns (d, n)."""
+    """Return (m, n) float32 Manhattan distances of source (m, d) from the rows of a table, given as columns (d, n)."""
     width, count = columns.shape
     apart = np.zeros((len(source), count), np.float32)
     for first in range(0, count, COLUMNS):
@@ -114,7 +114,9 @@ def _sum_of_differences(source: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def _settle(
     rough: np.ndarray, slack: np.ndarray, source: np.ndarray, target: np.ndarray, manhattan: bool
 ) -> np.ndarray:
-    """(m,) int64: the nearest of the target rows whose rough distance is within the slack (m,) of the smallest."""
+    """Return the nearest (m,) int64 of the target rows whose rough distance is within the slack (m,) of the
+    smallest.
+    """
     nearest = np.zeros(len(source), np.int64)
     for row in range(len(source)):
         best, limit = np.inf, rough[row].min() + slack[row]

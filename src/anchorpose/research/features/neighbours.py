@@ -1,4 +1,4 @@
-"""Nodes within a radius of other nodes, as the local descriptors need them."""
+"""Find nodes within a radius of other nodes, as the local descriptors need them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-BLOCK: Final = 32  # nodes that are passed over together: a row of a mesh across a limb
+BLOCK: Final = 32  # nodes that are skipped together: a row of a mesh across a limb
 
 
 class Neighbours(NamedTuple):
@@ -26,7 +26,7 @@ class Neighbours(NamedTuple):
 
 
 def find_neighbours(points_m: np.ndarray, radius_m: float) -> Neighbours:
-    """All nodes within a radius of each node, those exactly on the sphere included.
+    """Return all nodes within a radius of each node, those exactly on the sphere included.
 
     points_m (n, 3), any frame; NaN where unknown. Raises ValueError on a radius that is not positive and finite.
     """
@@ -38,10 +38,10 @@ def find_neighbours(points_m: np.ndarray, radius_m: float) -> Neighbours:
 
 @njit(cache=True)
 def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Start, node and squared distance of ``Neighbours``.
+    """Return start, node and squared distance of ``Neighbours``.
 
-    Of a mesh, nodes that follow each other lie side by side: blocks of them are near or far as a whole, and what is
-    found stands in order, unlike the answers of a tree.
+    Successive nodes of a mesh lie side by side: blocks of them are near or far as a whole, and the result is ordered,
+    unlike that of a tree.
     """
     low, high = _boxes(points)
     limit, count = radius * radius, len(points)
@@ -69,7 +69,9 @@ def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, 
 
 @njit(cache=True)
 def _boxes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest coordinates (b, 3) float64 of blocks of nodes; inf and -inf where none has a position."""
+    """Return the lowest and highest coordinates (b, 3) float64 of blocks of nodes; inf and -inf where none has a
+    position.
+    """
     blocks = (len(points) + BLOCK - 1) // BLOCK
     low, high = np.full((blocks, 3), np.inf), np.full((blocks, 3), -np.inf)
     for node in range(len(points)):
@@ -84,14 +86,16 @@ def _boxes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True)
 def longer(array: np.ndarray, extra: int) -> np.ndarray:
-    """The array with room for as many again, and some more."""
+    """Return the array with space for as many entries again, and some more."""
     room = np.empty(2 * len(array) + extra, array.dtype)
     room[: len(array)] = array
     return room
 
 
 def count_within(points_m: np.ndarray, radius_m: float) -> np.ndarray:
-    """(n,) int32: number of nodes within a radius of each node (n, 3), itself included; 0 for an unknown position."""
+    """Return (n,) int32: number of nodes within a radius of each node (n, 3), itself included; 0 for an unknown
+    position.
+    """
     require_radius(radius_m)
     points = as_points(points_m, "points_m")
     known = np.isfinite(points).all(axis=1)
@@ -106,7 +110,7 @@ def require_radius(radius_m: float) -> None:
 
 
 def as_points(values: np.ndarray, name: str) -> np.ndarray:
-    """(n, 3) float32, contiguous; ValueError on another shape."""
+    """Return (n, 3) float32, contiguous; ValueError on another shape."""
     values = np.ascontiguousarray(values, np.float32)
     if values.ndim != 2 or values.shape[1] != 3:
         raise ValueError(f"{name} must have shape (n, 3), got {values.shape}")
@@ -114,7 +118,7 @@ def as_points(values: np.ndarray, name: str) -> np.ndarray:
 
 
 def as_oriented(points_m: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points and normals as ``as_points`` makes them; ValueError where their numbers differ."""
+    """Return the points and normals as ``as_points`` makes them; ValueError where their numbers differ."""
     points, unit = as_points(points_m, "points_m"), as_points(normals, "normals")
     if len(points) != len(unit):
         raise ValueError(f"{len(points)} points, but {len(unit)} normals")

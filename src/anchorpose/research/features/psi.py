@@ -21,7 +21,8 @@ FEWEST: Final = 8  # nodes of psi from which a regression over three distances i
 
 
 def subsets_with_pieces(source: np.ndarray, target: np.ndarray, found: np.ndarray, size: int) -> np.ndarray:
-    """(s, size): the subsets of the found anchors (5,) bool, and the anchors of each piece that fewer than size reach.
+    """Return (s, size): the subsets of the found anchors (5,) bool, and the anchors of each piece that fewer than size
+    reach.
 
     source (n, 5), target (m, 5): the distances of two frames, not finite where a piece is not reached from an anchor.
     Behind a cut no subset of that size has a distance; the anchors that are left are then the only subset.
@@ -36,7 +37,7 @@ def subsets_with_pieces(source: np.ndarray, target: np.ndarray, found: np.ndarra
 def match_by_psi(
     source: np.ndarray, target: np.ndarray, places_m: np.ndarray, subsets: np.ndarray, gate: GateConfig, unclipped: bool
 ) -> np.ndarray:
-    """(k, s) int32: the node of psi nearest to its middle under each subset, -1 where psi is empty.
+    """Return (k, s) int32: the node of psi nearest to its middle under each subset, -1 where psi is empty.
 
     source (k, 5), target (n, 5) metres; places_m (n, 3) of the target nodes; subsets of ``subsets_with_pieces``. A
     filled-up subset applies only where the node or its match is reached from these anchors alone.
@@ -131,7 +132,7 @@ def _possible(
 
 @njit(cache=True)
 def _middle(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, unclipped: bool) -> int:
-    """The node of psi (m,) nearest to its middle; offset (m, a): its distances less those of the source node."""
+    """Return the node of psi (m,) nearest to its middle; offset (m, a): its distances less those of the source node."""
     middle = np.zeros(3)
     for m in range(len(psi)):
         middle += places[psi[m]]
@@ -150,7 +151,9 @@ def _middle(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, unclipped: 
 
 @njit(cache=True)
 def _shift(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """(3,) metres from where psi's distances are those of the node to the average position: the regression's line."""
+    """Return (3,) metres from where psi's distances are those of the node to the average position: the regression's
+    line.
+    """
     anchors = offset.shape[1]
     mean = np.zeros(anchors)
     for m in range(len(psi)):

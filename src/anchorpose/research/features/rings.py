@@ -1,4 +1,4 @@
-"""The neighbourhood of a node on the surface: what edges and links reach within some distance."""
+"""Find the neighbourhood of a node on the surface: nodes that edges and links reach within some distance."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Rings(NamedTuple):
 
 
 def rings_within(surface: Surface, reach_m: float | np.ndarray) -> Rings:
-    """Every node that edges and links lead to within reach_m of each node.
+    """Return every node that edges and links lead to within reach_m of each node.
 
     reach_m: metres along the edges, one for all or (n,); a row is empty where it is NaN or the node has no position.
     A node that is near without being connected (an arm in front of the trunk) is not a neighbour. Raises ValueError for
@@ -54,7 +54,7 @@ class _Edges(NamedTuple):
 
 @njit(cache=True)
 def _search(edges: _Edges, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Start, node and distance of ``Rings``; a row stays empty where its reach is NaN."""
+    """Return start, node and distance of ``Rings``; a row stays empty where its reach is NaN."""
     count = len(edges.ring)
     best, waits = np.full(count, np.inf, np.float32), np.zeros(count, np.bool_)
     queue = np.empty(max(count, 1), np.int32)
@@ -109,7 +109,7 @@ def _spread(
 
 @njit(cache=True)
 def _edge_lengths(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
-    """(n, 8) float32, NaN where either end has no position."""
+    """Return (n, 8) float32, NaN where either end has no position."""
     length = np.zeros(ring.shape, np.float32)
     for here in range(len(ring)):
         for place in range(8):

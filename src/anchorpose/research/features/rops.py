@@ -20,7 +20,7 @@ STATISTICS = 5  # central moments 11, 21, 12 and 22, and the entropy
 
 @settings
 class RopsConfig:
-    """135 numbers with three turns about each axis; ``columns`` states how many."""
+    """Settings; with three turns about each axis there are 135 numbers, see ``columns``."""
 
     radius_m: Positive = 0.20  # the authors' 15 mesh resolutions, here 13 mm
     turns: Count = 3  # about each axis, within a right angle: the authors' choice
@@ -32,7 +32,7 @@ class RopsConfig:
 
 
 def rops(points_m: np.ndarray, triangles: np.ndarray, config: RopsConfig | None = None) -> np.ndarray:
-    """(n, 135) float32; absolute values sum to 1.
+    """Return (n, 135) float32; absolute values sum to 1.
 
     points_m (n, 3), NaN where unknown; triangles (f, 3) int, of ``surface.mesh.faces``. Columns: axis x, y, z; turn;
     plane xy, xz, yz; moments 11, 21, 12, 22 and entropy. NaN row: a node without position, or without a neighbour or
@@ -186,7 +186,7 @@ def prepare_triangles(points: np.ndarray, faces: np.ndarray) -> Triangles:
 
 
 def triangle_frames(points_m: np.ndarray, triangles: Triangles, neighbours: Neighbours) -> np.ndarray:
-    """(n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where it has no triangle.
+    """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where it has no triangle.
 
     points_m (n, 3) float32. The axes are those of the surface, every triangle with a corner within the radius weighted
     by its area: x lies along its widest spread and z across it, each towards the side with more surface.

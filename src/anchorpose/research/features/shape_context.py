@@ -1,4 +1,4 @@
-"""3D shape contexts: the density of points in the cells of a sphere, which are narrower towards its centre.
+"""Compute 3D shape contexts: the density of points in the cells of a sphere, which are narrower towards its centre.
 
 Sources: Frome, Huber, Kolluri, Buelow, Malik 2004 (doi:10.1007/978-3-540-24672-5_18), cells and weights as in PCL 1.13.
 The paper leaves open where azimuth begins and compares every turn; one repeatable frame per node makes it unique:
@@ -24,7 +24,7 @@ PARALLEL = 1e-3  # sine; an x axis this near to the normal has no direction in t
 
 @settings
 class ShapeContextConfig:
-    """1980 numbers with these cells; ``cells`` states how many."""
+    """Settings; with these cells there are 1980 numbers, see ``cells``."""
 
     radius_m: Positive = 0.20  # a limb with its edges: nearer, the body is a smooth sheet everywhere
     innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1  # of the radius: end of the first shell, which begins at 0
@@ -44,7 +44,7 @@ def shape_context(
     config: ShapeContextConfig | None = None,
     frames: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(n, 1980) float32: weighted points in each cell, 1 / m.
+    """Return (n, 1980) float32: weighted points in each cell, 1 / m.
 
     points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown. The weight of a point is one over
     the number of points around it and over the cube root of its cell's volume. frames (n, 3, 3): rows x, y, z;
@@ -63,7 +63,7 @@ def shape_context(
 
 
 def tangent_frames(points_m: np.ndarray, normals: np.ndarray, neighbours: Neighbours) -> np.ndarray:
-    """(n, 3, 3) float32: z is the node's normal (n, 3), x the projection of the x axis of ``local_frames``.
+    """Return (n, 3, 3) float32: z is the node's normal (n, 3), x the projection of the x axis of ``local_frames``.
 
     NaN where the node has no normal or the axis has no direction there.
     """
@@ -77,7 +77,7 @@ def tangent_frames(points_m: np.ndarray, normals: np.ndarray, neighbours: Neighb
 
 
 def _cell_weights(edges: np.ndarray, config: ShapeContextConfig) -> np.ndarray:
-    """(elevations, shells) float32: one over the cube root of a cell's volume, 1 / m."""
+    """Return (elevations, shells) float32: one over the cube root of a cell's volume, 1 / m."""
     sink = -np.diff(np.cos(np.linspace(0.0, np.pi, config.elevations + 1)))
     volume = 2 * np.pi / config.azimuths * sink[:, None] * (np.diff(edges**3) / 3.0)
     return (volume ** (-1.0 / 3.0)).astype(np.float32)

@@ -25,7 +25,7 @@ _TWO = np.float32(2.0)
 
 @settings
 class ShotConfig:
-    """352 numbers."""
+    """Settings of SHOT, which has 352 numbers."""
 
     radius_m: Positive = (
         0.20  # of the sphere and its frame: a limb with its edges; at 15 cm errors are half as large again
@@ -36,7 +36,7 @@ class ShotConfig:
 def shot(
     points_m: np.ndarray, normals: np.ndarray, config: ShotConfig | None = None, frames: np.ndarray | None = None
 ) -> np.ndarray:
-    """(n, 352) float32 of unit length.
+    """Return (n, 352) float32 of unit length.
 
     points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown: a node without position is left
     out, one without normal casts no vote. frames (n, 3, 3): rows x, y, z; otherwise ``local_frames``. Sector s has 11

@@ -1,4 +1,4 @@
-"""The spectrum of a surface's Laplace-Beltrami operator, and the descriptors made from it: HKS, SI-HKS and WKS."""
+"""Compute the spectrum of a surface's Laplace-Beltrami operator, and the descriptors HKS, SI-HKS and WKS from it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from anchorpose.surface.surface import Surface
 PAIRS: Final = 150  # waves down to 10 cm on a body's 0.45 m²; Sun et al. and Aubry et al. took 300 of closed meshes
 LANCZOS_VECTORS: Final = 1.6  # per pair: on body meshes of 2,300 nodes faster than 1.3 and 2.5
 START: Final = 20110413  # seed of Lanczos' first vector: with ARPACK's own, two runs would differ in the last digits
-DECAY: Final = 4.0 * np.log(10.0)  # of a wave that has decayed, e^-DECAY = 1e-4: first and last time of Sun et al.
+DECAY: Final = 4.0 * np.log(10.0)  # exponent of a decayed wave, e^-DECAY = 1e-4: first and last time of Sun et al.
 
 
 def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
@@ -54,12 +54,12 @@ class Spectrum:
 
     @property
     def positive(self) -> np.ndarray:
-        """(k,) bool: eigenvalues other than the pieces' zeros."""
+        """Return (k,) bool: eigenvalues other than the pieces' zeros."""
         return self.eigenvalues > 0.0
 
 
 def spectrum(surface: Surface, pairs: int = PAIRS) -> Spectrum:
-    """The lowest ``pairs`` eigenpairs of all pieces together, fewer where there are fewer nodes with triangles.
+    """Return the lowest ``pairs`` eigenpairs of all pieces together, fewer where there are fewer nodes with triangles.
 
     Pieces share the spectrum, each with its own waves down to the same length. Neumann's condition at the outline.
     """
@@ -67,7 +67,7 @@ def spectrum(surface: Surface, pairs: int = PAIRS) -> Spectrum:
 
 
 def spectrum_of(laplacian: Laplacian, count: int, pairs: int = PAIRS) -> Spectrum:
-    """The same for an operator on some of ``count`` nodes. Raises ValueError without pairs."""
+    """Return the same for an operator on some of ``count`` nodes. Raises ValueError without pairs."""
     if pairs < 1:
         raise ValueError(f"pairs must be at least 1, got {pairs}")
     values, waves = _eigenpairs(laplacian, min(pairs, len(laplacian.node)))
@@ -79,7 +79,9 @@ def spectrum_of(laplacian: Laplacian, count: int, pairs: int = PAIRS) -> Spectru
 
 
 def _eigenpairs(laplacian: Laplacian, pairs: int) -> tuple[np.ndarray, np.ndarray]:
-    """(k,) and (v, k). The lowest are set exactly, to 0 and a constant on each piece; rounding leaves them near 0."""
+    """Return eigenvalues (k,) and eigenfunctions (v, k). The lowest are set exactly, to 0 and a constant on each piece;
+    rounding leaves them near 0.
+    """
     if pairs == 0:
         return np.empty(0), np.empty((0, 0))
     scale = 1.0 / np.sqrt(laplacian.mass_m2)
@@ -118,7 +120,7 @@ def _lowest(matrix: csc_array, pairs: int, shift: float) -> tuple[np.ndarray, np
 
 
 def weighted_squares(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
-    """sum_i w_i phi_i(x)^2, (n, d) float64 in 1/m², for weights (pairs, d) at each node.
+    """Return sum_i w_i phi_i(x)^2, (n, d) float64 in 1/m², at each node for weights (pairs, d).
 
     NaN at nodes without triangles.
     """
@@ -127,7 +129,7 @@ def weighted_squares(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
 
 
 def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
-    """(d,) float64: the integral of ``weighted_squares`` over the piece of surface with the largest area.
+    """Return (d,) float64: the integral of ``weighted_squares`` over the piece of surface with the largest area.
 
     Over all pieces, small components would count as much as the body at low eigenvalues; over each node's own piece, a
     severed arm would change at high ones. NaN without triangles.
@@ -143,7 +145,7 @@ def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
 
 @settings
 class HksConfig:
-    """Times of the heat kernel signature."""
+    """Settings of the heat kernel signature."""
 
     times: Count = 100  # as Sun et al.
     range_m2: Range | None = None  # first and last time; None: from the spectrum, as Sun et al.
@@ -151,7 +153,8 @@ class HksConfig:
 
 
 def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
-    """Heat kernel signature: the heat left at a node at time t after it was put there, sum_i exp(-lambda_i t) phi_i^2.
+    """Return the heat kernel signature: the heat left at a node at time t after it was put there, sum_i exp(-lambda_i
+    t) phi_i^2.
 
     Times t are evenly spaced in their logarithm and in m²: heat diffuses over one square metre in a time of one.
     Returns (n, times) float32 in 1/m²; NaN at nodes without
@@ -169,7 +172,7 @@ def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
 
 
 def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
-    """(times,) m²: from the decay of the shortest wave to that of the longest, unless the range is given."""
+    """Return (times,) m²: from the decay of the shortest wave to that of the longest, unless the range is given."""
     positive = spectrum.eigenvalues[spectrum.positive]
     if config.range_m2 is not None:
         first, last = config.range_m2
@@ -182,7 +185,7 @@ def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
 
 @settings
 class SiHksConfig:
-    """Times of the scale-invariant heat kernel signature, and how many frequencies are kept."""
+    """Settings of the scale-invariant heat kernel signature."""
 
     first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0  # of 1 m²: 0.5 mm², hardly any wave has decayed
     octaves: Positive = 24.0  # as Bronstein and Kokkinos; up to 4 m², when a body's longest wave has decayed
@@ -195,7 +198,7 @@ class SiHksConfig:
 
 
 def si_hks(spectrum: Spectrum, config: SiHksConfig | None = None) -> np.ndarray:
-    """Scale-invariant HKS: |Fourier transform| of d log h / d tau, where h is the HKS at times 2^tau m².
+    """Compute the scale-invariant HKS: |Fourier transform| of d log h / d tau, where h is the HKS at times 2^tau m².
 
     A surface scaled by s has its HKS divided by s² and shifted by 2 log2 s octaves: the derivative of the logarithm
     removes the one, the modulus the other, as long as the derivative is zero at both ends of the times; this is why
@@ -215,7 +218,7 @@ def si_hks(spectrum: Spectrum, config: SiHksConfig | None = None) -> np.ndarray:
 
 @settings
 class WksConfig:
-    """Energies of the wave kernel signature, and how sharply they are resolved."""
+    """Settings of the wave kernel signature: energies, and how sharply they are resolved."""
 
     energies: Count = 100  # as Aubry et al.
     width_steps: Positive = 7.0  # standard deviation of an energy's logarithm, in steps between energies; likewise
@@ -227,7 +230,8 @@ class WksConfig:
 
 
 def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
-    """Wave kernel signature: the probability of a quantum particle of energy e at a node, sum_i w_i(e) phi_i(x)^2.
+    """Compute the wave kernel signature: the probability of a quantum particle of energy e at a node, sum_i w_i(e)
+    phi_i(x)^2.
 
     w_i is a Gaussian of log lambda_i around e; the integral over the largest piece is 1.
 
@@ -249,7 +253,9 @@ def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
 
 
 def _without_wave(spectrum: Spectrum) -> np.ndarray:
-    """(n,) bool: nodes on pieces without a wave, such as those smaller than the shortest wave of the spectrum."""
+    """Return (n,) bool: nodes on pieces without a wave, such as those smaller than the shortest wave of the
+    spectrum.
+    """
     at = spectrum.piece >= 0
     inside = spectrum.mass_m2[at] * (spectrum.eigenfunctions[np.ix_(at, spectrum.positive)] ** 2).sum(axis=1)
     waves = np.append(np.bincount(spectrum.piece[at], inside, spectrum.piece_count), 0.0)  # how many each piece has
@@ -258,7 +264,9 @@ def _without_wave(spectrum: Spectrum) -> np.ndarray:
 
 
 def wave_energies(spectrum: Spectrum, config: WksConfig) -> tuple[np.ndarray, float]:
-    """(energies,) logarithms of eigenvalues in 1/m², evenly spaced, and the Gaussian's deviation; NaN without any."""
+    """Return (energies,) logarithms of eigenvalues in 1/m², evenly spaced, and the Gaussian's deviation; NaN without
+    any.
+    """
     positive = spectrum.eigenvalues[spectrum.positive]
     if config.range_per_m2 is not None:
         low, high = np.log(config.range_per_m2)

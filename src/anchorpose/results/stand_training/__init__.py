@@ -1,1 +1,1 @@
-"""Measures of stand training: upright time, standing up, extension, sway, symmetry, assistance."""
+"""Compute measures of stand training: upright time, standing up, extension, sway, symmetry, assistance."""

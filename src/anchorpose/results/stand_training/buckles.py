@@ -1,10 +1,11 @@
-"""Knees that buckle: one knee gives way, fast and further than the other, while the patient stands on that foot.
+"""Find knees that buckle: one knee gives way, fast and farther than the other, while the patient stands on that
+foot.
 
 The definition is our own. What distinguishes a buckle from other flexion:
 
 - a squat or sitting down bends both knees alike, so the knee must lead the other one, the more the deeper it bends;
 - a step lifts the foot, so the hip must come down more than the ankle goes up, and the foot must stay in its place;
-- who lowers a knee slowly controls it, so the flexion must be fast.
+- a knee that is lowered slowly is controlled, so the flexion must be fast.
 """
 
 from __future__ import annotations
@@ -28,24 +29,24 @@ KINDS: Final = {"left": BUCKLE_LEFT, "right": BUCKLE_RIGHT}
 _OTHER: Final = {"left": "right", "right": "left"}
 
 HELD_S: Final = 0.1
-"""Seconds of a running median: an error of a single frame is no flexion."""
+"""Window in seconds of a running median: an error of a single frame is no flexion."""
 
 SMOOTHING_S: Final = 0.03
 """Standard deviation of the kernel on the angles, a tenth of the time that a knee takes to give way."""
 
 BEFORE_S: Final = 0.3
-"""Seconds before the flexion that give the angle from which the knee gives way."""
+"""Seconds before the flexion that determine the angle from which the knee gives way."""
 
 STILL_DEEPER_S: Final = 0.4
-"""The deepest angle is that after which none is deeper for so long."""
+"""Seconds after the deepest angle in which no deeper one may follow."""
 
 
 LEAD_SHARE: Final = 0.33
-"""Of the depth, by which the knee leads the other one: knees that both bend by two thirds are a squat."""
+"""Share of the depth by which the knee must lead the other one: two thirds as much flexion of the other is a squat."""
 
 
 class Knee(NamedTuple):
-    """degrees, sigma_deg, state_code (n,): of the knee's flexion."""
+    """A knee's flexion over time: degrees, sigma_deg, state_code (n,)."""
 
     degrees: np.ndarray
     sigma_deg: np.ndarray
@@ -66,7 +67,7 @@ def find_buckles(session: Session, config: EventConfig) -> list[Event]:
 
 
 def buckle_watched(session: Session, side: str, config: EventConfig) -> np.ndarray:
-    """Return in which frames (n,) bool a buckle of this knee by ``buckle_deg`` would be told from errors."""
+    """Return (n,) bool: frames in which a buckle of this knee by ``buckle_deg`` would be distinguished from errors."""
     own, other = _knee(session, side), _knee(session, _OTHER[side])
     error = config.times_sigma * CHANGE_SHARE * np.hypot(own.sigma_deg, other.sigma_deg)
     return session.upright & np.isfinite(own.degrees + other.degrees) & (error <= config.buckle_deg)
@@ -98,7 +99,9 @@ def _calm(degrees: np.ndarray, step_s: float) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class Flexion:
-    """before: rows that give the angle before it; onset, deepest: rows; depth_deg: from before to the deepest."""
+    """A flexion. before: rows that determine the angle before it; onset, deepest: rows; depth_deg: from before to the
+    deepest.
+    """
 
     before: slice
     onset: int
@@ -107,7 +110,7 @@ class Flexion:
 
 
 def _fast_flexions(time_s: np.ndarray, degrees: np.ndarray, config: EventConfig) -> Iterator[Flexion]:
-    """Yield what bends by ``buckle_deg`` within ``fast_s``; time_s, degrees (k,) without a break."""
+    """Yield flexions by ``buckle_deg`` within ``fast_s``; time_s, degrees (k,) without a break."""
     frames = round(config.fast_s / usual_step_s(time_s)) + 1 if len(time_s) > 1 else 1
     padded = np.concatenate([np.full(frames - 1, degrees[0]), degrees])
     windows = np.lib.stride_tricks.sliding_window_view(padded, frames)

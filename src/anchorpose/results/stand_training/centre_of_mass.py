@@ -1,4 +1,4 @@
-"""The whole body's centre of mass, estimated from the joints and a table of segment masses, and its sway.
+"""Estimate the whole body's centre of mass from the joints and a table of segment masses, and its sway.
 
 Source of the masses: de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4: living young adults, women and men. The
 patient's sex is unknown, so the mean of both columns is used; they differ by 4 mm in the height of a standing body's
@@ -24,9 +24,10 @@ from anchorpose.settings import NotNegative, Positive, settings
 
 
 class Segment(NamedTuple):
-    """mass: share of the body's, of one side. fraction: of the way from the start to the end at which the centre lies.
+    """A body segment. mass: share of the body's, of one side. fraction: of the way from the start to the end, where its
+    centre lies.
 
-    starts, ends: the joints in whose middle the segment starts and ends; ``{side}`` stands for Left and Right.
+    starts, ends: joints; the segment starts and ends at their mean; ``{side}`` stands for Left and Right.
     """
 
     mass: float
@@ -58,7 +59,7 @@ PAIRED_SEGMENTS: Final = (
 
 @cache
 def joint_weights() -> np.ndarray:
-    """(21,) weights, sum 1, read only: the centre of mass is this mean of the joints. Some may be negative."""
+    """Return the weights (21,), sum 1, read only, of the joints in the centre of mass. Some may be negative."""
     paired = (_on_side(segment, side) for segment in PAIRED_SEGMENTS for side in ("Left", "Right"))
     weights = np.zeros(JOINT_COUNT)
     for segment in (*SINGLE_SEGMENTS, *paired):
@@ -76,15 +77,15 @@ def _on_side(segment: Segment, side: str) -> Segment:
 
 
 SHARED_ERROR: Final = 0.3
-"""Share of the variance of a joint's error that all joints have in common: a body that is placed too far away has all
-its joints too far away. Independent errors would give the centre of mass a sigma of 1.6 mm; on simulated recordings it
-was up to 5 mm off (docs/measures.md)."""
+"""Share of the variance of a joint's error that is common to all joints: a body placed too far away has all its joints
+too far away. Independent errors would give the centre of mass a sigma of 1.6 mm; on simulated recordings it was up
+to 5 mm off (docs/measures.md)."""
 
 
 class CentreOfMass(NamedTuple):
     """position_m (n, 3) world, NaN where a joint that carries mass is lost; sigma_m (n,) per axis; state_code (n,).
 
-    sigma_m follows from the joints' sigma; it does not include that the patient's masses differ from the table.
+    sigma_m follows from the joints' sigma; differences between the patient's masses and the table are not included.
     """
 
     position_m: np.ndarray
@@ -93,7 +94,7 @@ class CentreOfMass(NamedTuple):
 
 
 def centre_of_mass(joints: JointTable) -> CentreOfMass:
-    """Of every frame; the joints' errors are taken as partly shared (``SHARED_ERROR``)."""
+    """Compute the centre of mass in every frame; the joints' errors are partly shared (``SHARED_ERROR``)."""
     weights = joint_weights()
     used = weights != 0
     position_m = np.einsum("j,njk->nk", weights[used], joints.position_m[:, used])
@@ -103,14 +104,15 @@ def centre_of_mass(joints: JointTable) -> CentreOfMass:
 
 
 CHI2_95: Final = 5.991
-"""Of two degrees of freedom: 95 of 100 points of a normal cloud lie within the ellipse (Schubert and Kirchner 2014,
-doi:10.1016/j.gaitpost.2013.09.001)."""
+"""Quantile of chi-squared with two degrees of freedom: 95 of 100 points of a normal cloud lie within the ellipse
+(Schubert and Kirchner 2014, doi:10.1016/j.gaitpost.2013.09.001).
+"""
 
 SCALE_ERROR: Final = 0.03
-"""One standard deviation of the relative error of sway, found on simulated recordings."""
+"""Standard deviation of the relative error of sway, found on simulated recordings."""
 
 STEPS_PER_PERIOD: Final = 4.0
-"""Frames in a period of the cutoff, at least: noise is judged by what lies between the cutoff and half the rate."""
+"""Least number of frames in a period of the cutoff: noise is measured between the cutoff and half the rate."""
 
 UNITS: Final = {
     "sway_path": "mm",
@@ -123,7 +125,7 @@ UNITS: Final = {
 
 @settings
 class SwayConfig:
-    """Which bouts, and which of their movement counts as sway."""
+    """Settings of which bouts, and which of their movement, count as sway."""
 
     cutoff_hz: Positive = 1.5  # a standing body's centre of mass moves below 1 Hz; the joints' jitter does not
     shortest_bout_s: Positive = 5.0
@@ -132,7 +134,8 @@ class SwayConfig:
 
 
 class Bout(NamedTuple):
-    """deviation_m (k, 2): forwards and to the patient's right of the bout's mean, low-passed, evenly spaced in time.
+    """A bout of standing. deviation_m (k, 2): forwards and to the patient's right of the bout's mean, low-passed,
+    evenly spaced in time.
 
     path_m: length on the floor; noise_m: length of the path of errors alone; seconds; frames: those of the session.
     """
@@ -145,7 +148,7 @@ class Bout(NamedTuple):
 
 
 def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
-    """Every bout of settled standing that is long enough and has the centre of mass in all its frames."""
+    """Return every bout of settled standing that is long enough and has a known centre of mass in all its frames."""
     time_s = session.joints.time_s
     settled = session.upright & ~session.moving(config.settle_s)
     whole = settled & np.isfinite(session.posture.com_m).all(axis=1)
@@ -158,7 +161,7 @@ def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
 
 
 def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
-    """Path, mean velocity, root mean square forwards (AP) and sideways (ML), and area of the 95 % ellipse."""
+    """Compute path, mean velocity, root mean square forwards (AP) and sideways (ML), and area of the 95 % ellipse."""
     bouts = sway_bouts(session, config)
     if not bouts:
         why = (
@@ -174,7 +177,7 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
 
 
 def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tuple[str, float | None, float | None]]:
-    """Name, value and sigma in the units of ``UNITS``; None where noise may make most of it."""
+    """Return name, value and sigma in the units of ``UNITS``; None where noise may be most of the value."""
     deviation = 1000.0 * np.concatenate([bout.deviation_m for bout in bouts])
     path, noise, seconds = (
         sum(getattr(bout, name) for bout in bouts) * scale
@@ -200,7 +203,9 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
 
 
 def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
-    """Sigma of a value that noise, which adds as squares, has enlarged: what it may have added, and the scale error."""
+    """Return sigma of a value that noise, added in quadrature, has enlarged: the possible enlargement and the scale
+    error.
+    """
     added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))
     spread: np.ndarray = np.hypot(SCALE_ERROR * value, added)
     return spread
@@ -234,7 +239,7 @@ def _bout(session: Session, run: slice, config: SwayConfig) -> Bout:
 
 
 def _patient_axes(session: Session, run: slice) -> np.ndarray:
-    """(2, 2): forwards and to the right on the floor (x, z), in the direction that the patient faces on average."""
+    """Return the axes (2, 2): forwards and to the right on the floor (x, z), by the patient's mean heading."""
     hips = session.joints.position_m[run][:, [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]]]
     across = (hips[:, 1] - hips[:, 0])[:, [0, 2]]
     x, z = (across / np.linalg.norm(across, axis=1, keepdims=True)).mean(axis=0)
@@ -242,7 +247,7 @@ def _patient_axes(session: Session, run: slice) -> np.ndarray:
 
 
 def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> float:
-    """Speed in m/s of errors alone below the cutoff.
+    """Return the speed in m/s of errors alone below the cutoff.
 
     residual_m (k, 2), the movement above the cutoff, is all error: no body moves so fast. Below the cutoff the errors
     are taken to continue as a random walk, power ~ 1 / f^2, which is more than was found (docs/measures.md).

@@ -1,4 +1,4 @@
-"""Events of stand training: a knee that buckles, a stand that fails, a recovery step; and when each counts as found.
+"""Define events of stand training (a buckling knee, a failed stand, a recovery step), and when each counts as found.
 
 An event is reported where it exceeds both a limit and what errors of measurement explain. The limits are our own
 definitions where no source is named.
@@ -21,20 +21,20 @@ from anchorpose.results.uncertainty import SYSTEMATIC_SHARE
 from anchorpose.settings import Positive, settings
 
 LEAST_HZ: Final = 10.0
-"""Frames per second at least: with fewer, the fast part of an event has under four frames."""
+"""Least frames per second: with fewer, the fast part of an event has under four frames."""
 
 TOO_SLOW: Final = f"events need {LEAST_HZ:g} frames a second or more"
 
 ONSET_SIGMA_S: Final = 0.04
-"""One standard deviation of the time of an onset, as found on constructed events (docs/measures.md)."""
+"""Standard deviation of the time of an onset, as found on constructed events (docs/measures.md)."""
 
 CHANGE_SHARE: Final = float(np.sqrt(2.0 * (1.0 - SYSTEMATIC_SHARE)))
-"""Sigma of a change, in sigma of a value: the systematic part of the error is common to both ends."""
+"""Sigma of a change over the sigma of a value: the systematic part of the error is common to both ends."""
 
 
 @settings
 class EventConfig:
-    """From when on a buckle, a failed stand and a recovery step are events."""
+    """Settings from which on a buckle, a failed stand and a recovery step are events."""
 
     # A knee that takes over the load in walking bends by about 15 degrees, from 5 to 20.
     buckle_deg: Annotated[float, Field(gt=0, lt=90)] = 20.0
@@ -47,10 +47,10 @@ class EventConfig:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """frames: from its onset to its greatest depth, or to foot strike. kind: of ``EPISODE_KINDS``.
+    """An event. frames: from its onset to its greatest depth, or to foot strike. kind: one of ``EPISODE_KINDS``.
 
     depth, sigma: in ``unit``; degrees of a buckle, share of the way of a failed stand, millimetres beyond the feet of a
-    recovery step. state_code: the worst of the joints that it was recognised by.
+    recovery step. state_code: the worst of the joints by which it was recognised.
     """
 
     kind: str
@@ -103,14 +103,16 @@ ROUNDING_S: Final = 0.001
 
 
 EARLY, LATE = 0.1, 0.4
-"""Shares of the depth at which the time is read: below the first is noise, beyond the second the movement is caught."""
+"""Shares of the depth between which the time is read: below the first is noise, beyond the second the movement may be
+caught.
+"""
 
 
 def onset_row(time_s: np.ndarray, values: np.ndarray, base: float, rows: slice) -> int:
-    """Return the row at which a movement begins that goes from ``base`` to its depth at the last of ``rows``.
+    """Return the row where a movement from ``base`` to its depth at the last of ``rows`` begins.
 
-    It accelerates from rest, so that it grows with the square of the time: from the times t1 and t2 of a tenth and of
-    four tenths of the depth follows the onset 2 t1 - t2. time_s, values (n,).
+    The movement accelerates from rest, so it grows with the square of the time: with t1 and t2 as the times of a tenth
+    and of four tenths of the depth, the onset is 2 t1 - t2. time_s, values (n,).
     """
     depth = float(values[rows.stop - 1]) - base
     late = rows.start + int(np.argmax(values[rows] >= base + LATE * depth))

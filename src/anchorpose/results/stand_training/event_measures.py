@@ -1,4 +1,4 @@
-"""Measures of events: how many, how many in ten minutes, when first, how deep, and where none would have been seen."""
+"""Compute measures of events: how many, how many in ten minutes, the first, the deepest, and unwatched time."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ NONE_SEEN: Final = "no such event was seen"
 
 
 class Watch(NamedTuple):
-    """Where events of a kind are looked for. measure: how the names of its measures begin. base (n,) bool: the frames
-    in which they can happen; watched (n,) bool: those of them in which an event would have been seen; nothing: why
-    there is no base."""
+    """The frames in which events of a kind are searched. measure: prefix of the names of its measures. base (n,) bool:
+    frames in which they can happen; watched (n,) bool: those of them in which an event would have been seen; nothing:
+    why there is no base.
+    """
 
     measure: str
     side: str | None
@@ -42,7 +43,7 @@ class Watch(NamedTuple):
 
 
 def event_measures(session: Session, events: Sequence[Event], config: EventConfig) -> list[Measure]:
-    """Count, rate, latency, greatest depth, and share of the time unseen, of each kind of events and side."""
+    """Compute count, rate, latency, greatest depth, and share of the time unseen, for each kind of events and side."""
     return [row for watch in _watches(session, config) for row in _of_kind(session, events, watch)]
 
 
@@ -86,7 +87,7 @@ def _of_kind(session: Session, events: Sequence[Event], watch: Watch) -> list[Me
 
 
 def _first_and_greatest(session: Session, own: Sequence[Event], watch: Watch) -> list[Measure]:
-    """The time from the first frame to the first onset, and the greatest depth."""
+    """Return the time from the first frame to the first onset, and the greatest depth."""
     latency, largest = f"{watch.measure}_latency", f"{watch.measure}_largest"
     if not own:
         names = ((latency, "s"), (largest, watch.unit))

@@ -1,4 +1,6 @@
-"""How straight knees and hips are while upright, how left and right differ, and the range of motion of each joint."""
+"""Measure how straight knees and hips are while upright, how left and right differ, and each joint's range of
+motion.
+"""
 
 from __future__ import annotations
 
@@ -19,18 +21,20 @@ from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
-LEAST_PERCENTILE: Final = 5.0  # a single frame's least or greatest value is its error as much as the patient's
+LEAST_PERCENTILE: Final = 5.0  # a single frame's least or greatest value is as much its error as the patient's
 
 
 @settings
 class ExtensionConfig:
-    """When a knee counts as straight: within so many degrees, bent either way."""
+    """Settings of when a knee counts as straight: within this many degrees, bent either way."""
 
     straight_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
 
 
 def extension_measures(session: Session, config: ExtensionConfig) -> list[Measure]:
-    """Of knees and hips, left and right: mean, least and greatest flexion; and for how long each knee was straight."""
+    """Compute for knees and hips, left and right: mean, least and greatest flexion; and the time that each knee was
+    straight.
+    """
     rows = list[Measure]()
     for angle in EXTENDED:
         for side in ("left", "right"):
@@ -39,7 +43,7 @@ def extension_measures(session: Session, config: ExtensionConfig) -> list[Measur
 
 
 def known_upright(session: Session, angle: str) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) bool frames in which the patient stood and the angle is known; and the angle's column (n,)."""
+    """Return (n,) bool: frames in which the patient stood and the angle is known; and the angle's column (n,)."""
     degrees = session.angles.degrees[:, session.angles.column(angle)]
     return session.standing & np.isfinite(degrees), degrees
 
@@ -65,12 +69,14 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
 
 
 def _sigma_near(sigma: np.ndarray, there: np.ndarray) -> float:
-    """Of a percentile, that of its frames; averaging does not reduce it."""
+    """Return the sigma of a percentile, which is that of its frames; averaging does not reduce it."""
     return float(np.sqrt(np.mean(sigma[there] ** 2)))
 
 
 def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
-    """While upright; sigma is half of what a systematic error of one sigma either way would change."""
+    """Measure the straight time while upright; sigma is half of its change by a systematic error of one sigma either
+    way.
+    """
     name = f"knee_flexion_{side}"
     used, degrees = known_upright(session, name)
     if not used.any():
@@ -86,7 +92,9 @@ def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
 
 
 LEAST_STANCE_M: Final = 0.08
-"""With the ankles closer than this, the centre of mass between them says too little about the load on each foot."""
+"""Least distance of the ankles: with a smaller one, the centre of mass between them determines the load on each foot
+too poorly.
+"""
 
 NO_STANCE: Final = (
     "the patient was never known to be upright on feet at least 8 cm apart, with the centre of mass between them and "
@@ -95,7 +103,9 @@ NO_STANCE: Final = (
 
 
 def symmetry_measures(session: Session) -> list[Measure]:
-    """Difference of knees and hips (left less right), and the load on each foot if the patient stands still."""
+    """Compute the difference of knees and hips (left less right), and the load on each foot if the patient stands
+    still.
+    """
     return [*(_difference(session, angle) for angle in EXTENDED), *_load_shares(session)]
 
 
@@ -115,8 +125,9 @@ def _difference(session: Session, angle: str) -> Measure:
 
 
 class FeetLoad(NamedTuple):
-    """Of every frame: rightwards (n,), by how much the right foot's share of the load of a patient who stands still is
-    more than one half, and the left foot's less; sigma (n,); state_code (n,), the worst of the joints.
+    """The load on the feet in every frame. rightwards (n,): by how much the right foot's share of the load of a patient
+    who stands still exceeds one half, and the left foot's is less; sigma (n,); state_code (n,), the worst of the
+    joints.
 
     NaN where a joint is lost or the feet are closer than ``LEAST_STANCE_M``, and where the centre of mass lies beyond
     an ankle: two feet alone would not carry a patient who stands still.
@@ -128,7 +139,7 @@ class FeetLoad(NamedTuple):
 
 
 def feet_load(joints: JointTable, com: CentreOfMass) -> FeetLoad:
-    """Where the centre of mass lies between the ankles, seen from above: 0.5 is the middle, for either foot."""
+    """Locate the centre of mass between the ankles, seen from above: 0.5 is the middle, for either foot."""
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
     left, right = (joints.position_m[:, joint][:, [0, 2]] for joint in ankles)
     width = np.linalg.norm(right - left, axis=1)
@@ -143,7 +154,7 @@ def feet_load(joints: JointTable, com: CentreOfMass) -> FeetLoad:
 
 
 def _load_shares(session: Session) -> list[Measure]:
-    """The mean over all standing frames in which it is known."""
+    """Return the mean over all standing frames in which the load is known."""
     com = CentreOfMass(session.posture.com_m, session.posture.com_sigma_m, session.posture.state_code)
     load = feet_load(session.joints, com)
     used = session.standing & np.isfinite(load.rightwards)
@@ -166,14 +177,17 @@ SIDED: Final = (
 UNSIDED: Final = ("trunk_flexion", "trunk_side_bend", "trunk_pelvis_rotation", "neck_flexion")
 
 HELD_S: Final = 0.2
-"""An extreme must be held for about half of this time (running median): a single frame's extreme is its error as much
-as the patient's."""
+"""Seconds of a running median: an extreme must be held for about half of it, since a single frame's extreme is as much
+its error as the patient's.
+"""
 
 LEAST_S: Final = 1.0
 
 
 def range_measures(session: Session) -> list[Measure]:
-    """``ANGLE_range`` in degrees of every joint, per side, with no value where the joint moved no more than it errs."""
+    """Compute ``ANGLE_range`` in degrees of every joint, per side, without a value where the joint moved no more than
+    its error.
+    """
     names = [(angle, side) for angle in SIDED for side in ("left", "right")] + [(angle, None) for angle in UNSIDED]
     return [_range(session, angle, side) for angle, side in names]
 
@@ -193,7 +207,7 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
 
 
 def _held(degrees: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (k,) of stretches that are long enough, and the running median (k,) within each."""
+    """Return the rows (k,) of stretches that are long enough, and the running median (k,) within each."""
     step_s = usual_step_s(time_s)
     if not np.isfinite(step_s):
         return np.empty(0, dtype=np.int64), np.empty(0)

@@ -1,4 +1,4 @@
-"""Stands that fail: the patient leaves the seat and sinks back onto it before being upright."""
+"""Find stands that fail: the patient leaves the seat and sinks back onto it before being upright."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from anchorpose.results.uncertainty import sigma_of_difference
 def find_failed_stands(session: Session, config: TransitionConfig, events: EventConfig) -> list[Event]:
     """Return the rises that end on the seat again, in the order of time.
 
-    The way goes from the height of the pelvis on the seat to that over a straight leg, which is 1. A failed stand
-    ends where the pelvis is the highest. A patient who was upright for a moment has stood up.
+    The rise is measured from the pelvis' height on the seat, 0, to that over a straight leg, 1. A failed stand ends
+    where the pelvis is highest. A patient who was upright for a moment has stood up.
     """
     time_s, height = session.joints.time_s, session.stance.height
     if not fast_enough(time_s):
@@ -56,7 +56,7 @@ BACK: Final = 0.5
 """Share of the least rise; below it the patient is back on the seat."""
 
 BEFORE_S: Final = 1.5
-"""Seconds before the pelvis is off the seat that give its height there: less than a third of them is the rise."""
+"""Seconds before the pelvis leaves the seat that determine its height there: less than a third of them is the rise."""
 
 
 def _rises(

@@ -1,4 +1,5 @@
-"""How long knees, hips and trunk are extended, by the patient alone or helped, and with how many hands they hold on.
+"""Measure how long knees, hips and trunk are extended, unaided or helped, and with how many hands the patient holds
+on.
 
 Rejc et al. 2015 (doi:10.1371/journal.pone.0133998) call standing independent where nobody assists hips and knees while
 the hands hold a frame for balance; Harkema et al. 2011 (doi:10.1016/S0140-6736(11)60547-3) report standing with
@@ -39,7 +40,9 @@ _Degrees = Annotated[float, Field(gt=0, lt=90)]
 
 @settings
 class IndependenceConfig:
-    """When knee, hip and trunk count as extended: bent, or inclined, by at most so much; until they are by more."""
+    """Settings of when knee, hip and trunk count as extended: bent, or inclined, by at most one limit, until they
+    exceed another.
+    """
 
     # A knee that carries the body bends by about 20 degrees when it takes over the load in walking.
     extended_deg: _Degrees = 20.0
@@ -51,9 +54,10 @@ class IndependenceConfig:
 
 
 class _Part(NamedTuple):
-    """What is extended: angle: its column, None for the trunk's inclination. regions: contacts there help to extend it.
-    beside: regions that share a border with them; a hand that lies across it may be reported on either side. joints:
-    where these contacts are; one that is not seen may be held unseen."""
+    """A body part that is extended. angle: its column, None for the trunk's inclination. regions: contacts there help
+    to extend it. beside: regions that share a border with them; a hand that lies across it may be reported on either
+    side. joints: places of these contacts; an unseen joint may be held unseen.
+    """
 
     name: str
     side: str | None
@@ -95,8 +99,9 @@ PARTS: Final = _parts()
 
 
 def independence_measures(session: Session, config: IndependenceConfig) -> list[Measure]:
-    """Of each part: the time extended; without anybody's hand on it; and without equipment against it either, with its
-    bouts. Then bouts upright without help, and the time upright by the number of hands that hold on."""
+    """Compute for each part: the time extended; without anybody's hand on it; and without equipment against it either,
+    with its bouts. Then bouts upright without help, and upright time by the number of holding hands.
+    """
     rows = list[Measure]()
     for part in PARTS:
         rows += _extension(session, part, config)
@@ -133,7 +138,7 @@ def _extended(session: Session, part: _Part, config: IndependenceConfig) -> _Ext
 
 
 def _held_extended(degrees: np.ndarray, config: IndependenceConfig) -> np.ndarray:
-    """(n,) bool: extended since the last limit that was passed; knees may bend backwards."""
+    """Return (n,) bool: extended since the last limit that was passed; knees may bend backwards."""
     return hold(degrees <= config.extended_deg, degrees > config.bent_deg, np.isfinite(degrees)) == UPRIGHT
 
 
@@ -175,9 +180,9 @@ NEVER_EXTENDED: Final = "it was never extended"
 
 
 def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
-    """Seconds from the first frame, of a trial its onset, until the part is extended for the first time.
+    """Return the seconds from the first frame, of a trial its onset, until the part is first extended.
 
-    Time in which nothing is known before that may hide an earlier extension.
+    Unknown time before may hide an earlier extension.
     """
     name, time_s = f"{part.name}_extended_latency", session.joints.time_s
     if not found.frames.any() or found.frames[0]:
@@ -192,14 +197,16 @@ def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
 
 
 class _Free(NamedTuple):
-    """frames (n,) bool: with what is asked for; unsure_s: the time that may or may not be like these."""
+    """The free frames. frames (n,) bool: frames that meet the condition; unsure_s: the time of frames that may or may
+    not meet it.
+    """
 
     frames: np.ndarray
     unsure_s: float
 
 
 def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Contact]) -> _Free:
-    """Extended frames without any of the contacts on the part.
+    """Return extended frames without any of the contacts on the part.
 
     A contact that was not seen may not have been there, one on a part that is not seen may be missing, and a person's
     hand beside the part may be on it.
@@ -218,7 +225,7 @@ OBSERVED: Final = STATE_CODE[JointState.OBSERVED]
 
 
 def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _Free, longest: bool = False) -> Measure:
-    """The time of the free frames, or of their longest bout."""
+    """Return a measure of the free frames' time, or of their longest bout."""
     runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
     bouts_s = [float(session.seconds[run][free.frames[run]].sum()) for run in runs]
     value = max(bouts_s, default=0.0) if longest else float(session.seconds[free.frames].sum())
@@ -227,16 +234,16 @@ def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _F
 
 
 def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
-    """Sigma of a time without contacts that is reported as the most it can be.
+    """Return sigma of a time without contacts that is reported as its upper limit.
 
-    It may be less by anything up to ``unsure_s``: the root mean square of that, from the end of the range, is over
-    sqrt(3), twice what it is from the middle.
+    The true time may be less by up to ``unsure_s``: the root mean square from the end of this range is ``unsure_s`` /
+    sqrt(3), twice the value from its middle.
     """
     return sigma_of_time(2 * bouts, 2.0 * unsure_s, session.seconds)
 
 
 def _unaided(session: Session) -> list[Measure]:
-    """Bouts upright without anybody's hand on the patient; the time itself is ``hands_free_upright_time``."""
+    """Return bouts upright without anybody's hand on the patient; the time itself is ``hands_free_upright_time``."""
     names = {"hands_free_upright_bouts": "count", "hands_free_upright_longest": "s"}
     why = _why_unknown(session, NO_CONTACTS if session.helping is None else None)
     if why is not None or session.helping is None:
@@ -268,10 +275,11 @@ HOLDING: Final = ("upright_two_hands_time", "upright_one_hand_time", "upright_no
 
 
 def _holding(session: Session) -> list[Measure]:
-    """Time upright with two hands, one hand and no hand on the equipment; a forearm that lies on it counts as a hand.
+    """Return the time upright with two hands, one hand and no hand on the equipment; a forearm that lies on it counts
+    as a hand.
 
-    A hand that is not seen may hold on unseen, and where one is lost, it is not known how many hold on: such a frame
-    counts for none of the three, and makes all of them uncertain.
+    An unseen hand may hold on unseen, and with a lost hand the number of holding hands is unknown: such a frame counts
+    for none of the three, and makes all of them uncertain.
     """
     why = _why_unknown(session, NO_EQUIPMENT if session.supports is None else None)
     if why is not None or session.supports is None:

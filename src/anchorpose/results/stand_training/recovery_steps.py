@@ -1,4 +1,4 @@
-"""Recovery steps: standing still, the patient loses balance and a foot is placed where it catches the body.
+"""Find recovery steps: standing still, the patient loses balance, and places a foot where it catches the body.
 
 Balance is lost where the extrapolated centre of mass leaves the base of support (Hof et al. 2005,
 doi:10.1016/j.jbiomech.2004.03.025): a body that moves with speed v is carried as far as one that stands v / w farther,
@@ -25,23 +25,23 @@ KINDS: Final = {"left": RECOVERY_LEFT, "right": RECOVERY_RIGHT}
 GRAVITY_M_S2: Final = 9.81
 
 SMOOTHING_S: Final = 0.05
-"""Standard deviation of the kernel on the centre of mass, whose speed would else be noise."""
+"""Standard deviation of the kernel on the centre of mass, whose speed would otherwise be noise."""
 
 FOOT_M: Final = 0.05
-"""How far the sole reaches beyond the joints of a foot: the heel behind the ankle, the toes before the toe base."""
+"""Extent of the sole beyond the joints of a foot: the heel behind the ankle, the toes before the toe base."""
 
 STILL_S: Final = 1.0
-"""Seconds without another step before a recovery step: who walks places a foot all the time."""
+"""Seconds without another step before a recovery step: walking people place a foot all the time."""
 
 WITHIN_S: Final = 1.2
-"""Seconds from the loss of balance to foot strike; who falls for longer is not caught by a step."""
+"""Longest time in seconds from the loss of balance to foot strike; a longer fall is not caught by a step."""
 
 _ANKLES: Final = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
 _FEET: Final = [*_ANKLES, JOINT_INDEX["FootLeft"], JOINT_INDEX["FootRight"]]
 
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
-"""(2, 72): the distance to a convex outline is the largest over all directions, within 0.1 % by these."""
+"""Unit vectors (2, 72): the distance to a convex outline is the largest over all directions, within 0.1 % by these."""
 
 
 def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventConfig) -> list[Event]:
@@ -54,18 +54,20 @@ def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventCo
 
 
 def recovery_watched(session: Session, config: EventConfig) -> np.ndarray:
-    """Return in which frames (n,) bool a loss of balance by ``beyond_m`` would be told from errors."""
+    """Return (n,) bool: frames in which a loss of balance by ``beyond_m`` would be distinguished from errors."""
     return np.asarray(session.upright & (config.times_sigma * _sigma_m(session) <= config.beyond_m))
 
 
 def _sigma_m(session: Session) -> np.ndarray:
-    """(n,) of the distance between the centre of mass and the feet's outline; NaN where a joint is lost."""
+    """Return sigma (n,) of the distance between the centre of mass and the feet's outline; NaN where a joint is
+    lost.
+    """
     feet = session.joints.sigma_m[:, _FEET]
     return np.asarray(np.hypot(session.posture.com_sigma_m, np.sqrt((feet**2).mean(axis=1))))
 
 
 def _extrapolated(session: Session) -> np.ndarray:
-    """(n, 2) on the floor, NaN where it is unknown."""
+    """Return the extrapolated centre of mass (n, 2) on the floor, NaN where unknown."""
     time_s, com_m = session.joints.time_s, session.posture.com_m
     step_s, found = usual_step_s(time_s), np.full((len(time_s), 2), np.nan)
     ankles_m = session.joints.position_m[:, _ANKLES, 1].min(axis=1)
@@ -79,7 +81,7 @@ def _extrapolated(session: Session) -> np.ndarray:
 
 
 def _after_standing(session: Session, steps: Sequence[Step]) -> list[Step]:
-    """The steps before which no foot was in the air for ``STILL_S``."""
+    """Return the steps before which no foot was in the air for ``STILL_S``."""
     time_s = session.joints.time_s
     ends = np.array([time_s[step.frames.stop - 1] for step in steps])
     starts = np.array([time_s[step.frames.start] for step in steps])
@@ -91,7 +93,7 @@ def _after_standing(session: Session, steps: Sequence[Step]) -> list[Step]:
 
 
 def _recovery(session: Session, step: Step, extrapolated_m: np.ndarray, config: EventConfig) -> Event | None:
-    """The event, if balance was lost before foot off and not long before foot strike."""
+    """Return the event, if balance was lost before foot off and not long before foot strike."""
     time_s, off, strike = session.joints.time_s, step.frames.start, step.frames.stop - 1
     first = int(np.searchsorted(time_s, time_s[strike] - WITHIN_S))
     feet_m = session.joints.position_m[first : off + 1][:, _FEET][:, :, [0, 2]]

@@ -1,4 +1,4 @@
-"""Whether the patient is upright in each frame, and what the measures of a recording are computed from.
+"""Decide whether the patient is upright in each frame, and hold the inputs of a recording's measures.
 
 Upright is decided by the inclination of thigh and trunk and the height of the pelvis.
 """
@@ -30,12 +30,13 @@ from anchorpose.settings import Positive, settings
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stance:
-    """Of every frame, NaN where a joint is lost; each with one standard deviation.
+    """The stance in every frame, NaN where a joint is lost; each value with one standard deviation.
 
-    thigh_deg (n,): the thigh nearer to the vertical against it, 0 = hanging straight down from the hip: who raises one
-    leg stands on the other. trunk_deg (n,): the line from SpineBase to SpineShoulder against the vertical, in whichever
-    direction. height (n,): of the middle of the hips over the lower ankle, in lengths of the patient's leg: 1 =
-    standing straight. behind_m (n,): how far the centre of mass is behind the middle of the ankles, without a sigma.
+    thigh_deg (n,): angle of the thigh nearer to the vertical, 0 = hanging straight down from the hip: a patient who
+    raises one leg stands on the other. trunk_deg (n,): the line from SpineBase to SpineShoulder against the vertical,
+    in whichever direction. height (n,): of the middle of the hips over the lower ankle, in lengths of the patient's
+    leg: 1 = standing straight. behind_m (n,): how far the centre of mass is behind the middle of the ankles, without a
+    sigma.
     """
 
     thigh_deg: np.ndarray
@@ -49,7 +50,9 @@ class Stance:
 
 
 def stance(joints: JointTable, mass_m: np.ndarray) -> Stance:
-    """Reads them off the joints and the centre of mass (n, 3); the leg's length is the median over the recording."""
+    """Compute the stance from the joints and the centre of mass (n, 3); the leg's length is the median over the
+    recording.
+    """
     position_m, sigma_m = joints.position_m.transpose(1, 2, 0), joints.sigma_m.T
     (thigh, trunk), (thigh_sigma, trunk_sigma) = (
         np.degrees(found) for found in angles_with_sigma(_INCLINATIONS, position_m, sigma_m)
@@ -69,7 +72,7 @@ def stance(joints: JointTable, mass_m: np.ndarray) -> Stance:
 
 
 def stance_state(joints: JointTable) -> np.ndarray:
-    """(n,) the worst state code of the joints that ``stance`` uses."""
+    """Return the worst state code (n,) of the joints that ``stance`` uses."""
     used = [JOINT_INDEX[name] for name in (*_INCLINATIONS.joints, *_ANKLES)]
     return np.asarray(joints.state_code[:, used].max(axis=1))
 
@@ -94,7 +97,7 @@ _INCLINATIONS: Final = AngleGroup(
 
 
 def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
-    """Metres, of every frame, and sigma. The patient stands on the lower ankle."""
+    """Return the pelvis' height in metres in every frame, and its sigma. The patient stands on the lower ankle."""
     height, variance = joints.position_m[..., 1], joints.sigma_m**2
     hips, ankles = ([JOINT_INDEX[f"{name}{side}"] for side in ("Left", "Right")] for name in ("Hip", "Ankle"))
     both_m = height[:, ankles]
@@ -104,7 +107,7 @@ def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
 
 
 def facing(position_m: np.ndarray) -> np.ndarray:
-    """(n, 2) x and z of the direction that the patient faces, by the line of the hips; position_m (n, 21, 3)."""
+    """Return x and z (n, 2) of the patient's heading, by the line of the hips; position_m (n, 21, 3)."""
     across = position_m[:, JOINT_INDEX["HipRight"]] - position_m[:, JOINT_INDEX["HipLeft"]]
     return unit(np.stack([across[:, 2], -across[:, 0]], axis=1))
 
@@ -115,7 +118,7 @@ def _behind_feet(position_m: np.ndarray, mass_m: np.ndarray) -> np.ndarray:
 
 
 def _leg_length(joints: JointTable) -> float:
-    """Metres from hip to ankle along a straight leg; NaN where no frame shows a whole leg."""
+    """Return the metres from hip to ankle along a straight leg; NaN where no frame shows a whole leg."""
     bones = [
         (f"{a}{side}", f"{b}{side}") for side in ("Left", "Right") for a, b in (("Hip", "Knee"), ("Knee", "Ankle"))
     ]
@@ -130,7 +133,8 @@ def _leg_length(joints: JointTable) -> float:
 
 @settings
 class UprightConfig:
-    """Upright begins when all three limits are met and ends when one of the wider limits is passed (hysteresis).
+    """Settings of upright, which begins when all three limits are met and ends when one of the wider limits is passed
+    (hysteresis).
 
     Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
     doi:10.1123/jpah.2011-0347). By the thigh alone, kneeling and hanging over a rail would count as upright; the
@@ -152,8 +156,9 @@ class UprightConfig:
 
 
 class Limits(NamedTuple):
-    """Of every frame (n,) bool: all limits for being upright are met; one of the wider ones is passed; nothing needed
-    for it is lost."""
+    """The limits in every frame, (n,) bool: all limits for being upright are met; one of the wider ones is passed; no
+    needed joint is lost.
+    """
 
     begins: np.ndarray
     ends: np.ndarray
@@ -161,7 +166,7 @@ class Limits(NamedTuple):
 
 
 def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) -> Limits:
-    """shift: moves every value by so many sigma towards standing, to see what errors may change."""
+    """Test the limits. shift: moves every value by this many sigma towards standing, to see the effect of errors."""
     thigh = stance.thigh_deg - shift * stance.thigh_sigma_deg
     trunk = stance.trunk_deg - shift * stance.trunk_sigma_deg
     height = stance.height + shift * stance.height_sigma
@@ -171,7 +176,8 @@ def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) ->
 
 
 def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.ndarray:
-    """(n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``: a joint is lost, or neither limit was met since then.
+    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``: a joint is lost, or neither limit was met since
+    then.
 
     shift: as in ``upright_limits``.
     """
@@ -179,7 +185,9 @@ def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.nda
 
 
 def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(n,) int8: 1 from a frame that begins to one that ends, else 0; -1 before the first of either or if unknown."""
+    """Return int8 (n,): 1 from a frame that begins to one that ends, else 0; -1 before the first of either or if
+    unknown.
+    """
     state = np.full(len(known), UNKNOWN, dtype=np.int8)
     decisive = begins | ends | ~known
     last = np.maximum.accumulate(np.where(decisive, np.arange(len(known)), -1))
@@ -190,7 +198,7 @@ def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """Of the same frames: joints, angles, posture, stance; seconds (n,) that each frame stands for.
+    """A session: joints, angles, posture, stance of the same frames; seconds (n,) that each frame represents.
 
     contacts: with people and equipment, None where the results folder has no table of them; equipment: the parts that
     contacts were looked for with, none where the recording has no model of the equipment.
@@ -207,26 +215,30 @@ class Session:
 
     @property
     def helping(self) -> tuple[Contact, ...] | None:
-        """Contacts with people; None where they are unknown."""
+        """Return the contacts with people; None where they are unknown."""
         return None if self.contacts is None else with_people(self.contacts)
 
     @property
     def supports(self) -> tuple[Contact, ...] | None:
-        """Contacts with the equipment; None where they are unknown."""
+        """Return the contacts with the equipment; None where they are unknown."""
         return None if self.contacts is None or not self.equipment else with_equipment(self.contacts)
 
     @property
     def upright(self) -> np.ndarray:
-        """(n,) bool: known to be upright."""
+        """Return (n,) bool: frames in which the patient is known to be upright."""
         return self.posture.upright == UPRIGHT
 
     @property
     def standing(self) -> np.ndarray:
-        """(n,) bool: upright, and neither just standing up nor just sitting down."""
+        """Return (n,) bool: frames in which the patient is upright, and neither just standing up nor just sitting
+        down.
+        """
         return self.upright & ~self.moving()
 
     def moving(self, settle_s: float = 0.0) -> np.ndarray:
-        """(n,) bool: inside a change between sitting and standing, without its two end frames, or settle_s after it."""
+        """Return (n,) bool: frames inside a change between sitting and standing, without its two end frames, or
+        settle_s after it.
+        """
         time_s, changing = self.joints.time_s, np.zeros(len(self.seconds), dtype=bool)
         for episode in self.episodes:
             if episode.kind in (SIT_TO_STAND, STAND_TO_SIT):
@@ -235,7 +247,7 @@ class Session:
 
     @property
     def found(self) -> np.ndarray:
-        """(n,) bool: any joint of the patient was found. In other frames contacts are unknown."""
+        """Return (n,) bool: frames in which any joint was found. In other frames contacts are unknown."""
         found: np.ndarray = self.joints.state_code.min(axis=1) < LOST
         return found
 
@@ -243,7 +255,7 @@ class Session:
 def known(
     measure: str, unit: str, value: float, state_code: np.ndarray, sigma: float | None = None, side: str | None = None
 ) -> Measure:
-    """Return a measure that rests on frames with these codes (k,) of the worst joint used."""
+    """Return a measure that is based on frames with these codes (k,) of the worst joint used."""
     return _measure(measure, unit, state_code, value=value, sigma=sigma, side=side)
 
 
@@ -262,5 +274,5 @@ def _measure(measure: str, unit: str, state_code: np.ndarray, **values: Any) -> 
 
 
 def inferred_share(state_code: np.ndarray) -> float | None:
-    """Share of frames in which the worst joint used, state_code (k,), was not seen; None for no frames."""
+    """Return the share of frames in which the worst joint used, state_code (k,), was not seen; None for no frames."""
     return float(np.mean(state_code > 0)) if len(state_code) else None

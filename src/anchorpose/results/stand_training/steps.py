@@ -1,4 +1,4 @@
-"""Steps: when each foot leaves the floor and comes down again, and what follows from that.
+"""Find steps: when each foot leaves the floor and comes down again, and the measures that follow.
 
 A foot swings while its ankle moves over the floor and the other ankle rests. By joints alone, foot off and foot strike
 are the moments at which a movement begins and ends, not a force: they are some hundredths of a second off.
@@ -26,24 +26,24 @@ SMOOTHING_S: Final = 0.06
 
 MOVES_M_PER_S: Final = 0.20
 RESTS_M_PER_S: Final = 0.10
-"""A resting ankle is slower than the second, noise included; a swinging one passes the first."""
+"""Speeds of ankles: a resting ankle is slower than the second, noise included; a swinging one exceeds the first."""
 
 SHORTEST_M: Final = 0.06
 AWAY_M: Final = 0.02
-"""A swing begins when the ankle is so far from where it rested, and ends when it is so near to where it will rest."""
+"""Distances of the ankle: a swing begins this far from its last place of rest, and ends this near to the next one."""
 
 LONGEST_S: Final = 2.0
 EVENT_SIGMA_S: Final = 0.06
-"""One standard deviation of a foot off or foot strike, found on simulated steps (docs/measures.md)."""
+"""Standard deviation of a foot off or foot strike, found on simulated steps (docs/measures.md)."""
 
 LONGEST_PAUSE_S: Final = 2.0
-"""Steps farther apart are not one after the other."""
+"""Seconds between successive steps; steps farther apart do not follow each other."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """frames: of the swing, from foot off to foot strike; length_m: between both ankles at foot
-    strike, in the direction of the step; None for a step in place.
+    """A step. frames: of the swing, from foot off to foot strike; length_m: between both ankles at foot strike, in the
+    direction of the step; None for a step in place.
     """
 
     side: str
@@ -52,7 +52,7 @@ class Step:
 
 
 def find_steps(joints: JointTable, upright: np.ndarray) -> list[Step]:
-    """All steps of an upright patient with both ankles known, in the order of time; upright (n,) bool."""
+    """Find all steps of an upright patient with both ankles known, in the order of time; upright (n,) bool."""
     step_s = usual_step_s(joints.time_s)
     if not np.isfinite(step_s):
         return []
@@ -86,7 +86,7 @@ def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> lis
 
 
 def _whole(runs: Iterable[slice], height_m: np.ndarray) -> list[slice]:
-    """Runs with a pause in the air between them are one swing: the ankle is higher there than where it rested."""
+    """Join runs with a pause in the air between them to one swing: the ankle is higher there than at rest."""
     whole = list[slice]()
     for run in runs:
         if whole:
@@ -99,7 +99,7 @@ def _whole(runs: Iterable[slice], height_m: np.ndarray) -> list[slice]:
 
 
 def _length(path_m: np.ndarray, other_m: np.ndarray, swing: slice) -> float | None:
-    """Between both ankles at foot strike in the direction of the step; None for a step in place."""
+    """Return the distance of both ankles at foot strike in the direction of the step; None for a step in place."""
     way = (path_m[swing.stop - 1] - path_m[swing.start])[[0, 2]]
     moved_m = float(np.linalg.norm(way))
     if moved_m < SHORTEST_M:
@@ -108,7 +108,7 @@ def _length(path_m: np.ndarray, other_m: np.ndarray, swing: slice) -> float | No
 
 
 def _until_at_rest(speed: np.ndarray, run: slice) -> slice:
-    """The run with the slow beginning and end of its movement: as long as the speed falls outwards."""
+    """Extend the run by the slow beginning and end of its movement, as long as the speed falls outwards."""
     start, stop = run.start, run.stop
     while start > 1 and speed[start - 1] < speed[start]:
         start -= 1
@@ -118,7 +118,9 @@ def _until_at_rest(speed: np.ndarray, run: slice) -> slice:
 
 
 def _swing(path_m: np.ndarray, run: slice) -> slice | None:
-    """While the ankle is away from both of its places of rest; None for less than a step. path_m (n, 3)."""
+    """Return the frames in which the ankle is away from both of its places of rest; None for less than a step. path_m
+    (n, 3).
+    """
     path = path_m[run.start - 1 : run.stop + 1]
     left, reached = (np.linalg.norm(path - place, axis=1) for place in (path[0], path[-1]))
     if left.max() < SHORTEST_M:
@@ -130,14 +132,14 @@ def _swing(path_m: np.ndarray, run: slice) -> slice | None:
 
 
 def step_episodes(joints: JointTable, steps: list[Step]) -> tuple[Episode, ...]:
-    """Swings as rows of episodes.parquet: they begin at foot off and end at foot strike."""
+    """Return swings as rows of episodes.parquet: they begin at foot off and end at foot strike."""
     ankles = joints.state_code[:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]].max(axis=1)
     kinds = {"left": STEP_LEFT, "right": STEP_RIGHT}
     return tuple(episode(kinds[step.side], joints, ankles, step.frames) for step in steps)
 
 
 def step_measures(session: Session, steps: list[Step]) -> list[Measure]:
-    """Count, swing time and step length per side, and the time from one foot strike to that of the other foot."""
+    """Compute count, swing time and step length per side, and the time between foot strikes of both feet."""
     rows = [measure for side in ("left", "right") for measure in _of_side(session, steps, side)]
     time_s = session.joints.time_s
     between = [
@@ -176,7 +178,7 @@ def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
 def _mean(
     session: Session, name: str, side: str | None, unit: str, found: list[tuple[float, Step]], sigma: float, why: str
 ) -> Measure:
-    """Mean of the values; a half of the variance of one value's error is taken to be common to all."""
+    """Return the mean of the values; half of the variance of one value's error is assumed common to all."""
     if not found:
         return unknown(name, unit, why, side)
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]

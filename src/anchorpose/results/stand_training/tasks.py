@@ -1,6 +1,7 @@
-"""Tests that clinics name, where the recording shows them: five times sit to stand, functional reach, one-leg stance.
+"""Recognise clinical tests in the recording: five times sit to stand, functional reach, one-leg stance.
 
-Nobody states what the patient was asked to do, so each is recognised by what it takes, and has no value otherwise.
+It is not stated what the patient was asked to do, so each test is recognised by its movements, and has no value
+otherwise.
 """
 
 from __future__ import annotations
@@ -25,14 +26,16 @@ SIDES: Final = ("left", "right")
 TIMES: Final = 5
 LONGEST_SEATED_S: Final = 2.0
 LONGEST_STOOD_S: Final = 5.0
-"""Between two changes: who rests on the seat does another test; who is slow may need time to stand steady."""
+"""Longest pause in seconds between two changes: a patient who rests on the seat does another test; a slow one may need
+time to stand steady.
+"""
 
 TOUCH_S: Final = 0.1
-"""In the test people touch the seat and rise again, so that sitting and standing need not last."""
+"""Least duration of sitting and standing in seconds: in the test people touch the seat and rise again."""
 
 
 def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measure:
-    """Seconds from leaving the seat for the first time to standing for the fifth."""
+    """Measure the seconds from leaving the seat for the first time to standing for the fifth."""
     name = "five_times_sit_to_stand"
     quick = replace(config, rest_s=TOUCH_S)
     moves = transitions(session.joints, session.stance, session.posture.upright, quick)
@@ -52,7 +55,9 @@ def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measu
 
 
 def _longest_series(moves: Sequence[Transition], time_s: np.ndarray) -> list[Transition]:
-    """The first of the longest series of rising and sitting down in turn without long pauses, from a rise on."""
+    """Return the first of the longest series of alternate rising and sitting down without long pauses, from a rise
+    on.
+    """
     best, current = list[Transition](), list[Transition]()
     for before, move in pairwise([None, *moves]):
         assert move is not None
@@ -66,10 +71,12 @@ def _longest_series(moves: Sequence[Transition], time_s: np.ndarray) -> list[Tra
 
 LEVEL_DEG: Final = 10.0
 STILL_LEVEL_DEG: Final = 35.0
-"""An arm counts as raised forward from within the first of the horizontal, and until it is farther than the second."""
+"""Limits in degrees: an arm counts as raised forward from within the first of the horizontal, and until it is farther
+than the second.
+"""
 
 STRAIGHT: Final = 0.92
-"""Shoulder to wrist, in lengths of the arm: the elbow is bent by less than 45 degrees."""
+"""Least distance from shoulder to wrist, in lengths of the arm: the elbow is bent by less than 45 degrees."""
 
 FORWARD: Final = 0.85
 """Least share of the arm's length that points forward: 32 degrees to a side."""
@@ -80,7 +87,7 @@ LEAST_REACH_S: Final = 1.0
 
 
 def functional_reach(session: Session, side: str) -> Measure:
-    """Millimetres that the wrist of the raised arm goes forward with the feet in place, while upright."""
+    """Measure the millimetres that the wrist of the raised arm goes forward with the feet in place, while upright."""
     measure = "functional_reach"
     position, sigma, time_s = session.joints.position_m, session.joints.sigma_m, session.joints.time_s
     forward = facing(position)
@@ -113,7 +120,7 @@ _SHORT: Final = "the raised arm went forward by no more than the errors of the w
 def _raised_arm(
     position_m: np.ndarray, forward: np.ndarray, side: str, upright: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Two (n,) bool: the arm is forward, straight and about level; and it is level well enough to begin."""
+    """Return two (n,) bool: the arm is forward, straight and about level; and it is level enough to begin."""
     shoulder, elbow, wrist = (position_m[:, JOINT_INDEX[f"{n}{side.capitalize()}"]] for n in _ARM)
     arm = wrist - shoulder
     length = np.linalg.norm(elbow - shoulder, axis=1) + np.linalg.norm(wrist - elbow, axis=1)
@@ -130,7 +137,7 @@ _ARM: Final = ("Shoulder", "Elbow", "Wrist")
 
 
 def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
-    """How many of the rows have both ankles within ``BASE_M`` of where they were in the first; 0 where unknown."""
+    """Return how many of the rows have both ankles within ``BASE_M`` of their first place; 0 where unknown."""
     if not len(rows):
         return 0
     ankles = position_m[rows][:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]]
@@ -141,14 +148,16 @@ def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
 
 LIFTED_M: Final = 0.06
 LOWERED_M: Final = 0.04
-"""An ankle is off the floor from so far above the other on, until it is lower than the second."""
+"""Heights of one ankle above the other: the foot is off the floor above the first until it is below the second."""
 
 LEAST_STANCE_S: Final = 1.0
-"""Less is a step."""
+"""Least duration in seconds; a shorter stance is a step."""
 
 
 def single_leg_stance(session: Session, side: str) -> Measure:
-    """Longest time in seconds on the leg of this side, the other foot off the floor, while upright and in place."""
+    """Measure the longest time in seconds on the leg of this side, the other foot off the floor, while upright and in
+    place.
+    """
     measure, time_s = "single_leg_stance", session.joints.time_s
     stands, lifted = (JOINT_INDEX[f"Ankle{name.capitalize()}"] for name in (side, _OTHER[side]))
     height = session.joints.position_m[:, lifted, 1] - session.joints.position_m[:, stands, 1]
@@ -168,7 +177,7 @@ _OTHER: Final = {"left": "right", "right": "left"}
 
 
 def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> tuple[slice | None, float]:
-    """The longest run with the other ankle lifted and the standing one in place, and its seconds."""
+    """Return the longest run with the other ankle lifted and the standing one in place, and its seconds."""
     time_s = session.joints.time_s
     best: tuple[slice | None, float] = (None, 0.0)
     for run in unbroken_runs(session.upright & (height_m > LOWERED_M), time_s, 2.0 * usual_step_s(time_s)):
@@ -181,7 +190,7 @@ def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> 
 
 
 def task_measures(session: Session, config: TransitionConfig) -> list[Measure]:
-    """All three, reach and stance per side."""
+    """Compute all three tests, reach and stance per side."""
     return [
         five_times_sit_to_stand(session, config),
         *(functional_reach(session, side) for side in SIDES),

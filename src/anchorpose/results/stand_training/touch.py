@@ -1,4 +1,6 @@
-"""In which frames parts of the patient are touched, how much of that was seen, and how uncertain a time with it is."""
+"""Find the frames in which parts of the patient are touched, the seen share of touches, and the uncertainty of touched
+time.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +22,20 @@ NO_UPRIGHT: Final = "the patient was never known to be upright"
 
 
 class Touch(NamedTuple):
-    """at_once (n,) int32: how many contacts hold in each frame; seen (n,): the greatest seen share of these, 0 where
-    none does."""
+    """Touches in each frame. at_once (n,) int32: number of contacts; seen (n,): the greatest seen share of these, 0
+    without contacts.
+    """
 
     at_once: np.ndarray
     seen: np.ndarray
 
     def where(self, frames: np.ndarray) -> Touch:
-        """Nothing in the other frames; frames (n,) bool."""
+        """Return the touches in these frames (n,) bool only."""
         return Touch(np.where(frames, self.at_once, 0), np.where(frames, self.seen, 0.0))
 
 
 def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
-    """In each frame, (n,) increasing; a contact's first and last belong to it."""
+    """Return the touches at frames (n,), increasing; a contact's first and last frame belong to it."""
     count, seen = np.zeros(len(frame), dtype=np.int32), np.zeros(len(frame))
     starts = np.searchsorted(frame, [contact.first_frame for contact in contacts], side="left")
     ends = np.searchsorted(frame, [contact.last_frame for contact in contacts], side="right")
@@ -43,7 +46,7 @@ def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
 
 
 def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tuple[float, float | None]:
-    """Time with any contact, and its sigma.
+    """Return the time with any contact, and its sigma.
 
     No sigma without contacts: how many were missed is unknown here. Each beginning and each end may be a frame off; the
     unseen part of a contact may or may not have been there.
@@ -57,6 +60,7 @@ def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tu
 
 
 def sigma_of_time(edges: int, unsure_s: float, seconds: np.ndarray) -> float:
-    """Sigma of a time that begins and ends ``edges`` times, each a frame off, and is anything between two that differ
-    by ``unsure_s``; seconds (n,): that each frame stands for."""
+    """Return sigma of a time that begins and ends ``edges`` times, each a frame off, and lies between two values that
+    differ by ``unsure_s``; seconds (n,): that each frame represents.
+    """
     return float(np.hypot(np.sqrt(edges) * float(np.median(seconds)), unsure_s / np.sqrt(12.0)))

@@ -1,4 +1,4 @@
-"""Tremor and clonus: oscillation of knees and ankles between 3 and 8 Hz, where the frame rate can show it.
+"""Measure tremor and clonus: oscillation of knees and ankles between 3 and 8 Hz, where the frame rate can show it.
 
 Clonus after a spinal-cord injury is a rhythmic contraction at 3 to 8 Hz. Errors of joints spread over all frequencies,
 and a movement lies below 3 Hz, so an oscillation counts where a narrow peak holds most of what is faster than 1 Hz.
@@ -21,16 +21,16 @@ from anchorpose.settings import Positive, settings
 LOWEST_HZ, HIGHEST_HZ = 3.0, 8.0
 
 LEAST_HZ: Final = 20.0
-"""Frames per second at least: 2.5 per period of the fastest oscillation."""
+"""Least frames per second: 2.5 per period of the fastest oscillation."""
 
 WINDOW_S: Final = 2.0
 """Seconds of a window, six periods of the slowest oscillation; frequencies are half a hertz apart."""
 
 MOVEMENT_HZ: Final = 1.0
-"""What is slower is posture and slow movement, beside which clonus is clonus all the same."""
+"""Upper frequency of posture and slow movement, which do not exclude clonus."""
 
 PEAK_HZ: Final = 0.75
-"""Half the width of a peak: that of a Hann window of two seconds, with a bin more for a frequency that wavers."""
+"""Half the width of a peak: that of a Hann window of two seconds, plus a bin for a varying frequency."""
 
 JOINTS: Final = {"knee": "knee_flexion", "ankle": "ankle_dorsiflexion"}
 UNITS: Final = {"time": "s", "frequency": "Hz", "amplitude": "deg"}
@@ -42,15 +42,16 @@ NONE: Final = "no such oscillation was seen"
 
 @settings
 class TremorConfig:
-    """When an oscillation counts."""
+    """Settings of when an oscillation counts."""
 
     least_deg: Positive = 1.0  # amplitude: half of the way from one end to the other; the eye sees hardly less
     peak_share: Annotated[float, Field(gt=0, lt=1)] = 0.6  # of the power above 1 Hz; white errors have 0.1 at 30 Hz
 
 
 class Window(NamedTuple):
-    """rows: of its frames. seconds: that it stands for. frequency_hz, amplitude_deg: of its peak; share: of the power
-    above ``MOVEMENT_HZ`` that the peak holds."""
+    """A time window. rows: of its frames. seconds: that it represents. frequency_hz, amplitude_deg: of its peak; share:
+    of the power above ``MOVEMENT_HZ`` that the peak holds.
+    """
 
     rows: slice
     seconds: float
@@ -60,7 +61,7 @@ class Window(NamedTuple):
 
 
 def tremor_measures(session: Session, config: TremorConfig) -> list[Measure]:
-    """Time, frequency and amplitude of the oscillation of knees and ankles, on either side."""
+    """Compute time, frequency and amplitude of the oscillation of knees and ankles, on either side."""
     return [row for joint in JOINTS for side in ("left", "right") for row in _of_joint(session, joint, side, config)]
 
 
@@ -91,7 +92,7 @@ def _of_joint(session: Session, joint: str, side: str, config: TremorConfig) -> 
 
 
 def _stepping(session: Session) -> np.ndarray:
-    """Return in which frames (n,) bool a foot is in the air: quick steps shake a leg as fast as clonus does."""
+    """Return (n,) bool: frames in which a foot is in the air, since quick steps shake a leg as fast as clonus does."""
     time_s, stepping = session.joints.time_s, np.zeros(len(session.seconds), dtype=bool)
     for episode in session.episodes:
         if episode.kind in (STEP_LEFT, STEP_RIGHT):
@@ -117,7 +118,7 @@ def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Itera
 
 
 def _window(time_s: np.ndarray, degrees: np.ndarray, rows: slice) -> Window:
-    """The peak between 3 and 8 Hz, of the angle without its mean and slope, by a Hann window."""
+    """Find the peak between 3 and 8 Hz of the angle, without its mean and slope, by a Hann window."""
     count = len(time_s)
     even_s = np.linspace(time_s[0], time_s[-1], count)
     even = np.interp(even_s, time_s, degrees)

@@ -1,4 +1,4 @@
-"""Upright time and its bouts, and the changes between sitting and standing."""
+"""Compute upright time and its bouts, and the changes between sitting and standing."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ NEVER_KNOWN: Final = "in no frame was it known whether the patient was upright"
 NONE_SEEN: Final = "none was seen from beginning to end"
 
 LOW_PERCENTILE: Final = 10.0
-"""The seat's height is the lowest of sitting, that of standing the highest, except for a tenth of the frames: medians
-would include the way up, the extreme frame its noise."""
+"""Percentile of heights: the seat's height is the lowest of sitting, that of standing the highest, except for a tenth
+of the frames. Medians would include the way up, the extreme frame its noise.
+"""
 
 
 def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> tuple[Episode, ...]:
-    """The upright bouts; state (n,) of ``upright``."""
+    """Return the upright bouts; state (n,) of ``upright``."""
     return tuple(
         episode(UPRIGHT_EPISODE, joints, stance.state_code, run)
         for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, joints.time_s)
@@ -35,7 +36,7 @@ def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> t
 
 
 def episode(kind: str, joints: JointTable, state_code: np.ndarray, run: slice) -> Episode:
-    """The frames of ``run`` as an episode; state_code (n,) of the joints that it is recognised by."""
+    """Return the frames of ``run`` as an episode; state_code (n,) of the joints by which it is recognised."""
     return Episode(
         kind=kind,
         first_frame=int(joints.frame[run.start]),
@@ -55,7 +56,7 @@ UPRIGHT_MEASURES: Final = {
 
 
 def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
-    """Recorded, found, upright and unknown time, the share, the bouts and the longest of them."""
+    """Compute recorded, found, upright and unknown time, the share, the bouts and the longest of them."""
     seconds, state, state_code = session.seconds, session.posture.upright, session.stance.state_code
     is_known, standing = state != UNKNOWN, state == UPRIGHT
     total, known_s = recorded_seconds(session.joints.time_s), float(seconds[is_known].sum())
@@ -86,9 +87,9 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
 
 
 def _sigma_s(session: Session, config: UprightConfig) -> float:
-    """Half of what the time changes when all frames err by one sigma, first for and then against standing.
+    """Return half of the time's change when all frames err by one sigma, first towards and then away from standing.
 
-    Added to it: every beginning and end of a bout may be half a frame off.
+    In addition, every beginning and end of a bout may be half a frame off.
     """
     state = session.posture.upright
     edges = 2 * len(runs_of_known(state == UPRIGHT, state != UNKNOWN, session.joints.time_s))
@@ -101,7 +102,8 @@ def _sigma_s(session: Session, config: UprightConfig) -> float:
 
 @settings
 class TransitionConfig:
-    """Seated means that both thighs are nearly level and the pelvis rests for a while, so a short squat is not sitting.
+    """Settings of transitions. Seated means that both thighs are nearly level and the pelvis rests for a while, so a
+    short squat is not sitting.
 
     A longer squat is not sitting either, since nobody squats with the centre of mass behind the heels. Standing must
     last as well: a patient who nearly stands and sinks back has not stood up.
@@ -134,7 +136,7 @@ class Transition:
 
 
 class Postures(NamedTuple):
-    """Runs of frames in which the patient sits and stands, each in the order of time, and long enough to be so."""
+    """Runs of frames in which the patient sits and stands, in the order of time, each long enough to count."""
 
     sitting: list[slice]
     standing: list[slice]
@@ -163,7 +165,7 @@ def posture_stretches(stance: Stance, time_s: np.ndarray) -> list[slice]:
 
 
 def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> list[Transition]:
-    """Every change between sitting and standing during which no joint was lost; state (n,) of ``upright``."""
+    """Return every change between sitting and standing in which no joint was lost; state (n,) of ``upright``."""
     time_s, settled = joints.time_s, settled_postures(joints, stance, state, config)
     postures = sorted(
         [(run.start, run, False) for run in settled.sitting] + [(run.start, run, True) for run in settled.standing]
@@ -178,12 +180,14 @@ def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: T
 
 
 def transition_episodes(joints: JointTable, stance: Stance, found: list[Transition]) -> tuple[Episode, ...]:
-    """As rows of episodes.parquet."""
+    """Return transitions as rows of episodes.parquet."""
     return tuple(episode(one.kind, joints, stance.state_code, one.frames) for one in found)
 
 
 def transition_measures(session: Session, found: list[Transition]) -> list[Measure]:
-    """For each kind the count and the mean, shortest and longest duration; no values where posture is never known."""
+    """Compute, for each kind, the count and the mean, shortest and longest duration; no values where posture is never
+    known.
+    """
     rows = list[Measure]()
     frames = int((session.posture.upright != UNKNOWN).sum())
     for kind in (SIT_TO_STAND, STAND_TO_SIT):
@@ -206,7 +210,9 @@ def _duration(session: Session, ones: list[Transition], kind: str, which: str) -
 
 
 def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
-    """Whether the pelvis stays near the lowest height of a run for long enough; height (k,), negated for standing."""
+    """Return whether the pelvis stays near the lowest height of a run for long enough; height (k,), negated for
+    standing.
+    """
     there = np.isfinite(height)
     if not there.any():
         return False
@@ -215,7 +221,9 @@ def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) ->
 
 
 def _needs_a_seat(behind_m: np.ndarray, config: TransitionConfig) -> bool:
-    """Whether the feet alone cannot carry the patient at some moment of a run (k,); True where that is not known."""
+    """Return whether the feet alone cannot carry the patient at some moment of a run (k,); True where that is not
+    known.
+    """
     measured_m = behind_m[np.isfinite(behind_m)]
     return not len(measured_m) or bool(measured_m.max() > config.behind_feet_m)
 
@@ -223,7 +231,7 @@ def _needs_a_seat(behind_m: np.ndarray, config: TransitionConfig) -> bool:
 def _transition(
     time_s: np.ndarray, stance: Stance, before: slice, after: slice, config: TransitionConfig, *, rises: bool
 ) -> Transition:
-    """The part of the way between two postures in which the pelvis moves."""
+    """Return the part of the way between two postures in which the pelvis moves."""
     low, high = LOW_PERCENTILE, 100.0 - LOW_PERCENTILE
     first_percentile, last_percentile = (low, high) if rises else (high, low)
     start_level = _level(time_s, stance.height, before, config.settle_s, first_percentile, last=True)
@@ -252,14 +260,14 @@ def _transition(
 def _level(
     time_s: np.ndarray, height: np.ndarray, run: slice, settle_s: float, percentile: float, *, last: bool
 ) -> float:
-    """Height in a posture, from the part of it next to the transition: its last seconds, or its first."""
+    """Return the height in a posture, from its part next to the transition: its last seconds, or its first."""
     times = time_s[run]
     near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s
     return float(np.nanpercentile(height[run][near], percentile))  # an ankle may have been lost while seated
 
 
 def _moving(way: np.ndarray, middle: int, edge: float) -> tuple[int, int]:
-    """First and last index of the move, way (k,) going from 0 to 1 and ``middle`` lying within it."""
+    """Return the first and last index of the move; way (k,) goes from 0 to 1 and contains ``middle``."""
     still, there = np.flatnonzero(way[: middle + 1] <= edge), np.flatnonzero(way[middle:] >= 1.0 - edge)
     first = int(still[-1]) if len(still) else 0
     last = middle + int(there[0]) if len(there) else len(way) - 1

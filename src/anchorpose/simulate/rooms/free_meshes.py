@@ -1,4 +1,4 @@
-"""Shapes that no primitive has: curtains, coats, quilts, pillows and leaves, as open triangle meshes."""
+"""Build shapes without a primitive: curtains, coats, quilts, pillows and leaves, as open triangle meshes."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 
 
 def grid_triangles(points_m: np.ndarray) -> np.ndarray:
-    """(2 (r - 1) (c - 1), 3, 3) triangles of a sheet whose points are given row by row (r, c, 3)."""
+    """Return (2 (r - 1) (c - 1), 3, 3) triangles of a sheet whose points are given row by row (r, c, 3)."""
     a, b, c, d = points_m[:-1, :-1], points_m[:-1, 1:], points_m[1:, 1:], points_m[1:, :-1]
     return np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3, 3)
 
 
 def folded_curtain(rng: np.random.Generator, wide_m: float, high_m: float) -> np.ndarray:
-    """(n, 3, 3) a curtain along Z that hangs to the floor in folds of 3 to 8 cm, deeper towards the hem."""
+    """Return (n, 3, 3) a curtain along Z that hangs to the floor in folds of 3 to 8 cm, deeper towards the hem."""
     across, down = np.linspace(-0.5, 0.5, max(24, int(40 * wide_m))), np.linspace(0.0, 1.0, 8)
     folds, phase = wide_m / rng.uniform(0.12, 0.3), rng.uniform(0.0, 6.0)
     depth_m = rng.uniform(0.03, 0.08) * (0.5 + 0.5 * down[:, None])
@@ -23,7 +23,9 @@ def folded_curtain(rng: np.random.Generator, wide_m: float, high_m: float) -> np
 
 
 def hanging_coat(rng: np.random.Generator, top_m: float, way: float) -> np.ndarray:
-    """(n, 3, 3) a coat on a hook: a tube that widens downwards in folds, beside a pole in the direction ``way``."""
+    """Return (n, 3, 3) a coat on a hook: a tube that widens downwards in folds, beside a pole in the direction
+    ``way``.
+    """
     around, down = np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, 1.0, 9)[:, None]
     long_m, folds = rng.uniform(0.7, 1.1), int(rng.integers(4, 8))
     radius = (0.05 + 0.13 * np.sqrt(down)) * (1.0 + 0.18 * down * np.sin(folds * around + rng.uniform(0.0, 6.0)))
@@ -34,7 +36,7 @@ def hanging_coat(rng: np.random.Generator, top_m: float, way: float) -> np.ndarr
 
 
 def crumpled_sheet(rng: np.random.Generator, wide_m: float, long_m: float) -> np.ndarray:
-    """(n, 3, 3) a quilt in the plane of X and Z with lumps of up to 8 cm, its sides hanging down."""
+    """Return (n, 3, 3) a quilt in the plane of X and Z with lumps of up to 8 cm, its sides hanging down."""
     x, z = np.meshgrid(np.linspace(-0.55, 0.55, 16), np.linspace(-0.5, 0.5, 20))
     y = np.zeros_like(x)
     for _ in range(6):
@@ -45,7 +47,7 @@ def crumpled_sheet(rng: np.random.Generator, wide_m: float, long_m: float) -> np
 
 
 def pillow(rng: np.random.Generator) -> np.ndarray:
-    """(n, 3, 3) a flat ellipsoid, 0.6 by 0.4 m, on the plane y = 0."""
+    """Return (n, 3, 3) a flat ellipsoid, 0.6 by 0.4 m, on the plane y = 0."""
     u, v = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 17), np.linspace(0.0, np.pi, 9))
     size = np.array([0.3, rng.uniform(0.06, 0.1), 0.2])
     ball = np.stack([np.cos(u) * np.sin(v), np.cos(v) + 1.0, np.sin(u) * np.sin(v)], axis=2)
@@ -53,7 +55,7 @@ def pillow(rng: np.random.Generator) -> np.ndarray:
 
 
 def leaves(rng: np.random.Generator, low_m: float, high_m: float) -> np.ndarray:
-    """(n, 3, 3) narrow leaves that grow outwards and upwards from a stem on the Y axis and bend down."""
+    """Return (n, 3, 3) narrow leaves that grow outwards and upwards from a stem on the Y axis and bend down."""
     count = int(rng.integers(25, 60))
     found = []
     for way, start_m, long_m, rise in zip(

@@ -1,4 +1,4 @@
-"""Where nothing may be put: discs and lanes on the floor."""
+"""Describe where nothing may be put: discs and lanes on the floor."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """All within radius_m of the line from one place (x, z) to another; a disc where the two are the same."""
+    """All places within radius_m of the line from one place (x, z) to another; a disc if the two are the same."""
 
     start_m: tuple[float, float]
     end_m: tuple[float, float]
     radius_m: float
 
     def clear_m(self, place_m: np.ndarray) -> float:
-        """How far a place (x, z) is outside, negative inside."""
+        """Return how far outside the lane a place (x, z) is, negative inside."""
         start, along = np.array(self.start_m), np.subtract(self.end_m, self.start_m)
         length2 = float(along @ along)
         share = float(np.clip((place_m - start) @ along / length2, 0.0, 1.0)) if length2 > 0.0 else 0.0
         return float(np.linalg.norm(place_m - start - share * along)) - self.radius_m
 
     def crossings_m(self, z_m: float) -> tuple[float, ...]:
-        """The x at which the line crosses z = z_m: one or none."""
+        """Return the x where the line crosses z = z_m, if it does."""
         (x0, z0), (x1, z1) = self.start_m, self.end_m
         if (z0 - z_m) * (z1 - z_m) >= 0.0:
             return ()
@@ -31,11 +31,11 @@ class Lane:
 
 
 def disc(place_m: np.ndarray, radius_m: float) -> Lane:
-    """A round place."""
+    """Return a lane that is a disc."""
     at = (float(place_m[0]), float(place_m[1]))
     return Lane(at, at, radius_m)
 
 
 def is_free(place_m: np.ndarray, radius_m: float, taken: list[Lane]) -> bool:
-    """Whether a disc at a place (x, z) meets none of the lanes."""
+    """Return whether a disc at a place (x, z) meets none of the lanes."""
     return all(lane.clear_m(place_m) > radius_m for lane in taken)

@@ -1,4 +1,4 @@
-"""Where furniture stands: beside and behind the patient, along the walls, and low pieces before the patient's legs."""
+"""Place furniture: beside and behind the patient, along the walls, and low pieces before the patient's legs."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ TRIES: Final = 120
 CAMERA_CLEAR_M: Final = 0.7  # around the camera
 PATIENT_CLEAR_M: Final = 0.75  # around the patient, who moves
 SIGHT_CLEAR_M: Final = 0.35  # beside the line from the camera to the patient
-LEGS_CLEAR_M: Final = 0.5  # between the patient and what stands before the legs
+LEGS_CLEAR_M: Final = 0.5  # between the patient and the furniture before the legs
 BELOW_SIGHT_M: Final = 0.04
 
 
 def first_lanes(room: RoomConfig, camera_m: np.ndarray) -> list[Lane]:
-    """The patient's place, the camera's (x, z), and the line of sight between them."""
+    """Return the patient's place, the camera's (x, z), and the line of sight between them."""
     here = (float(camera_m[0]), float(camera_m[1]))
     return [disc(np.zeros(2), PATIENT_CLEAR_M), disc(camera_m, CAMERA_CLEAR_M), Lane(here, (0.0, 0.0), SIGHT_CLEAR_M)]
 
 
 def lay_out(rng: np.random.Generator, room: RoomConfig, outline: Outline, taken: list[Lane]) -> list[Piece]:
-    """The room's clutter in the room frame, each piece clear of what is taken, to which it is added.
+    """Place the room's clutter in the room frame, each piece clear of the taken lanes, to which it is added.
 
-    A piece that finds no place is left out.
+    A piece without a free place is left out.
     """
     found = []
     for kind in room.clutter:
@@ -45,7 +45,7 @@ def lay_out(rng: np.random.Generator, room: RoomConfig, outline: Outline, taken:
 def stand_before(
     rng: np.random.Generator, room: RoomConfig, camera_m: np.ndarray, head_m: float, taken: list[Lane]
 ) -> list[Piece]:
-    """Low pieces on the line of sight from camera_m (3,), which hide legs but not the patient's middle."""
+    """Place low pieces on the line of sight from camera_m (3,); they hide legs but not the patient's middle."""
     found = []
     away_m = float(np.linalg.norm(camera_m[[0, 2]]))
     across = np.array([-camera_m[2], camera_m[0]]) / away_m
@@ -66,7 +66,7 @@ def stand_before(
 
 
 def _draw_place(rng: np.random.Generator, kind: Clutter, piece: Piece, outline: Outline) -> tuple[np.ndarray, float]:
-    """A place (x, z) and a yaw: at a wall with the back to it, or anywhere."""
+    """Draw a place (x, z) and a yaw: at a wall with the back to it, or anywhere."""
     o = outline
     x, z = rng.uniform(o.front_m + 0.3, o.back_m - 0.3), rng.uniform(o.left_m + 0.3, o.right_m - 0.3)
     if kind not in AT_WALLS and rng.random() < 0.7:
@@ -78,7 +78,7 @@ def _draw_place(rng: np.random.Generator, kind: Clutter, piece: Piece, outline: 
 
 
 def _inside(place_m: np.ndarray, piece: Piece, outline: Outline, kind: Clutter) -> bool:
-    """Whether a piece does not stick out of the walls; what stands at a wall may come near to it."""
+    """Return whether a piece does not stick out of the walls; a piece at a wall may come near to it."""
     margin_m = 0.2 if kind in AT_WALLS else 0.7 * piece.radius_m
     o = outline
     x, z = float(place_m[0]), float(place_m[1])

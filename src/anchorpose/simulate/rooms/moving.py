@@ -1,4 +1,4 @@
-"""Furniture that is moved during the recording: pushed by a person, or a door that opens."""
+"""Move furniture during the recording: pushed by a person, or a door that opens."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from anchorpose.simulate.rooms.pieces import Piece, box, piece_of
 from anchorpose.simulate.rooms.walls import Panel
 from anchorpose.simulate.timeline import body_course, ease
 
-STEP_S: Final = 0.05  # between the known places of what is moved
-AHEAD_M: Final = 0.35  # between the body of who pushes and the nearest part of the furniture
-OPENING_S: Final = 1.6  # that a door takes
-BEFORE_S: Final = 3.0  # the first known place is so long before the recording, the last so long after it
+STEP_S: Final = 0.05  # between the known places of moved furniture
+AHEAD_M: Final = 0.35  # between the body of a person who pushes and the nearest part of the furniture
+OPENING_S: Final = 1.6  # duration of a door's opening
+BEFORE_S: Final = 3.0  # margin of the known places before and after the recording
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class Mover:
     yaws: np.ndarray
 
     def figure(self, time_s: float) -> Figure:
-        """The piece at a time, labelled as a part of the room."""
+        """Return the piece at a time, labelled as a part of the room."""
         x, z = (np.interp(time_s, self.times_s, self.places_m[:, axis]) for axis in (0, 1))
         yaw = float(np.interp(time_s, self.times_s, self.yaws))
         points = self.piece.triangles.reshape(-1, 3) @ turns_about(UP, np.array([yaw]))[0].T + np.array([x, 0.0, z])
@@ -40,9 +40,10 @@ class Mover:
 
 
 def pushed(piece: Piece, pusher: Actor, lane: Lane, starts_m: float, seconds: float) -> Mover:
-    """A piece that stands at starts_m along a lane until who walks along the lane reaches and pushes it.
+    """Return a piece that stands at starts_m along a lane until a person walking along the lane reaches and pushes
+    it.
 
-    It faces the way it is pushed, and stays where the pusher turns back.
+    It faces the direction of the push, and stays where the pusher turns back.
     """
     times_s = np.arange(-BEFORE_S, seconds + BEFORE_S, STEP_S)
     start, along = np.array(lane.start_m), np.subtract(lane.end_m, lane.start_m)
@@ -55,7 +56,7 @@ def pushed(piece: Piece, pusher: Actor, lane: Lane, starts_m: float, seconds: fl
 
 
 def opening_door(rng: np.random.Generator, panel: Panel, wall_m: float, at_s: float, seconds: float) -> Mover:
-    """The leaf in a doorway of the wall at x = wall_m, which swings away from the room from at_s on and stays open."""
+    """Return the door of the wall at x = wall_m, which swings away from the room from at_s on and stays open."""
     wide_m, high_m = panel.to_m - panel.from_m, panel.high_m - 0.01
     way = float(rng.choice([-1.0, 1.0]))
     hinge_z = panel.from_m if way > 0.0 else panel.to_m

@@ -1,4 +1,4 @@
-"""The patient of a room, and others: on seats, on their feet, walking through; and a mannequin."""
+"""Draw the patient of a room and other people: on seats, on their feet, walking through; and a mannequin."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ if TYPE_CHECKING:
 SEATED_MOTIONS: Final = ("reach", "arm-raise", "head")
 STANDING_MOTIONS: Final = ("standing", "weight-shift", "trunk", "head", "reach")
 BACK_REST_M: Final = 0.45
-RISING_S: Final = 2.0  # in which a person is shown seated and then upright to what is fitted
+RISING_S: Final = 2.0  # duration in which the fitting sees a person seated and then upright
 
 
 def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Actor | CapturedActor:
-    """The patient at the origin, who does a captured movement or the motions of the configuration."""
+    """Return the patient at the origin, who does a captured movement or the motions of the configuration."""
     if config.movement_file is not None:
         return draw_captured(rng, config, person)
     actor = draw_patient(rng, config, person, None)
@@ -57,7 +57,7 @@ def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person
 
 
 def draw_bystander(rng: np.random.Generator, config: SimulationConfig, seat: Seat | None) -> tuple[Actor, Piece | None]:
-    """Another person at the origin who faces +X and sits (with the seat) or stands."""
+    """Draw another person at the origin who faces +X and sits (with the seat) or stands."""
     motions = STANDING_MOTIONS if seat is None else SEATED_MOTIONS
     alone = replace(
         config, room=None, motions=motions, movement_file=None, movement=None, away_s=(), stool=False, passers_by=0
@@ -70,13 +70,13 @@ def draw_bystander(rng: np.random.Generator, config: SimulationConfig, seat: Sea
 
 
 def seated(actor: Actor) -> Actor:
-    """The same person, seated from first to last."""
+    """Return the same person, seated from first to last."""
     sits = Movement(seated_offsets(actor.person), LONG_AGO_S, 1.0, 1e4, 1.0)
     return replace(actor, movements=[sits, *actor.movements])
 
 
 def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, seat: Seat) -> Piece:
-    """A stool, chair or wheelchair fitted under a person at the origin who sits at times."""
+    """Return a stool, chair or wheelchair fitted under a person at the origin who sits at times."""
     wheels = seat == "wheelchair"
     fitting = replace(config, room=None, equipment="wheelchair" if wheels else "none", stool=not wheels, away_s=())
     fitting = replace(fitting, seconds=max(config.seconds, RISING_S))
@@ -89,7 +89,7 @@ def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor
 
 
 def _rising(patient: Actor | CapturedActor) -> Actor | CapturedActor:
-    """Somebody who rises from the seat in the first second: a wheelchair is fitted to legs that stand before it too."""
+    """Return a person who rises from the seat in the first second: a wheelchair is fitted to the standing legs, too."""
     if isinstance(patient, CapturedActor):
         return patient
     rises = Movement(seated_offsets(patient.person), LONG_AGO_S, 1.0, -LONG_AGO_S - 0.7, 0.5)
@@ -99,7 +99,7 @@ def _rising(patient: Actor | CapturedActor) -> Actor | CapturedActor:
 def _back_rest(
     config: SimulationConfig, patient: Actor | CapturedActor, parts: tuple[EquipmentPart, ...]
 ) -> list[EquipmentPart]:
-    """A board behind the trunk of a person who sits on a stool, and its posts."""
+    """Return a board behind the trunk of a person who sits on a stool, and its posts."""
     times_s = np.arange(0.0, config.seconds, 0.25)
     sweep = sweep_of(patient.person, patient.bones(times_s))
     (seat,) = (part.triangles()[0] for part in parts if part.name == "seat")
@@ -114,7 +114,7 @@ def _back_rest(
 
 
 def moved_actor(actor: Actor, place_m: np.ndarray, yaw: float) -> Actor:
-    """Somebody at the origin who faces +X, put at a place (x, z) and turned to the left."""
+    """Move a person from the origin, facing +X, to a place (x, z), and turn them to the left."""
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     feet = actor.footwork
     steps = tuple(
@@ -125,14 +125,16 @@ def moved_actor(actor: Actor, place_m: np.ndarray, yaw: float) -> Actor:
 
 
 def over_origin(patient: Actor, seat: Piece | None, share: float) -> tuple[Actor, Piece | None]:
-    """Somebody and the seat moved ahead by a share of how far back a seated pelvis is; 1: it is over the origin."""
+    """Move a person and the seat ahead by a share of the offset of a seated pelvis; 1: the pelvis is over the
+    origin.
+    """
     ahead_m = -share * dict(seated_offsets(patient.person))["pelvis_forward"]
     place = np.array([ahead_m, 0.0])
     return moved_actor(patient, place, 0.0), None if seat is None else seat.placed(place, 0.0)
 
 
 def walks_in(actor: Actor, from_m: np.ndarray, start_s: float) -> Actor:
-    """The patient, who comes from a place (x, z) from start_s on and does nothing else on the way."""
+    """Let the patient come from a place (x, z) from start_s on, doing nothing else on the way."""
     places, yaws = final_stance(actor.footwork)
     home, facing = places.mean(axis=0), float(yaws.mean())
     standing = stand(from_m, yaw_towards(from_m, home), STANCE_M)
@@ -142,7 +144,7 @@ def walks_in(actor: Actor, from_m: np.ndarray, start_s: float) -> Actor:
 
 
 def draw_walker(rng: np.random.Generator, config: SimulationConfig, lane: Lane, at_s: float) -> Actor:
-    """Somebody who walks along a lane and is in its middle at a time."""
+    """Draw a person who walks along a lane and is in its middle at a time."""
     person = draw_person(rng, config.clothing_m)
     start, goal = np.array(lane.start_m), np.array(lane.end_m)
     facing = yaw_towards(start, goal)
@@ -152,7 +154,9 @@ def draw_walker(rng: np.random.Generator, config: SimulationConfig, lane: Lane, 
 
 
 def draw_pusher(rng: np.random.Generator, config: SimulationConfig, lane: Lane, arrive_s: float) -> Actor:
-    """Somebody who walks along a lane with the hands before the body until arrive_s, turns and leaves the same way."""
+    """Draw a person who walks along a lane with the hands before the body until arrive_s, turns and leaves the same
+    way.
+    """
     person = draw_person(rng, config.clothing_m)
     start, goal = np.array(lane.start_m), np.array(lane.end_m)
     facing = yaw_towards(start, goal)
@@ -167,7 +171,7 @@ def draw_pusher(rng: np.random.Generator, config: SimulationConfig, lane: Lane, 
 
 
 def draw_mannequin(rng: np.random.Generator, config: SimulationConfig) -> np.ndarray:
-    """(n, 3, 3) a dressed figure at the origin that faces +X, in one posture for ever."""
+    """Return triangles (n, 3, 3) of a dressed figure at the origin that faces +X, in one unchanging posture."""
     person = draw_person(rng, config.clothing_m)
     base = resting_channels(person, in_frame=False)
     for channel, low, high in (("shoulder_flex", -0.2, 1.2), ("shoulder_abduct", 0.1, 0.8), ("elbow", 0.1, 1.4)):
@@ -179,7 +183,7 @@ def draw_mannequin(rng: np.random.Generator, config: SimulationConfig) -> np.nda
 
 
 def turned(triangles: np.ndarray, yaw: float) -> np.ndarray:
-    """(..., 3) points turned to the left about the Y axis."""
+    """Return points (..., 3) turned to the left about the Y axis."""
     return np.asarray(triangles @ turns_about(UP, np.array([yaw]))[0].T)
 
 

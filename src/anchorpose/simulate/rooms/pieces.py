@@ -1,4 +1,4 @@
-"""Furniture made of boxes, cylinders and free meshes; each piece stands on the floor around its own origin."""
+"""Build furniture of boxes, cylinders and free meshes; each piece stands on the floor around its own origin."""
 
 from __future__ import annotations
 
@@ -19,23 +19,25 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """Triangles (n, 3, 3) metres, y up, the floor at 0, front towards +X; shiny (n,) bool: bare metal."""
+    """A piece of furniture. Triangles (n, 3, 3), metres, y up, the floor at 0, front towards +X; shiny (n,) bool: bare
+    metal.
+    """
 
     triangles: np.ndarray
     shiny: np.ndarray
 
     @property
     def radius_m(self) -> float:
-        """Of the circle around the origin that it needs on the floor."""
+        """Return the radius of the circle around the origin that the piece needs on the floor."""
         return float(np.linalg.norm(self.triangles[..., [0, 2]], axis=-1).max())
 
     @property
     def height_m(self) -> float:
-        """Of its top."""
+        """Return the height of the top."""
         return float(self.triangles[..., 1].max())
 
     def placed(self, place_m: np.ndarray, yaw: float) -> Piece:
-        """Turned to the left by ``yaw`` and moved to a place (x, z)."""
+        """Return the piece turned to the left by ``yaw`` and moved to a place (x, z)."""
         turned = self.triangles @ turns_about(UP, np.array([yaw]))[0].T
         return Piece(turned + np.array([place_m[0], 0.0, place_m[1]]), self.shiny)
 
@@ -43,7 +45,7 @@ class Piece:
 def piece_of(
     parts: Iterable[EquipmentPart], metal: Iterable[EquipmentPart] = (), sheets: np.ndarray | None = None
 ) -> Piece:
-    """A piece of dull and of bare metal parts, and triangles (n, 3, 3) of cloth, leaves and paper."""
+    """Make a piece of dull and of bare metal parts, and triangles (n, 3, 3) of cloth, leaves and paper."""
     dull, bare = triangles_of(parts), triangles_of(metal)
     cloth = np.zeros((0, 3, 3)) if sheets is None else sheets
     triangles = np.concatenate([dull, cloth, bare])
@@ -51,18 +53,18 @@ def piece_of(
 
 
 def triangles_of(parts: Iterable[EquipmentPart]) -> np.ndarray:
-    """(n, 3, 3) all triangles of some parts."""
+    """Return (n, 3, 3) all triangles of some parts."""
     found = [vertices[faces] for vertices, faces in (part.triangles() for part in parts)]
     return np.concatenate([np.zeros((0, 3, 3)), *found])
 
 
 def box(center_m: Place, size_m: Place, yaw: float = 0.0) -> Box:
-    """A cuboid turned to the left by ``yaw``."""
+    """Return a cuboid turned to the left by ``yaw``."""
     return Box("", np.array(center_m), np.array(size_m), turns_about(UP, np.array([yaw]))[0])
 
 
 def pole(center_m: Place, radius_m: float, length_m: float, axis: np.ndarray = UP) -> Cylinder:
-    """A round tube."""
+    """Return a round tube."""
     return Cylinder("", np.array(center_m), axis, radius_m, length_m)
 
 
@@ -204,4 +206,4 @@ PIECES: Final[dict[Clutter, Callable[[np.random.Generator], Piece]]] = {
     "wheelchair": wheelchair,
 }
 AT_WALLS: Final[tuple[Clutter, ...]] = ("shelf", "cupboard", "bed", "curtain")
-"""What stands with its back to a wall."""
+"""Furniture that stands with its back to a wall."""

@@ -1,4 +1,4 @@
-"""What is drawn for one room: where the camera is, what stands about, who else is there, how the sensor errs."""
+"""Draw the plan of a room: where the camera is, which furniture and people there are, how the sensor errs."""
 
 from __future__ import annotations
 
@@ -32,16 +32,17 @@ Clutter = Literal[
 ]
 
 NEAREST_M, FARTHEST_M = 1.2, 4.5  # camera to patient, along the floor
-FARTHEST_LATE_M: Final = 3.3  # who comes into view farther away is not in place before the recording ends
-RANGE_MARGIN_M: Final = 0.5  # a patient who moves stays within the sensor's range
+# a patient who comes into view farther away would not be in place before the recording ends
+FARTHEST_LATE_M: Final = 3.3
+RANGE_MARGIN_M: Final = 0.5  # a moving patient stays within the sensor's range
 LOWEST_M, HIGHEST_M = 0.5, 2.5
 STEEPEST_RAD: Final = float(np.radians(35.0))
-UPWARD_RAD: Final = float(np.radians(8.0))  # as far up as a camera on a low shelf looks
+UPWARD_RAD: Final = float(np.radians(8.0))  # largest upward tilt, of a camera on a low shelf
 LARGEST_ROLL_RAD: Final = float(np.radians(4.0))
 AIM_RAD: Final = float(np.radians(9.0))  # between the optical axis and the patient's middle, up or down
-CLEARLY_RAD: Final = float(np.radians(3.0))  # beyond the border, where something is cut off
+CLEARLY_RAD: Final = float(np.radians(3.0))  # beyond the border, where a part is cut off
 INSIDE_RAD: Final = float(np.radians(1.5))
-SEATED_SHARE: Final = 0.76  # of the stature: how high the top of the head is on a seat
+SEATED_SHARE: Final = 0.76  # of the stature: height of the top of the head on a seat
 MIDDLE_SHARE: Final = 0.55  # of the head's height: the patient's middle, always in view
 ROOM_SENSORS: Final = ("kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered")
 SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)
@@ -53,7 +54,7 @@ ROOM_FOR_PASSER_M: Final = 2.2  # between camera and patient, for a person to wa
 
 @settings
 class RoomConfig:
-    """One room as it is drawn from a seed; world: the patient stands at the origin and faces +X."""
+    """One room drawn from a seed; world: the patient stands at the origin and faces +X."""
 
     distance_m: Annotated[float, Field(ge=NEAREST_M, le=FARTHEST_M)]
     camera_height_m: Annotated[float, Field(ge=LOWEST_M, le=HIGHEST_M)]
@@ -65,8 +66,8 @@ class RoomConfig:
     seat: Seat = "stool"
     late: bool = False  # the patient walks in after the recording has begun
     clutter: tuple[Clutter, ...] = ()
-    before: tuple[Clutter, ...] = ()  # what stands between the camera and the patient's legs
-    others: tuple[Other, ...] = ()  # people, those who walk through last
+    before: tuple[Clutter, ...] = ()  # furniture between the camera and the patient's legs
+    others: tuple[Other, ...] = ()  # people; those who walk through come last
     moved: Moved = "none"  # a stool or wheelchair is pushed by the last of those who walk through
     opening: Opening = "none"
     mirror: bool = False
@@ -83,17 +84,17 @@ class RoomConfig:
 
     @property
     def pushed(self) -> bool:
-        """Whether a person pushes furniture through the room."""
+        """Return whether a person pushes furniture through the room."""
         return self.moved in ("stool", "wheelchair")
 
 
 def draw_sensor(rng: np.random.Generator) -> str:
-    """Name of the sensor."""
+    """Return the name of the sensor."""
     return str(rng.choice(ROOM_SENSORS, p=SENSOR_CHANCES))
 
 
 def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) -> RoomConfig:
-    """A room for a patient of a given height, seen by a given sensor."""
+    """Draw a room for a patient of a given height, seen by a given sensor."""
     late = bool(rng.random() < 0.2)
     posture: Posture = "stands" if late else rng.choice(POSTURES, p=(0.5, 0.3, 0.2))
     framing: Framing = rng.choice(FRAMINGS, p=(0.45, 0.35, 0.2))
@@ -127,16 +128,19 @@ def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) ->
 
 
 def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float) -> float:
-    """How far a height above the patient's place is from the optical axis, up positive, as a share of half the image.
+    """Return how far a height above the patient's place is from the optical axis, up positive, as a share of half the
+    image.
 
-    place: the camera's distance_m, height_m, tilt_rad. Beyond -1 and 1 it is outside.
+    place: the camera's distance_m, height_m, tilt_rad. Values beyond -1 and 1 are outside.
     """
     distance_m, camera_m, tilt_rad = place
     return float((np.arctan2(height_m - camera_m, distance_m) + tilt_rad) / _half_view_rad(sensor))
 
 
 def framing_of(sensor: str, place: tuple[float, float, float], head_m: float) -> Framing | None:
-    """What the border cuts off a person upright at the patient's place; None: too little or too narrowly seen."""
+    """Return what the border cuts off a person upright at the patient's place; None if too little is seen, or too
+    narrowly.
+    """
     half = _half_view_rad(sensor)
     cut, kept = 1.0 + CLEARLY_RAD / half, 1.0 - INSIDE_RAD / half
     head, middle, feet = (in_image_rad(sensor, place, share * head_m) for share in (1.0, MIDDLE_SHARE, 0.0))
@@ -157,7 +161,7 @@ def _half_view_rad(sensor: str) -> float:
 def _draw_place(
     rng: np.random.Generator, sensor: str, framing: Framing, head_m: float, farthest_m: float
 ) -> tuple[float, float, float]:
-    """The camera's distance_m, height_m and tilt_rad that frame a person so."""
+    """Draw the camera's distance_m, height_m and tilt_rad for this framing of a person."""
     while True:
         distance_m, height_m = rng.uniform(NEAREST_M, farthest_m), rng.uniform(LOWEST_M, HIGHEST_M)
         down = np.arctan2(height_m - MIDDLE_SHARE * head_m, distance_m) + rng.uniform(-AIM_RAD, AIM_RAD)
@@ -168,7 +172,7 @@ def _draw_place(
 
 
 def _draw_others(rng: np.random.Generator, distance_m: float) -> tuple[tuple[Other, ...], Moved]:
-    """Up to three other people, and the furniture that is moved; only a person who walks pushes furniture."""
+    """Draw up to three other people, and the moved furniture; only a person who walks pushes furniture."""
     kinds: tuple[Other, ...] = ("sits", "stands", "passes-behind", "passes-before")
     chances = np.array([0.25, 0.2, 0.2, 0.35 if distance_m >= ROOM_FOR_PASSER_M else 0.0])
     drawn: list[Other] = [

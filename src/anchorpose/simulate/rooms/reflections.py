@@ -1,4 +1,4 @@
-"""What a camera sees of a room without its people: the still room, the room in the mirror, furniture that is moved."""
+"""Render a room without its people: the still room, the room in the mirror, furniture that is moved."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from anchorpose.camera import Camera
 from anchorpose.simulate.render import NOTHING, Figure, TrueImage, draw_figures, first_hits, ray_directions
 from anchorpose.simulate.rooms.walls import Mirror
 
-NEARER_THAN_ALL_M: Final = 1e-3  # a depth before which nothing is drawn
+NEARER_THAN_ALL_M: Final = 1e-3  # a depth in front of which nothing is drawn
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoomPicture:
     """The still room of one camera.
 
-    image: with the still part of what the mirror shows, as far beyond it as it is before it; in_mirror, shiny
-    (height, width) bool: pixels whose ray meets the mirror, or bare metal.
+    image: includes the still part of the mirrored room, as far beyond the mirror as the room is in front; in_mirror,
+    shiny (height, width) bool: pixels whose ray meets the mirror, or bare metal.
     """
 
     camera: Camera
@@ -29,7 +29,7 @@ class RoomPicture:
     shiny: np.ndarray
 
     def with_movers(self, movers: tuple[Figure, ...], people: tuple[Figure, ...]) -> TrueImage:
-        """The room with moved furniture, and with furniture and people in the mirror: all of it labelled as room."""
+        """Return the room with moved furniture, and with furniture and people in the mirror, all labelled as room."""
         image = self.image
         if self.mirror is not None and self.in_mirror.any():
             image = self._with_reflections(self.mirror, (*movers, *people))
@@ -47,7 +47,7 @@ class RoomPicture:
 
 
 def reflected(mirror: Mirror, figure: Figure) -> Figure:
-    """A figure as the mirror shows it, part of the room; faces that are not before the mirror are left out."""
+    """Return a figure as the mirror shows it, part of the room; faces behind the mirror's plane are left out."""
     before = mirror.before_m(figure.skin_m) > 0.0
     kept = before[figure.faces].all(axis=1) if len(figure.faces) else np.zeros(0, dtype=bool)
     faces = figure.faces[kept]
@@ -55,7 +55,7 @@ def reflected(mirror: Mirror, figure: Figure) -> Figure:
 
 
 def take_picture(camera: Camera, triangles: np.ndarray, shiny: np.ndarray, mirror: Mirror | None) -> RoomPicture:
-    """The still room; triangles (n, 3, 3) world metres, shiny (n,) bool."""
+    """Return the still room; triangles (n, 3, 3) world metres, shiny (n,) bool."""
     shape = (camera.height, camera.width)
     directions = ray_directions(camera)
     glass = np.zeros((0, 3, 3)) if mirror is None else mirror.triangles
@@ -83,6 +83,6 @@ def take_picture(camera: Camera, triangles: np.ndarray, shiny: np.ndarray, mirro
 
 
 def _turned_back(mirror: Mirror, directions: np.ndarray) -> np.ndarray:
-    """(n, 3) float32 directions after the mirror: the law of reflection."""
+    """Return directions (n, 3) float32 after the mirror, by the law of reflection."""
     along = directions @ mirror.normal
     return np.asarray(directions - 2.0 * along[:, None] * mirror.normal, dtype=np.float32)

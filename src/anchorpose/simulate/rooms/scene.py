@@ -1,4 +1,4 @@
-"""One room as a whole: camera, walls, furniture, the patient and everybody else, from one seed."""
+"""Draw one room as a whole: camera, walls, furniture, the patient and all other people, from one seed."""
 
 from __future__ import annotations
 
@@ -46,22 +46,22 @@ from anchorpose.simulate.therapist import Therapist
 if TYPE_CHECKING:
     from anchorpose.simulate.config import SimulationConfig
 
-ROOM_KEY: Final = 1002  # random streams of its own, beside those of ``clinic`` and ``config``
+ROOM_KEY: Final = 1002  # separate random streams, beside those of ``clinic`` and ``config``
 STREAMS: Final = ("plan", "patient", "programme", "walls", "people", "furniture", "spoil", "beyond")
 ASKEW_RAD: Final = 0.35  # between the line of sight and the room's long axis
 PERSON_CLEAR_M: Final = 0.5  # around a person who sits or stands
 WALK_CLEAR_M: Final = 0.35
 TRIES: Final = 200
 SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "sits": 1.0}
-"""How far the patient is moved ahead, so as to be where the camera looks: share of how far back a seated pelvis is."""
+"""Share of a seated pelvis' backward offset by which the patient is moved ahead, to be where the camera looks."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoomScene:
-    """Everything in the world frame: the patient at the origin faces +X.
+    """The content of a room in the world frame: the patient at the origin faces +X.
 
-    triangles (n, 3, 3) all that never moves, shiny (n,) bool; people: the patient is not among them, those who walk
-    through are the last.
+    triangles (n, 3, 3): everything that never moves; shiny (n,) bool; people: without the patient, those who walk
+    through last.
     """
 
     camera: Camera
@@ -93,12 +93,12 @@ class _Draft:
 
 
 def room_stream(config: SimulationConfig, name: str) -> np.random.Generator:
-    """A generator for each purpose of a room."""
+    """Return a generator for each purpose of a room."""
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROOM_KEY, STREAMS.index(name))))
 
 
 def draw_scene(config: SimulationConfig, room: RoomConfig) -> RoomScene:
-    """The room of a configuration."""
+    """Return the room of a configuration."""
     person = draw_patient_person(room_stream(config, "patient"), config)
     patient = draw_room_patient(room_stream(config, "programme"), config, person)
     draft = _draw_empty_room(room_stream(config, "walls"), config, room)
@@ -116,7 +116,7 @@ def draw_scene(config: SimulationConfig, room: RoomConfig) -> RoomScene:
 
 
 def room_camera(room: RoomConfig, sensor: str, lens: str | None) -> Camera:
-    """The camera at its place, its optical axis in the vertical plane through the patient."""
+    """Return the camera at its place, its optical axis in the vertical plane through the patient."""
     spec = SENSORS[sensor]
     return Camera(
         name="room",
@@ -129,7 +129,7 @@ def room_camera(room: RoomConfig, sensor: str, lens: str | None) -> Camera:
 
 
 def camera_pose(room: RoomConfig) -> np.ndarray:
-    """T_world_camera (4, 4): tilted down and rolled about its optical axis."""
+    """Return T_world_camera (4, 4), tilted down and rolled about its optical axis."""
     yaw = room.azimuth_rad + np.pi  # towards the patient
     level, right = np.array([np.cos(yaw), 0.0, -np.sin(yaw)]), np.array([np.sin(yaw), 0.0, np.cos(yaw)])
     away = np.cos(room.tilt_rad) * level - np.sin(room.tilt_rad) * UP
@@ -157,7 +157,7 @@ def _draw_empty_room(rng: np.random.Generator, config: SimulationConfig, room: R
 
 
 def _late(rng: np.random.Generator, draft: _Draft, patient: Actor) -> Actor:
-    """The patient walks in from where the camera's view ends, across the line of sight."""
+    """Let the patient walk in from where the camera's view ends, across the line of sight."""
     edge_m = 1.05 * draft.half_view * draft.room.distance_m + 0.5
     way = float(rng.choice([-1.0, 1.0]))
     across = np.array([-draft.camera_m[2], draft.camera_m[0]]) / draft.room.distance_m
@@ -170,7 +170,7 @@ def _late(rng: np.random.Generator, draft: _Draft, patient: Actor) -> Actor:
 
 
 def _add_person(rng: np.random.Generator, draft: _Draft, other: Other, pushes: bool) -> None:
-    """Somebody who sits, stands, walks through or pushes furniture; nobody where there is no place left."""
+    """Add a person who sits, stands, walks through or pushes furniture; none where there is no free place."""
     config = draft.config
     if other in ("sits", "stands"):
         place = _free_place(rng, draft, PERSON_CLEAR_M)
@@ -193,7 +193,7 @@ def _add_person(rng: np.random.Generator, draft: _Draft, other: Other, pushes: b
 
 
 def _add_pusher(rng: np.random.Generator, draft: _Draft, lane: Lane) -> None:
-    """Somebody who pushes furniture from one part of a lane to another, and leaves it there."""
+    """Add a person who pushes furniture from one part of a lane to another, and leaves it there."""
     start, gap = np.array(lane.start_m), np.subtract(lane.end_m, lane.start_m)
     starts, ends = rng.uniform(0.3, 0.42), rng.uniform(0.55, 0.68)
     stop = start + ends * gap
@@ -205,7 +205,7 @@ def _add_pusher(rng: np.random.Generator, draft: _Draft, lane: Lane) -> None:
 
 
 def _walking_lane(rng: np.random.Generator, draft: _Draft, before: bool) -> Lane:
-    """Across the room from corridor to corridor, before or behind the patient."""
+    """Draw a lane across the room from corridor to corridor, before or behind the patient."""
     o, away_m = draft.outline, draft.room.distance_m
     x = -rng.uniform(0.8, away_m - 0.7) if before else rng.uniform(0.85, o.back_m - 0.5)
     way, beyond_m = float(rng.choice([-1.0, 1.0])), CORRIDOR_M - 0.5
@@ -225,7 +225,7 @@ def _add_mannequin(rng: np.random.Generator, draft: _Draft) -> None:
 
 
 def _free_place(rng: np.random.Generator, draft: _Draft, radius_m: float) -> np.ndarray | None:
-    """(2,) a place in the camera's view, which is then taken; None where there is none."""
+    """Return a place (2,) in the camera's view, which is then taken; None where there is none."""
     o, camera = draft.outline, draft.camera_m[[0, 2]]
     axis = -camera / np.linalg.norm(camera)
     for _ in range(TRIES):
@@ -239,7 +239,7 @@ def _free_place(rng: np.random.Generator, draft: _Draft, radius_m: float) -> np.
 
 
 def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
-    """Low pieces before the patient, then clutter, then the door."""
+    """Add low pieces before the patient, then clutter, then the door."""
     room = draft.room
     head_m = person.height_m * (SEATED_SHARE if room.posture != "stands" else 1.0)
     free = draft.taken[3:]  # without the patient's place, the camera's and the line between them
@@ -251,7 +251,7 @@ def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
 
 
 def _finished(draft: _Draft, patient: Actor | CapturedActor, person: Person, seat: Piece | None) -> RoomScene:
-    """The draft in the world frame."""
+    """Return the draft in the world frame."""
     room, config = draft.room, draft.config
     walls = room_triangles(room_stream(config, "beyond"), draft.outline, draft.back, tuple(draft.doorways))
     still = [Piece(walls, np.zeros(len(walls), dtype=bool)), *draft.pieces]

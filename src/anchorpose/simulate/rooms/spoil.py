@@ -1,4 +1,4 @@
-"""What real rooms take from a depth image: black cloth, bare metal, another camera's light."""
+"""Spoil a depth image as real rooms do: black cloth, bare metal, another camera's light."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from anchorpose.simulate.render import PATIENT, TrueImage
 
-BLOB_PX: Final = 2.5  # readings fail in patches
+BLOB_PX: Final = 2.5  # size of the patches in which readings fail
 DARK_LOSS: Final = (0.15, 0.55)  # share of black cloth without a reading
-SHINY_LOSS: Final = (0.3, 0.8)  # of bare metal
+SHINY_LOSS: Final = (0.3, 0.8)  # share of bare metal without a reading
 BURST_CHANCE: Final = 0.15  # of a frame into which another camera shines
 BURST_SHARE: Final = (0.08, 0.35)  # of the pixels of such a frame
 WRONG_SHARE: Final = 0.4  # of the spoilt pixels that have a wrong reading instead of none
@@ -20,7 +20,7 @@ WRONG_M: Final = 0.25  # standard deviation of a wrong reading
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spoil:
-    """What spoils one recording's readings.
+    """The losses of one recording's readings.
 
     dark (b + 1,) bool: body parts of the patient in black cloth, by part number; dark_loss, shiny_loss: share of black
     cloth and of bare metal without a reading; interference: another camera shines into some frames.
@@ -35,7 +35,7 @@ class Spoil:
 def draw_spoil(
     rng: np.random.Generator, bone_names: tuple[str, ...], dark: bool, shiny: bool, interference: bool
 ) -> Spoil:
-    """Black trousers, a black top or both."""
+    """Draw black trousers, a black top or both."""
     wears = [("Leg", "HipJoint", "Hips"), ("Spine", "Back", "Shoulder", "Arm"), ("Leg", "Hips", "Spine", "Back", "Arm")]
     chosen = wears[int(rng.integers(3))]
     parts = np.array([False, *(dark and any(name in bone for name in chosen) for bone in bone_names)])
@@ -46,9 +46,10 @@ def draw_spoil(
 def spoilt_mm(
     rng: np.random.Generator, spoil: Spoil, image: TrueImage, shiny: np.ndarray, reading_mm: np.ndarray
 ) -> np.ndarray:
-    """A reading (height, width) uint16 millimetres without what black cloth and metal swallow, and with bursts.
+    """Return a reading (height, width) uint16 millimetres without the losses by black cloth and metal, and with
+    bursts.
 
-    shiny (height, width) bool: pixels of bare metal where nobody is before it.
+    shiny (height, width) bool: pixels of bare metal that nobody hides.
     """
     dark = (image.label == PATIENT) & spoil.dark[image.part]
     bare = shiny & (image.part == 0)
@@ -62,7 +63,7 @@ def spoilt_mm(
 
 
 def _burst(rng: np.random.Generator, reading_mm: np.ndarray) -> np.ndarray:
-    """One frame with speckle: patches without a reading, or with one that is off by decimetres."""
+    """Return one frame with speckle: patches without a reading, or with one that is off by decimetres."""
     spoilt = _patches(rng, reading_mm.shape, rng.uniform(*BURST_SHARE))
     wrong = rng.random(reading_mm.shape) < WRONG_SHARE
     off_mm = 1000.0 * WRONG_M * rng.standard_normal(reading_mm.shape)
@@ -71,7 +72,7 @@ def _burst(rng: np.random.Generator, reading_mm: np.ndarray) -> np.ndarray:
 
 
 def _patches(rng: np.random.Generator, shape: tuple[int, ...], share: float) -> np.ndarray:
-    """(height, width) bool: patches of a few pixels that cover a share of the image."""
+    """Return (height, width) bool: patches of a few pixels that cover a share of the image."""
     import cv2
 
     noise = cv2.GaussianBlur(rng.standard_normal(shape, dtype=np.float32), (0, 0), BLOB_PX)

@@ -1,4 +1,4 @@
-"""The room itself: floor, walls with windows and doorways, what lies beyond them, and the mirror on a wall."""
+"""Build the room: floor, walls with windows and doorways, the space beyond them, and the mirror on a wall."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from anchorpose.simulate.rooms.plan import RoomConfig
 WALL_M: Final = 2.7
 DOOR_HEIGHT_M: Final = 2.05
 DOOR_WIDTH_M: Final = 0.95
-CORRIDOR_M: Final = 1.3  # beside the room: who walks through comes from there
+CORRIDOR_M: Final = 1.3  # width of the corridors beside the room, from which people walk through
 TRIES: Final = 200
-BEHIND_MIRROR_M: Final = 0.004  # of glass; keeps the wall itself out of the picture
+BEHIND_MIRROR_M: Final = 0.004  # of glass; keeps the wall itself out of the image
 
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """Where the walls are, room frame: X from the camera to the patient, the patient at 0, Z to the right, metres."""
+    """Places of the walls, room frame: X from the camera to the patient, the patient at 0, Z to the right, metres."""
 
     front_m: float
     back_m: float
@@ -39,7 +39,7 @@ class Panel:
     high_m: float
 
     def apart(self, other: Panel) -> bool:
-        """Whether a hand's breadth is between the two along the wall."""
+        """Return whether a hand's breadth is between the two along the wall."""
         return self.to_m + 0.1 < other.from_m or other.to_m + 0.1 < self.from_m
 
 
@@ -52,17 +52,19 @@ class Mirror:
     triangles: np.ndarray
 
     def reflect(self, points_m: np.ndarray) -> np.ndarray:
-        """(..., 3) where the mirror shows points (..., 3)."""
+        """Return the places (..., 3) where the mirror shows points (..., 3)."""
         return np.asarray(points_m - 2.0 * self.before_m(points_m)[..., None] * self.normal)
 
     def before_m(self, points_m: np.ndarray) -> np.ndarray:
-        """(...) how far points (..., 3) are in front of the mirror, negative behind it."""
+        """Return (...) how far points (..., 3) are in front of the mirror, negative behind it."""
         return np.asarray((points_m - self.point_m) @ self.normal)
 
 
 @dataclass(frozen=True, slots=True)
 class BackWall:
-    """What is on the back wall; None: it has none. way_out: an open doorway, or one whose door opens; else a window."""
+    """The back wall's openings and things; None where it has none. way_out: an open doorway, or one whose door opens;
+    else a window.
+    """
 
     opening: Panel | None
     way_out: bool
@@ -71,10 +73,10 @@ class BackWall:
 
 
 def draw_outline(rng: np.random.Generator, room: RoomConfig, range_m: float) -> Outline:
-    """Walls around the camera and the patient, with room for who walks behind the patient.
+    """Draw walls around the camera and the patient, with space for people who walk behind the patient.
 
-    A door that opens is within the sensor's range, and a mirror so near that the mirrored patient is, where the patient
-    and the others leave room for it.
+    A door that opens is within the sensor's range. A mirror is near enough that the mirrored patient is in range, where
+    there is space for it.
     """
     least_m = 1.5 if "passes-behind" in room.others else 0.9
     most_m = least_m + 1.8
@@ -90,7 +92,7 @@ def draw_outline(rng: np.random.Generator, room: RoomConfig, range_m: float) -> 
 
 
 def draw_back_wall(rng: np.random.Generator, room: RoomConfig, outline: Outline, half_view: float) -> BackWall:
-    """Openings, mirror and poster in the part of the back wall that the camera sees; half_view: tangent."""
+    """Draw openings, mirror and poster in the part of the back wall that the camera sees; half_view: tangent."""
     reach_m = 0.75 * half_view * (room.distance_m + outline.back_m)
     seen = (max(outline.left_m + 0.1, -reach_m), min(outline.right_m - 0.1, reach_m))
     taken: list[Panel] = []
@@ -108,7 +110,9 @@ def draw_back_wall(rng: np.random.Generator, room: RoomConfig, outline: Outline,
 
 
 def room_triangles(rng: np.random.Generator, outline: Outline, back: BackWall, lanes: tuple[Lane, ...]) -> np.ndarray:
-    """(n, 3, 3) room frame: floor, ceiling, walls with openings, corridors beside, the farther room behind."""
+    """Return triangles (n, 3, 3), room frame: floor, ceiling, walls with openings, corridors beside, the room
+    behind.
+    """
     o, beside_m = outline, CORRIDOR_M
     corners = {
         "fl": (o.front_m, o.left_m),
@@ -135,7 +139,7 @@ def room_triangles(rng: np.random.Generator, outline: Outline, back: BackWall, l
 
 
 def farther_room(rng: np.random.Generator, opening: Panel, wall_m: float) -> np.ndarray:
-    """(n, 3, 3) a room behind an opening of the wall at x = wall_m."""
+    """Return (n, 3, 3) a room behind an opening of the wall at x = wall_m."""
     deep_m, left_m, right_m = (
         rng.uniform(1.2, 3.5),
         opening.from_m - rng.uniform(0.3, 1.5),
@@ -153,24 +157,26 @@ def farther_room(rng: np.random.Generator, opening: Panel, wall_m: float) -> np.
 
 
 def mirror_on_wall(panel: Panel, wall_m: float) -> Mirror:
-    """The mirror on the back wall at x = wall_m, room frame."""
+    """Return the mirror on the back wall at x = wall_m, room frame."""
     x = wall_m - BEHIND_MIRROR_M
     return Mirror(np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]), panel_triangles(panel, x))
 
 
 def panel_triangles(panel: Panel, x_m: float) -> np.ndarray:
-    """(2, 3, 3) the panel as a board at x."""
+    """Return (2, 3, 3) the panel as a board at x."""
     p = panel
     return _quad([(x_m, p.low_m, p.from_m), (x_m, p.low_m, p.to_m), (x_m, p.high_m, p.to_m), (x_m, p.high_m, p.from_m)])
 
 
 def floor_triangles(x0: float, x1: float, z0: float, z1: float) -> np.ndarray:
-    """(2, 3, 3) of the floor."""
+    """Return (2, 3, 3) of the floor."""
     return _quad([(x0, 0.0, z0), (x1, 0.0, z0), (x1, 0.0, z1), (x0, 0.0, z1)])
 
 
 def wall_triangles(start: tuple[float, float], end: tuple[float, float], holes: list[Panel]) -> np.ndarray:
-    """(n, 3, 3) a wall from (x, z) to (x, z) with rectangular holes, which count along it from its start."""
+    """Return triangles (n, 3, 3) of a wall from (x, z) to (x, z) with rectangular holes, placed along it from its
+    start.
+    """
     a, b = np.array(start), np.array(end)
     long_m = float(np.linalg.norm(b - a))
     cuts = sorted(
@@ -189,7 +195,7 @@ def wall_triangles(start: tuple[float, float], end: tuple[float, float], holes: 
 
 
 def _doorways(lanes: tuple[Lane, ...], outline: Outline, side_m: float) -> list[Panel]:
-    """Where lanes cross the wall at z = side_m, along it from the front."""
+    """Return the doorways where lanes cross the wall at z = side_m, along it from the front."""
     half_m = 0.5 * DOOR_WIDTH_M
     crossings = [x for lane in lanes for x in lane.crossings_m(side_m)]
     return [Panel(x - outline.front_m - half_m, x - outline.front_m + half_m, 0.0, DOOR_HEIGHT_M) for x in crossings]
@@ -206,7 +212,7 @@ def _draw_panel(
     width_m: tuple[float, float],
     height_m: tuple[float, float],
 ) -> Panel | None:
-    """A panel apart from those that are taken, to which it is added; None where there is no room left."""
+    """Draw a panel apart from the taken ones, to which it is added; None where there is no space left."""
     for _ in range(TRIES):
         wide_m = rng.uniform(*width_m)
         if wide_m > seen[1] - seen[0]:
