@@ -16,7 +16,7 @@ from anchorpose.errors import DegenerateGeometry
 FORWARD, UP, RIGHT = np.eye(3)
 """Axes of the body and of the world that it stands in."""
 
-COLLINEAR_RATIO: Final = 1e-3  # of the second singular value to the first; below it points are nearly on a line
+COLLINEAR_RATIO: Final = 1e-3  # ratio of the second singular value to the first; below it points are nearly on a line
 ONE_PLACE_M2: Final = 1e-12  # far above the rounding of coinciding points, far below a spread over millimetres
 
 

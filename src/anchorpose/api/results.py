@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 PATIENT: Final = "patient"
 WITHIN_M: Final = 0.1  # m, limit of ``confidence``: an error that shows in clinical measures and pictures of a pose
-EVEN: Final = 0.01  # of the frame interval: times that differ by less are evenly spaced
+EVEN: Final = 0.01  # share of the frame interval: times that differ by less are evenly spaced
 
 
 class Results:

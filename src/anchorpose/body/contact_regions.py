@@ -57,7 +57,7 @@ REGION_BONES: Final = _all_regions()
 REGIONS: Final = tuple(REGION_BONES)
 
 
-KNEE_RADIUS_M: Final = 0.10  # from the joint's centre: the kneecap and a hand's breadth around the leg
+KNEE_RADIUS_M: Final = 0.10  # m from the joint's centre: the kneecap and a hand's breadth around the leg
 
 
 @cache
@@ -87,7 +87,7 @@ def area_of_point(points: SkinPoints) -> float:
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0 / len(points.vertex))
 
 
-HAND_M: Final = 0.2  # from the finger tips of a hidden hand to the wrist that is seen
+HAND_M: Final = 0.2  # m from the finger tips of a hidden hand to the wrist that is seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)

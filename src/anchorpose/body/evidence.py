@@ -227,7 +227,7 @@ def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarr
 
 
 def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
-    """Return a row for each skin point below the floor height, upwards. Nobody stands deeper than carpets give."""
+    """Return a row for each skin point below the floor height, upwards; feet may sink in as far as a carpet gives."""
     below = np.flatnonzero(posed.points_m[:, 1] < floor_m - _ALLOWED_FLOOR_M)
     target = posed.points_m[below].copy()
     target[:, 1] = floor_m - _ALLOWED_FLOOR_M

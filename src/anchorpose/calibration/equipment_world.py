@@ -34,13 +34,13 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
-LATE_SHARE: Final = 0.34  # of the sampled frames, at the end, in which the equipment is searched again
+LATE_SHARE: Final = 0.34  # share of the sampled frames, at the end, in which the equipment is searched again
 LEAST_FRAMES: Final = 3
 MOVED_SIGMAS: Final = 5.0  # of the pose; a larger movement of the equipment counts as moved
 LEAST_SHIFT_M: Final = 0.008  # m, twice the accuracy required of a calibration
 LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees
-DOUBT_SHARE: Final = 0.2  # of the unhidden equipment seen through; above it the whole floor is searched
-GONE_SHARE: Final = 0.4  # of the unhidden equipment seen through; above it the equipment is gone
+DOUBT_SHARE: Final = 0.2  # share of the unhidden equipment seen through; above it the whole floor is searched
+GONE_SHARE: Final = 0.4  # share of the unhidden equipment seen through; above it the equipment is gone
 REFUTED_M, REFUTED_RAD = 0.10, 0.052  # 3 degrees; poses 3 cm and a degree off, as published, have 7 cm at 2.5 m
 LEAST_PIXELS: Final = 100  # pixels of a frame that must show the equipment or see through it
 

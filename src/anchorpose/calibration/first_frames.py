@@ -133,7 +133,7 @@ MOST_BELOW: Final = 0.1  # points below the floor, as a share of those on it: mi
 # share of the moving points that may lie below: legs beside a table top are a third of a person
 MOST_SUNK: Final = 0.05
 SUNK_M: Final = 0.10  # below the plane: a shoe's height, and the error of a tilted plane
-LEAST_SHARE: Final = 0.02  # of the readings: the direction of a smaller patch is uncertain
+LEAST_SHARE: Final = 0.02  # share of the readings: the direction of a smaller patch is uncertain
 LEAST_EXTENT_M: Final = 0.5  # in its narrower direction, for the same reason
 TRIALS: Final = 300  # trials; with 10 % inliers, three good points are drawn once in 1000; planes here have 20 to 50 %
 SAMPLE: Final = 6000  # readings that vote

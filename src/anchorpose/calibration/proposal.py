@@ -26,8 +26,8 @@ SNAP_WORSE: Final = 1.15  # a snapped part may explain the readings this much wo
 EXPLAINED_M: Final = 0.015  # of a part's surface: the readings that the part explains
 WELL_M: Final = 0.006  # spread of the readings of a part that fits well, so that it need not be turned
 WORST_RESIDUAL_M: Final = 0.012  # spread of a part's readings about it; with more it is neither a bar nor a plate
-MOST_HOLLOW: Final = 0.2  # of the rays through a part's core; more of them pass through a wrongly proposed part
-END_SHARE: Final = 0.15  # of a bar's length at each end, left out of its cross-section
+MOST_HOLLOW: Final = 0.2  # share of the rays through a part's core; more of them pass through a wrongly proposed part
+END_SHARE: Final = 0.15  # share of a bar's length at each end, left out of its cross-section
 RUNNER_M, SEAT_M = 0.15, 0.30  # heights that separate the names of parts
 SAMPLES: Final = 8  # frames that determine the patient's place where no pose is given
 

@@ -148,7 +148,7 @@ def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[n
     return objects, max(int(count), 1)
 
 
-BAR_RADIUS_M: Final = 0.055  # from a bar's middle line to its surface: tubes of 3 cm to pads of 9 cm
+BAR_RADIUS_M: Final = 0.055  # m from a bar's middle line to its surface: tubes of 3 cm to pads of 9 cm
 SURROUNDINGS_M: Final = 0.10  # a bar has nothing beside it up to here, a strip of a plate has
 MOST_BESIDE: Final = 0.5  # readings beside a bar over its own pixels: other bars that start from it
 LEAST_LENGTH_M: Final = 0.15  # shorter pieces are handles, screws and corners

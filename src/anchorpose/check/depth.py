@@ -26,10 +26,10 @@ from anchorpose.isolation.view import View
 
 NOISY_PER_M: Final = 2 * 1.425e-3  # of a Kinect v1, the noisiest common camera: Khoshelham and Elberink 2012
 SOME_GONE, MOST_GONE = 0.40, 0.70  # of the image: 0.05 to 0.35 indoors, where windows and far walls return nothing
-HOLED: Final = 0.15  # of the patient's outline: hair and shoes are less
-BURST: Final = 1.3  # of the usual noise in a single frame: undisturbed cameras stay within 10 % between frames
-GONE: Final = 0.05  # of the image that suddenly has no reading: the shadow of a passing person is less
-OFTEN_BURST: Final = 0.25  # of the frames
+HOLED: Final = 0.15  # share of the patient's outline: hair and shoes are less
+BURST: Final = 1.3  # times the usual noise, in a single frame: undisturbed cameras stay within 10 % between frames
+GONE: Final = 0.05  # share of the image that suddenly has no reading: the shadow of a passing person is less
+OFTEN_BURST: Final = 0.25  # share of the frames
 UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # of the image that gains or loses its reading: 0.03 at edges and people
 SPECK_PX: Final = 7  # holes between two read pixels, in the patient's outline
 LEAST_SAMPLES: Final = 5  # frames, to measure changes between them
@@ -148,7 +148,7 @@ NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0  # depth cameras have 43 (a cropped Real
 OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25  # of the image's size: real lenses are 3 % off; more means another image size
 UNEQUAL: Final = 0.10  # between fx and fy: pixels are square
 BENT_M, STRONGLY_BENT_M = 0.03, 0.08  # floors are flat to 2 cm; a bend of 8 moves feet by as much
-ON_FLOOR_M: Final = 0.12  # from the plane: higher readings are objects on the floor
+ON_FLOOR_M: Final = 0.12  # m from the plane: higher readings are objects on the floor
 RINGS: Final = 6
 LEAST_READINGS: Final = 300  # readings of one ring, for its median
 LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # rooms have right angles; planes of 3 % of the image are measured to 1 degree

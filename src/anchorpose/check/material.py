@@ -94,7 +94,7 @@ BODIES: Final = 8  # frames in which all people get a body, a second each for th
 SHORT: Final = 300  # frames, ten seconds at 30 per second: reading all of them takes little time
 ENOUGH_HZ: Final = 14.5  # for clocks and poses: the guide asks for 15, which recorders just miss
 BORDER_PX: Final = 4  # rows: filters leave the first ones without a reading
-REACH_M: Final = 0.10  # from a rough body to the skin that it represents
+REACH_M: Final = 0.10  # m from a rough body to the skin that it represents
 
 
 @dataclass(frozen=True, slots=True, eq=False)

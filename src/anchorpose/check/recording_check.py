@@ -182,7 +182,7 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
     return OfCamera(floor.camera, max(tilted, uneven), measured, "; ".join(remedies))
 
 
-SELDOM: Final = 0.5  # of the sampled frames
+SELDOM: Final = 0.5  # share of the sampled frames
 CUT_PX: Final = 3  # pixels of the patient at a border: a hand is wider at any distance where it is resolved
 SOMETIMES, MOSTLY = 0.1, 0.5  # of the frames cut off: a raised hand, or always
 NEAR_M, FAR_M = 1.2, 4.0  # nearer, no lens has feet and head in view; farther, a forearm is ten pixels wide

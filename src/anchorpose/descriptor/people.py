@@ -19,7 +19,7 @@ training's generator are nearer than this to their own pelvis.
 """
 
 NEAR_M: Final = 0.2  # around the middle of one person's votes: twice their median error
-STRAY_M: Final = 0.7  # from every pelvis; a vote beyond it belongs to nobody
+STRAY_M: Final = 0.7  # m from every pelvis; a vote beyond it belongs to nobody
 
 MOST_VOTES: Final = 4000  # votes that are counted; three cameras give 20,000
 

@@ -63,8 +63,8 @@ AT_PREDICTION: Final = 3.5  # largest cost at the predicted place, so that an en
 CLEAR: Final = 2.0  # tolerances; beyond them nothing is named away from its prediction
 FARTHEST_OFF: Final = 3.0  # limit of each measure: one crossed arm or one wrong path counts no more
 HEADLESS: Final = 1.5  # added for hands and feet where no head is found to measure from
-ENTRY: Final = 0.20  # of the height, from the centre: shoulders, neck and groin, where a path enters the trunk
-STEP: Final = 0.05  # of the height, between the compared places of a path
+ENTRY: Final = 0.20  # share of the height, from the centre: shoulders, neck and groin, where a path enters the trunk
+STEP: Final = 0.05  # share of the height, between the compared places of a path
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -60,9 +60,9 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
 
 
 OWN_SHARE: Final = 0.5  # share of a person's pixels on the expected skin from which on the person is the patient
-OFF_SKIN_M: Final = 0.2  # from the expected skin: an arm moves as far between two frames without a fit
+OFF_SKIN_M: Final = 0.2  # m from the expected skin: an arm moves as far between two frames without a fit
 PART_CONTACT_M: Final = 0.05  # a wrist's width, over which a part of the patient is connected to the rest
-ON_SKIN_M: Final = 0.05  # from the patient's expected skin: its spacing, clothes, and its movement
+ON_SKIN_M: Final = 0.05  # m from the patient's expected skin: its spacing, clothes, and its movement
 LAST_LABEL: Final = 254
 
 

@@ -32,7 +32,7 @@ SMALLEST_PIECE_M2: Final = 0.0005  # m2; a piece smaller than a fingertip is not
 FEET_M: Final = 0.3  # m above the lowest pixel: an ankle's height, and what is lost with a removed floor
 LEAST_M2: Final = 0.15  # m2; a smaller patch of a body, cut out by bars, may be flat
 FLATTEST: Final = 0.025  # deviation from a plane over the width; trunks bulge by 5 %
-LEAST_FILLED: Final = 0.85  # share of the smallest enclosing rectangle; a trunk with thighs fills less
+LEAST_FILLED: Final = 0.85  # share of its enclosing rectangle that a board fills; a trunk with thighs fills less
 SAMPLE: Final = 500  # points of a piece that are tested
 
 
@@ -187,8 +187,7 @@ def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: floa
 
 
 def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return (height, width) bool: pixels without reading that were certainly removed as room, so that nobody is
-    there.
+    """Return (height, width) bool: nobody is there, as pixels without reading were certainly removed with the room.
 
     Recorders that remove the room remove feet with the floor, so pixels near the lowest one are uncertain.
     """

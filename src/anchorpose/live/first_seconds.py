@@ -35,7 +35,7 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.start import with_best_initial_frame
 
 FIRST_WAIT_S: Final = 10.0  # for the first image of a source
-NEARLY_AS_GOOD: Final = 0.5  # of the best score: a later initial frame saves waiting
+NEARLY_AS_GOOD: Final = 0.5  # share of the best score: a later initial frame saves waiting
 
 Say = Callable[[str], None]
 

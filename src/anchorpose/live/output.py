@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pythonosc.osc_bundle_builder import OscBundleBuilder
 
 
-TOP: Final = 0.98  # of the heights of a person's skin: a flying pixel is not the head
+TOP: Final = 0.98  # quantile of the heights of a person's skin: a flying pixel is not the head
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from anchorpose.recording.equipment import EquipmentModel, EquipmentPart
 COLOUR_STRENGTH: Final = 0.7
 """Share of the colour in a tinted pixel; the rest is grey, so that shape stays visible."""
 
-HATCH_PX: Final = 14  # from stripe to stripe
+HATCH_PX: Final = 14  # px from stripe to stripe
 ARROW_TIP: Final = 0.35
 
 

@@ -32,12 +32,12 @@ FARTHEST_M: Final = 20.0
 
 SATURATED: Final = np.iinfo(np.uint16).max  # the largest value of the file is a code, not a distance
 ROWS: Final = 128  # rows that are examined, evenly spaced: surfaces are many rows high
-LEAST_READ: Final = 0.001  # of the pixels; a distant person alone fills 0.03 of them
+LEAST_READ: Final = 0.001  # share of the pixels; a distant person alone fills 0.03 of them
 ENOUGH: Final = 4000  # readings; in fewer, chance may look like anything, and a drawing like a clipped image
-MOST_ALIKE: Final = 0.98  # of the readings with one value; a whole body on a coarse scale has 0.3
-LEAST_BESIDE: Final = 0.5  # of the readings with a neighbour in the row; real images have 0.93 and more
-JUMP: Final = 0.1  # of the distance: more than any surface not seen edge-on changes between pixels
-MOST_JUMPS: Final = 0.25  # of neighbouring readings; at most 0.03 in real images of cluttered rooms
+MOST_ALIKE: Final = 0.98  # share of the readings with one value; a whole body on a coarse scale has 0.3
+LEAST_BESIDE: Final = 0.5  # share of the readings with a neighbour in the row; real images have 0.93 and more
+JUMP: Final = 0.1  # share of the distance: more than any surface not seen edge-on changes between pixels
+MOST_JUMPS: Final = 0.25  # share of neighbouring readings; at most 0.03 in real images of cluttered rooms
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -277,9 +277,9 @@ USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
 
 LONGER_SHARE: Final = 0.6  # of the steps: if every third frame is lost, half of the steps are one period and half two
 SHORTER: Final = 0.75  # of such a step: a period is at most 0.5 of it, and 25 and 30 Hz differ by a factor of 0.83
-LEAST_SHORT: Final = 0.1  # of the steps must be one period; fewer are time stamps that come too early
-OFF_BEAT: Final = 0.25  # of a period, between a step and the nearest whole number of periods
-LEAST_ON_BEAT: Final = 0.8  # of the steps must be whole numbers of periods
+LEAST_SHORT: Final = 0.1  # share of the steps that must be one period; fewer are time stamps that come too early
+OFF_BEAT: Final = 0.25  # share of a period, between a step and the nearest whole number of periods
+LEAST_ON_BEAT: Final = 0.8  # share of the steps that must be whole numbers of periods
 
 
 def nominal_period_s(stream: DepthStream) -> float:

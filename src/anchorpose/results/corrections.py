@@ -235,7 +235,7 @@ class Corrections:
 
 
 def now_utc() -> str:
-    """Return the time for ``when``, to the second."""
+    """Return the present time in UTC, to the second, for the field ``when``."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 

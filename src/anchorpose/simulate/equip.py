@@ -30,7 +30,7 @@ from anchorpose.simulate.timeline import Movement, ball_ahead_m, stand, standing
 SWEEP_HZ = 5.0
 STOOL_HALF_M = 0.20  # half a stool and a margin: the legs of a standing patient are in front of it
 CEILING_M = 2.65
-BELOW_NECK_M = 0.15  # from the joint between the shoulders down to the middle of the sternum
+BELOW_NECK_M = 0.15  # m from the joint between the shoulders down to the middle of the sternum
 HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that hands hold
 
 

@@ -33,7 +33,7 @@ from anchorpose.simulate.timeline import (
 FARTHEST_FORWARD_M = 0.3  # of the feet: from there steps lead back
 SWAY_M = 0.005  # amplitude of each wave of the sway
 TREMOR_RAD = 0.004
-PALM_ABOVE_BONE_M = 0.018  # from the hand's bone to the skin of the palm
+PALM_ABOVE_BONE_M = 0.018  # m from the hand's bone to the skin of the palm
 GRIP_TILT_RAD = 0.5
 WRIST_TO_GRIP_M = 0.06  # the ball of the hand lies on the rail
 SIT_CHANCE = 0.4  # probability that a mixed programme with a stool begins or ends on it

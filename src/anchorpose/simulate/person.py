@@ -31,11 +31,11 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.rigged_body import read_rigged_body
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
-COEFFICIENT_SPREAD = 0.8  # of the shape space's standard deviations; below 1, since all sixteen vary at once
+COEFFICIENT_SPREAD = 0.8  # share of the shape space's standard deviations; below 1, since all sixteen vary at once
 BUMPS = 14
 FOLDS = 7
 CHILD_HEIGHTS_M = (1.0, 1.5)
-CHILD_SPREAD = 0.9  # of the asset's covariance of children
+CHILD_SPREAD = 0.9  # share of the asset's covariance of children
 LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # times the drawn height of folds
 BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of the names of undressed bones
 

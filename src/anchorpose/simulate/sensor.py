@@ -156,7 +156,7 @@ EDGE_LOSS = 0.08  # probability that an edge pixel has no reading
 GRAZING_COSINE = 0.10  # beyond 84 degrees of incidence there is no reading
 BLOB_PX = 2.2  # standard deviation of the matching window
 SPECKLE_DEVIATIONS = 2.7  # matching fails where its noise field is beyond this
-JOINED_M = 0.1  # of depth: ARKit smooths it as one surface unless the colour image shows an edge
+JOINED_M = 0.1  # a smaller step of depth is smoothed by ARKit, unless the colour image shows an edge
 
 
 def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:

@@ -47,7 +47,7 @@ from anchorpose.sources.source import (
 
 VIDEO: Final = (1920, 1440)  # of ARKit's camera on these devices; checked by the principal point
 
-OFF_CENTRE: Final = 0.1  # of the width: real lenses are within 0.02
+OFF_CENTRE: Final = 0.1  # share of the width: real lenses are within 0.02
 
 LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 per second has 30 MB
 _DAMAGE: Final = (

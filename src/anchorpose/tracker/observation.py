@@ -109,7 +109,7 @@ class AnchorDistances:
 class Observation:
     """One frame after the stages up to geodesics.
 
-    surface: the seen part of the patient's; whole: with hidden skin, which is inferred. expected: where the patient was
+    surface: the seen skin of the patient; whole: with hidden skin, which is inferred. expected: where the patient was
     expected, None in a frame without expectation. border (n,) uint8 of ``Border``: what bounds the surface at each seen
     node.
     """

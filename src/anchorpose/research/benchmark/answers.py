@@ -148,7 +148,7 @@ def _refuse(path: Path, wrong: np.ndarray, problem: str, remedy: str) -> None:
 
 
 def _repeated(*keys: np.ndarray) -> np.ndarray:
-    """Return (rows,) bool: an earlier row has the same keys."""
+    """Return (rows,) bool: true where an earlier row has the same keys."""
     one = np.zeros(len(keys[0]), np.int64)
     for key in keys:
         one = np.unique(one, return_inverse=True)[1] * (key.max(initial=0) + 1) + key

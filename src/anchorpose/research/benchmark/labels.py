@@ -19,7 +19,7 @@ IN_FRONT_M, BEHIND_M = 0.10, 0.35  # limits, relative to that skin, of a joint b
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
 """Joints that are invisible under clothes: labellers placed them by proportion, up to 12 cm apart."""
-DEEP_M: Final = 0.10  # from the skin of a trunk to its axis
+DEEP_M: Final = 0.10  # m from the skin of a trunk to its axis
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,7 +139,7 @@ LONG_S: Final = 600.0  # a longer run is worth some minutes for an estimate of t
 def _costs(
     spec: PlanSpec, clips: Sequence[Clip], trainers: Sequence[Clip], processes: int, report: Callable[[str], None]
 ) -> Costs:
-    """What the tasks cost: measured on this machine where much is left to do."""
+    """Return the costs of the tasks, measured on this machine where much is left to do."""
     usual, measured = usual_costs(load_methods(spec.config.methods), spec.config), [*clips, *trainers]
     left_s = Part(spec, tuple(clips), usual).left_s()
     if left_s / processes < LONG_S:

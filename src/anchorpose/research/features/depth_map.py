@@ -17,7 +17,7 @@ HALF_SPREAD = 0.5  # sigma of the weights for the angle, as a share of the windo
 CELLS: Final = 4  # cells per side
 ORIENTATIONS: Final = 8
 WIDTH: Final = CELLS * CELLS * ORIENTATIONS
-CLIP: Final = 0.2  # of the unit length: no single edge may outweigh the rest
+CLIP: Final = 0.2  # share of the unit length: no single edge may outweigh the rest
 
 
 @njit(cache=True, error_model="numpy")

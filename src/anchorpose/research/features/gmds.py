@@ -67,7 +67,7 @@ class GmdsConfig:
     finalists: Count = 3  # of these that are refined to nodes
     cap_m: Positive = 0.15  # of a change: if a hand starts or stops touching the body, all distances to it change
     sweeps: Count = 10  # over all samples, at most; usually they settle after four
-    min_piece: Share = 0.03  # of the nodes: a forearm; smaller pieces have no shape that could be recognised
+    min_piece: Share = 0.03  # share of the nodes: a forearm; smaller pieces have no shape that could be recognised
     max_branches: Count = 300_000  # a tenth of a second
 
     def __post_init__(self) -> None:

@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
-MIN_SLACK: Final = 1e-5  # of the mean edge: two sides of every triangle exceed the third by at least this
+MIN_SLACK: Final = 1e-5  # share of the mean edge: two sides of every triangle exceed the third by at least this
 FLIPS_PER_EDGE: Final = 50  # far more than any mesh needs: flips end by themselves, except for rounding
 TOLERANCE: Final = 1e-9  # of a cotangent
 

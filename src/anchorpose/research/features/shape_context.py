@@ -28,7 +28,7 @@ class ShapeContextConfig:
 
     radius_m: Positive = 0.20  # a limb with its edges: nearer, the body is a smooth sheet everywhere
     innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1  # of the radius: end of the first shell, which begins at 0
-    density: Positive = 0.2  # of the radius: within it a point's neighbours share its weight
+    density: Positive = 0.2  # share of the radius: within it a point's neighbours share its weight
     azimuths: Count = 12  # these three as in PCL, and in the paper's own experiments
     elevations: Count = 11
     shells: Count = 15

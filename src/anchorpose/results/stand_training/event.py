@@ -38,7 +38,7 @@ class EventConfig:
 
     # A knee that takes over the load in walking bends by about 15 degrees, from 5 to 20.
     buckle_deg: Annotated[float, Field(gt=0, lt=90)] = 20.0
-    fast_s: Positive = 0.4  # the flexion by buckle_deg takes at most so long
+    fast_s: Positive = 0.4  # the flexion by buckle_deg takes at most this time
     lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # over the other knee, so that a squat is not a buckle
     failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3  # of the way from the seat to a straight leg: about 12 cm
     beyond_m: Positive = 0.05  # of the feet, by the extrapolated centre of mass: errors of the feet's outline

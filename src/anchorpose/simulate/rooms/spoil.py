@@ -12,9 +12,9 @@ from anchorpose.simulate.render import PATIENT, TrueImage
 BLOB_PX: Final = 2.5  # size of the patches in which readings fail
 DARK_LOSS: Final = (0.15, 0.55)  # share of black cloth without a reading
 SHINY_LOSS: Final = (0.3, 0.8)  # share of bare metal without a reading
-BURST_CHANCE: Final = 0.15  # of a frame into which another camera shines
-BURST_SHARE: Final = (0.08, 0.35)  # of the pixels of such a frame
-WRONG_SHARE: Final = 0.4  # of the spoilt pixels that have a wrong reading instead of none
+BURST_CHANCE: Final = 0.15  # chance of a frame into which another camera shines
+BURST_SHARE: Final = (0.08, 0.35)  # share of the pixels of such a frame
+WRONG_SHARE: Final = 0.4  # share of the spoilt pixels that have a wrong reading instead of none
 WRONG_M: Final = 0.25  # standard deviation of a wrong reading
 
 

@@ -32,7 +32,7 @@ FORM_NAMES = {
     Form.MATCHES: "matches alone",
     Form.MATCHES_ALL: "matches alone, nothing rejected",
 }
-WITHIN_MM = 50.0  # of its true place a match is good: the paper's bound on an anchor's error
+WITHIN_MM = 50.0  # a match nearer to its true place is good: the paper's bound on an anchor's error
 
 Take = Callable[[Matched], np.ndarray]
 
