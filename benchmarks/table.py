@@ -62,12 +62,16 @@ def columns_of(rows: Mapping[str, Measured], known: Sequence[Column]) -> Sequenc
     if not names or not {column.name for column in COLUMNS}.isdisjoint(names):
         return known
     own = {column.name: column for column in PAIRED}
-    return tuple(own.get(name) or _column(name) for name in names if name not in OTHERWISE_SHOWN)
+    return tuple(own.get(name) or _column(name, rows) for name in names if name not in OTHERWISE_SHOWN)
 
 
-def _column(name: str) -> Column:
+def _column(name: str, rows: Mapping[str, Measured]) -> Column:
+    """Return the column of a probe's score: counts and whole percentages without decimals."""
+    values = np.concatenate([known_values(name, measured) for measured in rows.values()])
+    whole = values.max(initial=0.0) > 1.0 and bool((values == values.round()).all())
+    digits = 0 if whole else 1 if name.endswith(("_mm", "_percent")) else 2
     worst = np.max if name.endswith(WORSE_IF_LARGER) else None
-    return Column(name, name.replace("_", " "), digits=1 if name.endswith("_mm") else 2, worst=worst)
+    return Column(name, name.replace("_percent", " %").replace("_", " "), digits=digits, worst=worst)
 
 
 def table(rows: Mapping[str, Measured], names: Sequence[str] = ()) -> str:
@@ -88,7 +92,7 @@ def _named(name: str, rows: Mapping[str, Measured]) -> Column | Remark:
     remark = next((one for one in REMARKS if one.name == name), None)
     if not any(remark.words(of) if remark else any(name in one for one in of) for of in rows.values()):
         raise KeyError(f"no {name} was measured")
-    return remark or next((one for one in PAIRED if one.name == name), None) or _column(name)
+    return remark or next((one for one in PAIRED if one.name == name), None) or _column(name, rows)
 
 
 def differences(now: Mapping[str, Measured], before: Mapping[str, Measured], title: str) -> str:

@@ -51,7 +51,7 @@ def measure(scene: Scene) -> Iterator[Row]:
             counts[title] += [1, len(plain), len(set(owners) & set(plain)), owners.count(None)]
     for title, (images, plain, hit, wrong) in counts.items():
         yield (
-            f", {title}",
+            title,
             {
                 "images": float(images),
                 "people": float(plain),

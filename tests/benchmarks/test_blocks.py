@@ -162,6 +162,13 @@ def test_a_column_that_no_recording_has_is_refused():
             table(ROWS_MEASURED, [name])
 
 
+def test_counts_have_no_decimals_and_percentages_one():
+    rows = {"a": [{"images": 19.0, "found_percent": 97.36, "certainty": 0.5, "lag_ms": 1.25}]}
+    text = table(rows, ["images", "found_percent", "certainty", "lag_ms"]).splitlines()
+    assert text[0] == "| scene | recordings | images | found % | certainty | lag ms |"
+    assert text[2] == "| a | 1 | 19 | 97.4 | 0.50 | 1.25 |"
+
+
 def test_every_headline_has_its_row_in_its_suite():
     for one in ROWS:
         rows = {case.row for case in cases_of([one.wanted.name], one.wanted.use, False)[one.wanted.name]}
