@@ -54,10 +54,10 @@ _SPELLINGS: Final = {"µs": "us", "μs": "us", "µA": "uA", "μA": "uA", "µC": 
 RESERVED: Final = frozenset(
     (
         *("trial", "condition", "onset_s", "duration_s", "start_s", "end_s", "measure", "side", "part", "person"),
-        *("value", "unit", "sigma", "frames", "inferred_share", "why"),
+        *("value", "unit", "sigma", "frames", "inferred_share", "why", "state"),
     )
 )
-"""Columns that the results have beside the user's own."""
+"""Columns that the results and their exports have beside the user's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,15 +93,20 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """All trials of a recording in the order of the file, at least one."""
+    """All trials of a recording in the order of the file, at least one.
+
+    reference: the condition that others are compared with; None for that of the first trial.
+    """
 
     columns: tuple[TrialColumn, ...]
     rows: tuple[Trial, ...]
+    reference: str | None = None
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Each condition once, in the order in which they first stand in the file; the first is the reference."""
-        return tuple(dict.fromkeys(trial.condition for trial in self.rows))
+        """Each condition once: the reference, then the others in the order in which they first stand in the file."""
+        named = () if self.reference is None else (self.reference,)
+        return tuple(dict.fromkeys((*named, *(trial.condition for trial in self.rows))))
 
     def column(self, name: str) -> tuple[float | str | None, ...]:
         """The cells of a column; raises ValueError where there is none of that name."""
