@@ -202,16 +202,16 @@ def test_the_timeline_shows_when_each_condition_was_given(folder, page):
 
 
 def test_the_reference_can_be_chosen_and_turns_the_differences_round(folder, page):
-    turned = PageReader(write_report(folder, reference="on"))
-    assert "Differences are to on, which was chosen as the reference." in turned.text
-    assert "Differences are to off, which stands first in the events file." in page.text
+    path = write_report(folder, reference="on")
+    turned = PageReader(path)
+    assert "Differences are to on, which was chosen as the reference." in path.read_text(encoding="utf-8")
     before, after = (table_of(each)["knee flexion while upright, mean, left"] for each in (page, turned))
     assert list(after) == ["on", "off"]
     assert after["on"][2] == before["off"][2] == "reference"
     assert numbers(after["off"][2])[0] == -numbers(before["on"][2])[0]
     assert after["off"][3] == before["on"][3]
     assert [after[name][1] for name in ("on", "off")] == [before[name][1] for name in ("on", "off")]
-    write_report(folder)
+    assert "off, which stands first in the events file" in write_report(folder).read_text(encoding="utf-8")
 
 
 def test_a_reference_that_is_no_condition_is_refused_with_all_conditions(folder, tmp_path, refusal):
@@ -237,3 +237,16 @@ def test_scores_of_blinded_raters_are_a_measure_of_the_conditions(tmp_path):
     write_scores(tmp_path / "r.rating_CD.tsv", "CD", better, "another")
     with pytest.raises(InputError, match="scores of another session"):
         write_report(folder)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("width", [390, 1280])
+def test_what_a_difference_shows_can_be_read_without_scrolling_aside(folder, chromium, width):
+    context = chromium.new_context(viewport={"width": width, "height": 800})
+    opened = context.new_page()
+    opened.goto(write_report(folder).as_uri())
+    boxes = [box.bounding_box() for box in opened.locator("#conditions .change").all()]
+    assert boxes
+    assert all(box["x"] >= 0 and box["x"] + box["width"] <= width for box in boxes)
+    assert opened.evaluate("document.documentElement.scrollWidth") <= width
+    context.close()
