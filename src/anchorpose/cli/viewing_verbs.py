@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from anchorpose.cli.console import say
 from anchorpose.cli.settings_file import SettingsFile, tracking_settings
-from anchorpose.errors import InputError
+from anchorpose.errors import AnchorposeError
 from anchorpose.options import LARGEST_PORT, MOST_FRAMES, OUTPUT, SIGNED, whole
 
 if TYPE_CHECKING:
@@ -66,6 +66,15 @@ class ViewOptions(PageOptions):
     rater: str = ""
     """With --rate: your initials, 1 to 8 letters; each rater has a file of their own."""
 
+    def require_rater(self, results: Path) -> None:
+        """Raise where --rate has no initials, or initials no --rate."""
+        from anchorpose.viewer.rating import require_initials
+
+        if self.rate:
+            require_initials(results, self.rater)
+        elif self.rater:
+            raise AnchorposeError("--rater belongs to the page for raters; add --rate.")
+
 
 def view(
     results: Path,
@@ -95,10 +104,7 @@ def view(
     from anchorpose.viewer.server import open_viewer
 
     given = options or ViewOptions()
-    if given.rater and not given.rate:
-        raise InputError(
-            results, "is to be shown with the conditions of its trials", "add --rate, or leave out --rater"
-        )
+    given.require_rater(results)
     recording = None if recording is None else as_recording(recording, OnConsole())
     if given.rate:
         _rate(results, recording, given)

@@ -71,7 +71,7 @@ def parse_initials(text: str) -> str:
     """The rater's initials in capitals; raises ValueError unless they are 1 to 8 letters."""
     initials = text.strip().upper()
     if not (initials.isalpha() and len(initials) <= MOST_INITIALS):
-        raise ValueError(f"'{text[:40]}' is not 1 to {MOST_INITIALS} letters")
+        raise ValueError(f"'{text[:40]}' are not 1 to {MOST_INITIALS} letters")
     return initials
 
 
@@ -138,7 +138,7 @@ def _rating(path: Path, line: int, cells: Sequence[str]) -> Rating:
     try:
         parse_initials(rater)
     except ValueError as error:
-        raise InputError(path, f"line {line} has a rater whose name is not initials ({error})", REMEDY) from None
+        raise InputError(path, f"line {line} has a rater with initials that cannot be ({error})", REMEDY) from None
     return Rating(int(shown), int(trial), *((None, None) if score == MISSING else (int(score), time)))
 
 

@@ -161,10 +161,7 @@ def open_rating(results: Path, recording: Path | None, rater: str, host: str, po
     Raises InputError where results, recording or scores cannot be used or there are no trials, AnchorposeError where it
     cannot listen on ``host`` and ``port``.
     """
-    try:
-        initials = parse_initials(rater)
-    except ValueError as error:
-        raise InputError(results, f"is to be rated by somebody whose initials {error}", "give --rater AB") from None
+    initials = require_initials(results, rater)
     review = open_review(results, recording)
     trials = _trials_of(results, review)
     path = ratings_beside(results, initials)
@@ -173,6 +170,14 @@ def open_rating(results: Path, recording: Path | None, rater: str, host: str, po
     by_number = {trial.number: trial for trial in trials.rows}
     blinded = blind(review, [by_number[row.trial] for row in scores.current().rows])
     return RatingServer(RatingApi(blinded, scores), host, port)
+
+
+def require_initials(results: Path, rater: str) -> str:
+    """The rater's initials in capitals; raises InputError about the results that are to be rated."""
+    try:
+        return parse_initials(rater)
+    except ValueError as error:
+        raise InputError(results, f"is to be rated by somebody whose initials {error}", "give --rater AB") from None
 
 
 def _trials_of(results: Path, review: Review) -> Trials:
