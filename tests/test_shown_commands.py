@@ -18,7 +18,7 @@ from anchorpose.results.corrections import corrections_of_run, write_corrections
 from anchorpose.results.run_record import read_run
 from anchorpose.simulate.config import clinic, single
 from anchorpose.simulate.write import simulate_recording
-from anchorpose.viewer.server import ViewerServer
+from anchorpose.viewer.server import ReviewServer
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("**/*.md")))
@@ -164,11 +164,11 @@ def test_a_command_that_is_shown_works(command, world, tmp_path, monkeypatch, ca
     def camera(serial: str, about: object) -> Playback:
         return Playback(open_recording(Path("example/recording")))
 
-    def stopped(self: ViewerServer) -> None:
+    def stopped(self: ReviewServer) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("anchorpose.live.cameras.open_realsense", camera)
-    monkeypatch.setattr(ViewerServer, "serve_forever", stopped)
+    monkeypatch.setattr(ReviewServer, "serve_forever", stopped)
     monkeypatch.setattr("webbrowser.open", lambda address: True)
     code = main(shortened(command))
     allowed = (0, 1) if command[0] in ("check", "verify") else (0,)  # 1: it found something to say

@@ -67,6 +67,7 @@ READS = {
     "report --reliability": ["report", "{results}", "{results}", "-o", "{out}", "--reliability", "{x}"],
     "report --config": ["report", "{results}", "--config", "{x}.toml"],
     "reliability SESSIONS": ["reliability", "{x}"],
+    "reliability OTHERS": ["reliability", "{x}", "{x}"],
     "view RESULTS": ["view", "{x}", "--no-browser"],
     "view RECORDING": ["view", "{results}", "{x}", "--no-browser"],
     "view --corrections": ["view", "{results}", "--corrections", "{x}", "--no-browser"],

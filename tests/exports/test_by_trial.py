@@ -1,10 +1,16 @@
 """measures_by_trial.csv: a row per trial and measure, with everything that is known of the trial."""
 
 import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from ratings_builder import write_scores
 from results_builder import make_frame, write_results
 from session_builder import RATE, squatting_joints, table
 
@@ -14,7 +20,10 @@ from anchorpose.options import ExportConfig
 from anchorpose.recording.events import Trial, TrialColumn, Trials
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
+from anchorpose.results.ratings import rated_session
 from anchorpose.results.records import read_trial_measures
+from anchorpose.results.run_record import read_run
+from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
 
 TRIALS = Trials(
     (TrialColumn("amplitude", "mA", "current of the stimulator"), TrialColumn("electrodes", None)),
@@ -68,3 +77,66 @@ def test_the_dictionary_has_the_user_s_units_and_meanings(folder):
         assert found[file, "electrodes"]["type"] == "text"
     ours = [row for row in rows if row["file"] in ("measures_by_trial.csv", "trial_intervals.csv", "trials.csv")]
     assert [row["column"] for row in ours if not row["meaning"]] == []
+
+
+def test_each_rater_has_a_row_per_trial_and_the_mean_is_known_where_all_have_scored(folder, tmp_path):
+    results = Path(shutil.copytree(folder, tmp_path / "r"))
+    session = rated_session(read_run(results / "run.json"), read_trial_table(results / TRIALS_FILE))
+    write_scores(tmp_path / "r.rating_AB.tsv", "AB", [3, 8], session)
+    write_scores(tmp_path / "r.rating_CD.tsv", "CD", [4, None], session)
+    export_results(results, [Format.CSV], ExportConfig(), overwrite=True)
+    rows = [row for row in rows_of(results / "exports/csv/measures_by_trial.csv") if row["measure"] == "blinded_rating"]
+    assert [(row["person"], row["trial"], row["value"], row["unit"]) for row in rows] == [
+        ("AB", "1", "3", "score"),
+        ("AB", "2", "8", "score"),
+        ("CD", "1", "4", "score"),
+        ("CD", "2", "", "score"),
+        ("", "1", "3.5", "score"),
+        ("", "2", "", "score"),
+    ]
+    assert rows[-1]["why"] == "CD has not scored this trial"
+    assert {row["condition"] for row in rows if row["trial"] == "2"} == {"on, high"}
+
+
+def test_bids_has_the_trials_with_their_own_columns_and_units(folder, tmp_path):
+    export_results(folder, [Format.BIDS], ExportConfig(), out=tmp_path)
+    (path,) = (tmp_path / "bids").rglob("*_events.tsv")
+    lines = [line.split("\t") for line in path.read_text(encoding="utf-8").splitlines()]
+    assert lines[0] == [
+        "onset",
+        "duration",
+        "trial_type",
+        "trial",
+        "part",
+        "person",
+        "state",
+        "amplitude",
+        "electrodes",
+    ]
+    trials = [dict(zip(lines[0], line, strict=True)) for line in lines[1:] if line[3] != "n/a"]
+    assert [tuple(row[name] for name in ("onset", "duration", "trial_type", "trial")) for row in trials] == [
+        ("0", "3", "off", "1"),
+        ("3.5", "3", "on, high", "2"),
+    ]
+    assert [(row["amplitude"], row["electrodes"]) for row in trials] == [("n/a", "=L1"), ("40.5", "n/a")]
+    others = [dict(zip(lines[0], line, strict=True)) for line in lines[1:] if line[3] == "n/a"]
+    assert {row["amplitude"] for row in others} <= {"n/a"}
+    assert [float(line[0]) for line in lines[1:]] == sorted(float(line[0]) for line in lines[1:])
+    described = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    assert set(described) == set(lines[0])
+    assert described["amplitude"] == {"Description": "current of the stimulator", "Units": "mA"}
+    assert {row["trial_type"] for row in (*trials, *others)} <= set(described["trial_type"]["Levels"])
+
+
+def test_the_bids_validator_accepts_trials(folder, tmp_path):
+    places = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    validator = shutil.which("bids-validator-deno", path=places)
+    if validator is None:
+        pytest.skip("the BIDS validator is not installed")
+    export_results(folder, [Format.BIDS], ExportConfig(), out=tmp_path)
+    command = [validator, str(tmp_path / "bids"), "--format", "json"]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    issues = json.loads(answer.stdout)["issues"]["issues"]
+    assert [issue for issue in issues if issue["severity"] == "error"] == []
+    of_events = {issue.get("subCode") for issue in issues if "events" in issue.get("location", "")}
+    assert of_events <= {"StimulusPresentation"}  # software that shows stimuli on a screen; every column is described

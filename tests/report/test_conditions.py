@@ -8,6 +8,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 from page_reader import PageReader
+from ratings_builder import write_scores
 from results_builder import make_frame, standing_joints, write_results
 from trials_builder import trials_in_turn, write_trial_results
 
@@ -20,7 +21,9 @@ from anchorpose.report.parameter_curves import levels_of
 from anchorpose.report.session import Session, read_session
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
+from anchorpose.results.ratings import rated_session
 from anchorpose.results.records import read_trial_measures
+from anchorpose.results.run_record import read_run
 
 IN_TURN = [None, 40.0, None, 20.0] * 3
 
@@ -196,3 +199,54 @@ def test_the_timeline_shows_when_each_condition_was_given(folder, page):
         assert rows[name][-1].count("M") == 6
     (link,) = [each for each in page.find("a", **{"class": "csv"}) if chart in each.ancestors]
     assert "1 (off)" in unquote(link.attributes["href"])
+
+
+def test_the_reference_can_be_chosen_and_turns_the_differences_round(folder, page):
+    path = write_report(folder, reference="on")
+    turned = PageReader(path)
+    assert "Differences are to on, which was chosen as the reference." in path.read_text(encoding="utf-8")
+    before, after = (table_of(each)["knee flexion while upright, mean, left"] for each in (page, turned))
+    assert list(after) == ["on", "off"]
+    assert after["on"][2] == before["off"][2] == "reference"
+    assert numbers(after["off"][2])[0] == -numbers(before["on"][2])[0]
+    assert after["off"][3] == before["on"][3]
+    assert [after[name][1] for name in ("on", "off")] == [before[name][1] for name in ("on", "off")]
+    assert "off, which stands first in the events file" in write_report(folder).read_text(encoding="utf-8")
+
+
+def test_a_reference_that_is_no_condition_is_refused_with_all_conditions(folder, tmp_path, refusal):
+    assert "choose from 'off', 'on'" in refusal(["report", str(folder), "--reference", "On"])
+    plain = write_results(tmp_path / "plain", [make_frame(k, k / 30, standing_joints()) for k in range(4)])
+    write_measured(plain, ProcessingConfig(), MeasureConfig())
+    assert "leave out --reliability, --measure and --reference" in " ".join(
+        refusal(["report", str(plain), "--reference", "off"]).split()
+    )
+    several = ["report", str(folder), str(plain), "-o", str(tmp_path / "c.html"), "--reference", "off"]
+    assert "leave out --measure and --reference" in " ".join(refusal(several).split())
+
+
+def test_scores_of_blinded_raters_are_a_measure_of_the_conditions(tmp_path):
+    folder = write_trial_results(tmp_path / "r", IN_TURN)
+    session = rated_session(read_run(folder / "run.json"), read_session(folder).trials)
+    better = [2 if amplitude is None else 5 for amplitude in IN_TURN]
+    write_scores(tmp_path / "r.rating_AB.tsv", "AB", better, session)
+    write_scores(tmp_path / "r.rating_CD.tsv", "CD", [*(score + 2 for score in better[:-1]), None], session)
+    rows = table_of(PageReader(write_report(folder)))["blinded rating, mean of the raters"]
+    assert (rows["off"][:2], rows["on"][:2]) == (["6 of 6", "3"], ["5 of 6", "6"])
+    assert rows["on"][2].startswith("+3")
+    write_scores(tmp_path / "r.rating_CD.tsv", "CD", better, "another")
+    with pytest.raises(InputError, match="scores of another session"):
+        write_report(folder)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("width", [390, 1280])
+def test_what_a_difference_shows_can_be_read_without_scrolling_aside(folder, chromium, width):
+    context = chromium.new_context(viewport={"width": width, "height": 800})
+    opened = context.new_page()
+    opened.goto(write_report(folder).as_uri())
+    boxes = [box.bounding_box() for box in opened.locator("#conditions .change").all()]
+    assert boxes
+    assert all(box["x"] >= 0 and box["x"] + box["width"] <= width for box in boxes)
+    assert opened.evaluate("document.documentElement.scrollWidth") <= width
+    context.close()

@@ -17,7 +17,8 @@ from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import inspect_frame
-from anchorpose.viewer.server import HypothesisWorker, Progress, ViewerServer
+from anchorpose.viewer.hypotheses import HypothesisWorker, Progress
+from anchorpose.viewer.server import ViewerServer
 
 PATIENCE_S = 240.0
 

@@ -148,7 +148,7 @@ def _why_not(whole: np.ndarray) -> str | None:
 REPEATED: Final = ("session", "rater", "device")
 REMEDY: Final = (
     "give the columns subject, session (or rater, or device) and results, or in place of results measure, value, and "
-    "if wanted side and unit"
+    "if wanted side and unit; or the scores of two raters or more"
 )
 
 OTHER_UNIT: Final = 100.0

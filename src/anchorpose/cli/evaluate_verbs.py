@@ -14,8 +14,11 @@ from anchorpose.errors import InputError
 from anchorpose.options import DAY_S, OUTPUT, ReferenceSettings, between
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from anchorpose.agreement.evaluating import Comparison
     from anchorpose.agreement.image_labels import ImageErrors
+    from anchorpose.agreement.reliability import Reliability
     from anchorpose.results.evaluate import Evaluation
 
 
@@ -184,30 +187,42 @@ def print_evaluation(evaluation: Evaluation) -> None:
         show_table(("contacts with", "part", "frames touched", "rightly reported %", "found %"), contacts)
 
 
-def reliability(sessions: Path, /, *, out: Annotated[Path | None, OUTPUT] = None) -> None:
+def reliability(sessions: Path, /, *others: Path, out: Annotated[Path | None, OUTPUT] = None) -> None:
     """How well measures repeat from session to session, and how large a change must be to mean something.
 
     For every measure: intraclass correlations ICC(2,1) and ICC(3,1) with intervals, standard error of measurement
-    (SEM), and minimal detectable change (MDC95).
+    (SEM), and minimal detectable change (MDC95). With the score files of two raters or more: how well they agree.
 
     Parameters
     ----------
     sessions
         A CSV with the columns subject, session (or rater, or device) and results (a results folder, relative to this
-        file); or, in place of results, measure and value.
+        file); or, in place of results, measure and value. Or the scores of a rater, which 'anchorpose view --rate'
+        wrote.
+    others
+        The scores of other raters, and of further sessions: one file per rater and session.
     out
         Write all figures to this CSV file as well; 'anchorpose report --reliability' reads it.
     """
+    from anchorpose.agreement.raters import rater_agreement
     from anchorpose.agreement.reliability import HEAD, reliability_text, session_reliability
     from anchorpose.recording.writable import check_file, new_folder
     from anchorpose.results.folder import write_text_whole
 
     if out is not None:
-        check_file(out, HEAD, sessions)
-    rows = session_reliability(sessions)
+        check_file(out, HEAD, sessions, *others)
+    agreement = rater_agreement((sessions, *others)) if others else None
+    rows = session_reliability(sessions) if agreement is None else (agreement.reliability,)
     if out is not None:
         with new_folder(out.resolve().parent, out):
             write_text_whole(out, reliability_text(rows))
+    if agreement is not None:
+        without = f"; {agreement.left_out} trials without a score of every rater are left out"
+        say(f"Raters: {', '.join(agreement.raters)}{without if agreement.left_out else ''}.")
+    _print_reliability(rows)
+
+
+def _print_reliability(rows: Sequence[Reliability]) -> None:
     cells_of = list[list[str]]()
     for row in rows:
         name = row.measure if row.side is None else f"{row.measure}, {row.side}"

@@ -153,6 +153,7 @@ def report(
     date: Annotated[list[str] | None, Parameter(negative=())] = None,
     reliability: Path | None = None,
     measure: Annotated[list[str] | None, Parameter(negative=())] = None,
+    reference: str = "",
     by: str = "",
     defaults: SettingsFile | None = None,
 ) -> None:
@@ -180,6 +181,8 @@ def report(
     measure
         The name of a measure to compare between conditions, as in measures.parquet; once for each. By default, the main
         measures.
+    reference
+        The condition that the others are compared with; by default that of the first trial.
     by
         Who makes the page of one session again, for the log that 'anchorpose verify' reads: your initials or pseudonym.
     """
@@ -191,14 +194,15 @@ def report(
         if out is None:
             remedy = "give the page to write their comparison to, with -o FILE.html"
             raise InputError(results, "is one of several sessions", remedy)
-        if measure:
-            raise InputError(results, "is one of several sessions", "leave out --measure: all measures are compared")
+        if measure or reference:
+            remedy = "leave out --measure and --reference: all measures are compared, with the first session"
+            raise InputError(results, "is one of several sessions", remedy)
         say(f"Open {write_comparison((results, *others), out, label or (), reliability, date or ())} in a browser.")
     elif out is not None or label or date:
         remedy = "give another one to compare it with, or leave out -o, --label and --date"
         raise InputError(results, "is the only session", remedy)
     else:
-        page = write_report(results, reliability, measure or ())
+        page = write_report(results, reliability, measure or (), reference)
         log_event(results, "report", (page.name,), by)
         say(f"Open {page} in a browser.")
 

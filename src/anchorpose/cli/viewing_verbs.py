@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say
 from anchorpose.cli.settings_file import SettingsFile, tracking_settings
+from anchorpose.errors import AnchorposeError
 from anchorpose.options import LARGEST_PORT, MOST_FRAMES, OUTPUT, SIGNED, whole
+
+if TYPE_CHECKING:
+    from anchorpose.viewer.server import ReviewServer
 
 
 @Parameter(name="*")
@@ -55,6 +59,22 @@ class ViewOptions(PageOptions):
     who: str = ""
     """Your initials or pseudonym, for the corrections; otherwise the page asks you once."""
 
+    rate: bool = False
+    """Rate the trials blinded instead: they come in random order, without condition, number, setting or measure. The
+    scores (0 to 10) go to RESULTS.rating_AB.tsv, beside the folder; the same command goes on where you stopped."""
+
+    rater: str = ""
+    """With --rate: your initials, 1 to 8 letters; each rater has a file of their own."""
+
+    def require_rater(self, results: Path) -> None:
+        """Raise where --rate has no initials, or initials no --rate."""
+        from anchorpose.viewer.rating import require_initials
+
+        if self.rate:
+            require_initials(results, self.rater)
+        elif self.rater:
+            raise AnchorposeError("--rater belongs to the page for raters; add --rate.")
+
 
 def view(
     results: Path,
@@ -69,7 +89,7 @@ def view(
     Plays the patient's skeleton and body at recorded speed, with the points of the depth cameras around them and the
     angle curves beside. Press ? in the page for all keys. What you mark (who the patient is, parts of the
     recording that are unusable, joints that are in the wrong place) is saved at once; 'anchorpose track --corrections
-    FILE' uses it. Nothing leaves this computer. Stop with Ctrl+C.
+    FILE' uses it. Nothing leaves this computer. Stop with Ctrl+C. With --rate, a page for blinded raters instead.
 
     Parameters
     ----------
@@ -84,14 +104,40 @@ def view(
     from anchorpose.viewer.server import open_viewer
 
     given = options or ViewOptions()
+    given.require_rater(results)
     recording = None if recording is None else as_recording(recording, OnConsole())
+    if given.rate:
+        _rate(results, recording, given)
+        return
     with open_viewer(results, recording, given.corrections, given.who, given.host, given.port) as server:
-        try:
-            with given.showing(server.address, "The viewer", "see the patient and change the corrections"):
-                say(f"Corrections go to {server.api.corrections.path}. Stop with Ctrl+C.")
-                server.serve_forever()
-        except KeyboardInterrupt:
-            say("Stopped; every correction was saved when it was made.")
+        _serve(
+            server,
+            given.showing(server.address, "The viewer", "see the patient and change the corrections"),
+            f"Corrections go to {server.api.corrections.path}.",
+            "every correction was saved when it was made",
+        )
+
+
+def _rate(results: Path, recording: Path | None, given: ViewOptions) -> None:
+    from anchorpose.viewer.rating import open_rating
+
+    with open_rating(results, recording, given.rater, given.host, given.port) as server:
+        _serve(
+            server,
+            given.showing(server.address, "The page for raters", "see the patient and change the scores"),
+            f"Scores go to {server.api.scores.path}.",
+            "every score was saved when it was given; the same command goes on",
+        )
+
+
+def _serve(server: ReviewServer, showing: AbstractContextManager[None], where: str, kept: str) -> None:
+    """Serve until Ctrl+C; where: what the page writes goes to; kept: what became of it."""
+    try:
+        with showing:
+            say(f"{where} Stop with Ctrl+C.")
+            server.serve_forever()
+    except KeyboardInterrupt:
+        say(f"Stopped; {kept}.")
 
 
 @Parameter(name="*")

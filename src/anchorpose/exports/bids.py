@@ -1,7 +1,7 @@
 """Write BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8): a dataset of one subject with one
 recording.
 
-Each column of motion.tsv is a channel; contacts and episodes are BIDS events beside the motion.
+Each column of motion.tsv is a channel; trials, contacts and episodes are BIDS events beside the motion.
 """
 
 from __future__ import annotations
@@ -15,12 +15,23 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose import __version__
-from anchorpose.exports.formats import STATES, Product, Samples, Source, rounded_text, write_rows, write_text
+from anchorpose.exports.formats import (
+    STATES,
+    Product,
+    Samples,
+    Source,
+    number_text,
+    rounded_text,
+    write_rows,
+    write_text,
+)
 from anchorpose.exports.regular_time import nominal_rate_hz, without_gaps
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import ExportConfig
+from anchorpose.recording.events import Trial, TrialColumn, Trials
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, read_contacts, read_episodes
+from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
 
 WORLD: Final = "world"
 CHANNEL_COLUMNS: Final = ("name", "component", "type", "tracked_point", "units", "reference_frame", "description")
@@ -83,52 +94,77 @@ def motion_rows(channels: Sequence[Channel]) -> Iterator[tuple[str, ...]]:
         yield from zip(*([rounded_text(value, 6, MISSING) for value in column] for column in columns), strict=True)
 
 
-EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "part", "person", "state")
+EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "trial", "part", "person", "state")
 
 
-def events_of(folder: Path, start_s: float) -> list[tuple[str, ...]]:
-    """Return the rows in order of onset, in seconds since ``start_s``; none where the results have neither table."""
-    found: list[tuple[float, float, str, str, str, str]] = []
+def events_of(folder: Path, start_s: float, trials: Trials | None) -> list[tuple[str, ...]]:
+    """Return the rows in order of onset, in seconds since ``start_s``: trials, contacts and episodes, as far as there are tables.
+
+    A row has ``EVENT_COLUMNS``, then the user's own columns of trials.
+    """
+    own = 0 if trials is None else len(trials.columns)
+    found: list[tuple[float, float, tuple[str, ...]]] = [] if trials is None else [_trial_row(t) for t in trials.rows]
     if (folder / CONTACTS_FILE).exists():
         found += [
-            (contact.start_s, contact.end_s, "contact", contact.part, contact.toucher, contact.state)
-            for contact in read_contacts(folder / CONTACTS_FILE)
+            (each.start_s, each.end_s, ("contact", MISSING, each.part, each.toucher, each.state, *[MISSING] * own))
+            for each in read_contacts(folder / CONTACTS_FILE)
         ]
     if (folder / EPISODES_FILE).exists():
         found += [
-            (episode.start_s, episode.end_s, episode.kind, MISSING, MISSING, str(episode.state))
-            for episode in read_episodes(folder / EPISODES_FILE)
+            (each.start_s, each.end_s, (each.kind, *[MISSING] * 3, str(each.state), *[MISSING] * own))
+            for each in read_episodes(folder / EPISODES_FILE)
         ]
     return [
         (rounded_text(start - start_s, 6, MISSING), rounded_text(end - start, 6, MISSING), *texts)
-        for start, end, *texts in sorted(found)
+        for start, end, texts in sorted(found)
     ]
 
 
-def events_sidecar() -> dict[str, Any]:
-    """Return the meaning of the columns that BIDS does not define."""
+def _trial_row(trial: Trial) -> tuple[float, float, tuple[str, ...]]:
+    cells = (
+        MISSING if cell is None else number_text(cell) if isinstance(cell, float) else cell for cell in trial.cells
+    )
+    return trial.start_s, trial.end_s, (trial.condition, str(trial.number), *[MISSING] * 3, *cells)
+
+
+def events_sidecar(trials: Trials | None) -> dict[str, Any]:
+    """Return units and meaning of the columns, and of the types of events; conditions have the names that the user gave."""
+    conditions = () if trials is None else trials.conditions
     return {
+        "onset": {"Description": "start of the event since the first frame of the motion", "Units": "s"},
+        "duration": {"Description": "from the start of the event to its end", "Units": "s"},
         "trial_type": {
-            "Levels": {
-                "contact": "another person's skin is within about 3 cm of the patient's, or the equipment touches it",
-                "upright": "the patient stands upright",
-                "sit_to_stand": "the patient stands up",
-                "stand_to_sit": "the patient sits down",
-                "step_left": "the left foot swings, from foot off to foot strike",
-                "step_right": "the right foot swings, from foot off to foot strike",
-                "knee_buckle_left": "the left knee gives way, until it is bent the most",
-                "knee_buckle_right": "the right knee gives way, until it is bent the most",
-                "failed_stand": "the patient leaves the seat, until highest, and sinks back without having stood",
-                "recovery_step_left": "from a loss of balance until the left foot is placed",
-                "recovery_step_right": "from a loss of balance until the right foot is placed",
-            }
+            "Description": "a condition, where trial has a number; otherwise what happened",
+            "Levels": dict.fromkeys(conditions, "a condition, as named in the events file") | EVENT_TYPES,
         },
+        "trial": {"Description": "number of the trial in the order of the events file; n/a for what is not a trial"},
         "part": {"Description": "region of the patient's body that is touched"},
         "person": {
             "Description": "who touches; a person keeps the name while followed, equipment has the name of its part"
         },
         "state": {"Description": "whether it was seen or is inferred"},
+        **({} if trials is None else {column.name: _own_column(column) for column in trials.columns}),
     }
+
+
+def _own_column(column: TrialColumn) -> dict[str, str]:
+    units = {} if column.unit is None else {"Units": column.unit}
+    return {"Description": column.description or "as given in the events file", **units}
+
+
+EVENT_TYPES: Final = {
+    "contact": "another person's skin is within about 3 cm of the patient's, or the equipment touches it",
+    "upright": "the patient stands upright",
+    "sit_to_stand": "the patient stands up",
+    "stand_to_sit": "the patient sits down",
+    "step_left": "the left foot swings, from foot off to foot strike",
+    "step_right": "the right foot swings, from foot off to foot strike",
+    "knee_buckle_left": "the left knee gives way, until it is bent the most",
+    "knee_buckle_right": "the right knee gives way, until it is bent the most",
+    "failed_stand": "the patient leaves the seat, until highest, and sinks back without having stood",
+    "recovery_step_left": "from a loss of balance until the left foot is placed",
+    "recovery_step_right": "from a loss of balance until the right foot is placed",
+}
 
 
 BIDS_VERSION: Final = "1.10.0"
@@ -139,7 +175,7 @@ _README: Final = """Joint centres and joint angles of one person, found by ancho
 
 Positions are in metres, X forward, Y up, Z to the person's right; angles in degrees. Every joint has a standard
 deviation and a state code in channels of the type MISC. {missing} is written where nothing was found.
-The subject's label is a pseudonym. No name, date or place is in these files.
+The subject's label is a pseudonym. No name, date or place is in these files, unless your own events file has one.
 Research use only; not a medical device.
 """
 
@@ -173,11 +209,13 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _events(stem: Path, source: Source) -> None:
-    """Write the events; no file where there are none, as BIDS requires."""
-    events = events_of(source.folder, float(source.samples.time_s[0]))
+    """Write the events; no file where there are no events, as BIDS requires."""
+    trials = read_trial_table(source.folder / TRIALS_FILE) if (source.folder / TRIALS_FILE).exists() else None
+    events = events_of(source.folder, float(source.samples.time_s[0]), trials)
     if events:
-        write_rows(stem.with_suffix(".tsv"), "\t", [EVENT_COLUMNS], events)
-        _write_json(stem.with_suffix(".json"), events_sidecar())
+        own = () if trials is None else tuple(column.name for column in trials.columns)
+        write_rows(stem.with_suffix(".tsv"), "\t", [(*EVENT_COLUMNS, *own)], events)
+        _write_json(stem.with_suffix(".json"), events_sidecar(trials))
 
 
 def _dataset(folder: Path, config: ExportConfig) -> None:

@@ -35,8 +35,9 @@ from anchorpose.report.words import read_words
 from anchorpose.results.folder import FolderKind, check_results_path, whole_or_nothing
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.parquet import opened_parquet, pieces
+from anchorpose.results.ratings import rating_measures
 from anchorpose.results.records import MEASURES, MEASURES_FILE, Measure, read_trial_measures
-from anchorpose.results.run_record import hash_files
+from anchorpose.results.run_record import RUN_FILE, hash_files, read_run
 from anchorpose.results.trial_table import FIXED, TRIALS_FILE, read_trial_table
 
 _MEANING: Final = {
@@ -109,11 +110,14 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _write_by_trial(path: Path, source: Source, trials: Trials) -> list[tuple[str, ...]]:
-    """Write a row per trial and measure with all data of the trial, for mixed models; return the dictionary."""
+    """Write a row per trial and measure with all data of the trial, for mixed models, and a row per trial and rater;
+    return the dictionary.
+    """
     names = [*TRIAL_HEAD, *(column.name for column in trials.columns), *TRIAL_MEASURE]
     by_number = {trial.number: trial for trial in trials.rows}
-    measures = [row for row in read_trial_measures(source.folder / MEASURES_FILE) if row.trial in by_number]
-    _write(path, names, (_by_trial_row(by_number[row.trial], row) for row in measures if row.trial is not None))
+    rated = rating_measures(source.folder, read_run(source.folder / RUN_FILE), trials)
+    measures = [*read_trial_measures(source.folder / MEASURES_FILE), *rated]
+    _write(path, names, (_by_trial_row(by_number[row.trial], row) for row in measures if row.trial in by_number))
     kinds = {field.name: _kind(field.type) for field in (*MEASURES.schema, *FIXED)}
     kinds |= {column.name: "text" if column.unit is None else "number" for column in trials.columns}
     own = {column.name: column for column in trials.columns}

@@ -54,10 +54,10 @@ _SPELLINGS: Final = {"µs": "us", "μs": "us", "µA": "uA", "μA": "uA", "µC": 
 RESERVED: Final = frozenset(
     (
         *("trial", "condition", "onset_s", "duration_s", "start_s", "end_s", "measure", "side", "part", "person"),
-        *("value", "unit", "sigma", "frames", "inferred_share", "why"),
+        *("value", "unit", "sigma", "frames", "inferred_share", "why", "state"),
     )
 )
-"""Names that the user's own columns may not have, since results have them."""
+"""Names that the user's own columns may not have, since results and exports have them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,15 +93,20 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """All trials of a recording in the order of the file, at least one."""
+    """All trials of a recording in the order of the file, at least one.
+
+    reference: the condition that others are compared with; None for that of the first trial.
+    """
 
     columns: tuple[TrialColumn, ...]
     rows: tuple[Trial, ...]
+    reference: str | None = None
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Return each condition once, in the order of first occurrence in the file; the first is the reference."""
-        return tuple(dict.fromkeys(trial.condition for trial in self.rows))
+        """Return each condition once: the reference, then the others in the order of first occurrence in the file."""
+        named = () if self.reference is None else (self.reference,)
+        return tuple(dict.fromkeys((*named, *(trial.condition for trial in self.rows))))
 
     def column(self, name: str) -> tuple[float | str | None, ...]:
         """Return the cells of a column; raises ValueError where there is no such column."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,7 +20,9 @@ from anchorpose.report.still_chart import StillChart
 from anchorpose.report.words import Form, figure, listed
 from anchorpose.results.condition_effect import BLOCKS, FREE, PAIRS, Effect, effects
 from anchorpose.results.permutation import ALPHA
+from anchorpose.results.ratings import RATING
 from anchorpose.results.records import MEASURES_FILE, Measure, MeasureKey
+from anchorpose.results.trial_table import TRIALS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEFT_OUT: Final = ("recorded_time", "found_time", "unknown_time", "sway_time")
@@ -31,6 +34,7 @@ CURVES: Final = (
     "hip_flexion_upright_mean",
     "sway_velocity",
     "assistance_share_upright",
+    RATING,
 )
 """Measures that are drawn over parameters where the user chose none."""
 
@@ -68,6 +72,14 @@ class ConditionSection(NamedTuple):
     tested: int
     groups: list[ConditionGroup]
     charts: list[StillChart]
+
+
+def with_reference(session: Session, trials: Trials, reference: str) -> Session:
+    """The session whose trials are compared with those of this condition; raises InputError where there is none."""
+    if reference not in trials.conditions:
+        named = ", ".join(f"'{name}'" for name in trials.conditions)
+        raise InputError(session.folder / TRIALS_FILE, f"has no condition '{reference[:40]}'", f"choose from {named}")
+    return replace(session, trials=replace(trials, reference=reference))
 
 
 def condition_section(
@@ -131,7 +143,8 @@ def _about(trials: Trials) -> list[str]:
     if len(trials.conditions) == 1:
         sentences.append("With a single condition there is nothing to compare.")
     else:
-        sentences.append(f"Differences are to {trials.conditions[0]}, which stands first in the events file.")
+        how = "stands first in the events file" if trials.reference is None else "was chosen as the reference"
+        sentences.append(f"Differences are to {trials.conditions[0]}, which {how}.")
     return sentences
 
 

@@ -37,7 +37,14 @@ PRINTED: Final = [row["measure"] for row in sorted(_ROWS, key=lambda row: int(ro
 
 OTHERS: Final = "Other measures"
 
-_UNITS: Final = {"1": (100.0, " %"), "deg": (1.0, "°"), "deg/s": (1.0, "°/s"), "count": (1.0, ""), "cm2": (1.0, " cm²")}
+_UNITS: Final = {
+    "1": (100.0, " %"),
+    "deg": (1.0, "°"),
+    "deg/s": (1.0, "°/s"),
+    "count": (1.0, ""),
+    "score": (1.0, ""),
+    "cm2": (1.0, " cm²"),
+}
 
 
 def grouped_measures(measures: Sequence[Measure]) -> dict[str, list[Measure]]:

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-import cv2
 import numpy as np
 
 from anchorpose.calibration.first_frames import USUAL_DISTANCE_M
 from anchorpose.errors import InputError
 from anchorpose.isolation.depth_noise import DepthNoise
-from anchorpose.joints import LOST
-from anchorpose.recording.regular_file import read_image
-from anchorpose.report.condition_section import condition_section
+from anchorpose.report.condition_section import condition_section, with_reference
 from anchorpose.report.detectable import Detectable, read_detectable
+from anchorpose.report.kept_frames import kept_frames
 from anchorpose.report.measure_section import measure_section
 from anchorpose.report.motion_section import angle_section, joint_charts, state_table
 from anchorpose.report.session import Session, read_session
@@ -189,22 +185,25 @@ def _body(body: dict[str, Any] | None) -> list[tuple[str, Sequence[str]]]:
 
 REPORT_FILE: Final = "report.html"
 
-WEBP_QUALITY: Final = 80
-"""Lines and names stay sharp at a quarter of the bytes of PNG; the PNG pictures are in the results folder."""
 
-
-def write_report(results: Path, reliability: Path | None = None, measures: Sequence[str] = ()) -> Path:
-    """Writes report.html into a results folder and returns its path; the same folder gives the same bytes.
+def write_report(
+    results: Path, reliability: Path | None = None, measures: Sequence[str] = (), reference: str = ""
+) -> Path:
+    """Writes report.html into a results folder and returns its path; the same folder, with the same scores of raters
+    beside it, gives the same bytes.
 
     reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide about differences
     between conditions; measures: names of the measures that are compared between conditions, empty for the main
-    measures. Raises InputError where a table or run.json is missing or cannot be used, and where reliability or
-    measures are given and there are no trials; nothing is written then.
+    measures; reference: the condition that the others are compared with, empty for that of the first trial. Raises
+    InputError where a table or run.json is missing or cannot be used, where there is no such condition, and where any
+    of the three is given and there are no trials; nothing is written then.
     """
     session = read_session(results)
-    if session.trials is None and (reliability is not None or measures):
-        remedy = "leave out --reliability and --measure, or run 'anchorpose measure' with --events first"
+    if session.trials is None and (reliability is not None or measures or reference):
+        remedy = "leave out --reliability, --measure and --reference, or run 'anchorpose measure' with --events first"
         raise InputError(results, "has no trials whose conditions could be compared", remedy)
+    if session.trials is not None and reference:
+        session = with_reference(session, session.trials, reference)
     detectable = {} if reliability is None else read_detectable(reliability)
     write_text_whole(results / REPORT_FILE, _page(session, detectable, measures))
     return results / REPORT_FILE
@@ -243,57 +242,3 @@ def _thinned(session: Session) -> str:
         f"The {frames} are drawn in {groups} of neighbours, each from its lowest to its highest value, so that peaks "
         "stay (a line runs in the middle, a darker band from one to the other); all frames are in the tables."
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Figure:
-    """A picture for the page. size: (width, height) in pixels; data: WebP in base64, empty where it is damaged."""
-
-    caption: str
-    size: tuple[int, int]
-    data: str
-
-
-class KeptFrame(NamedTuple):
-    """A frame with pictures: why it was chosen, how many joints were seen in it, and each camera's picture."""
-
-    frame: int
-    title: str
-    seen: str
-    figures: list[Figure]
-
-
-def kept_frames(session: Session) -> list[KeptFrame]:
-    """The frames with pictures in the results folder, in the order of run.json."""
-    by_frame: dict[int, list[dict[str, Any]]] = {}
-    for picture in session.run.get("pictures", []):
-        if (session.folder / picture["file"]).is_file():
-            by_frame.setdefault(picture["frame"], []).append(picture)
-    return [_kept_frame(session, frame, pictures) for frame, pictures in by_frame.items()]
-
-
-def _kept_frame(session: Session, frame: int, pictures: Sequence[dict[str, Any]]) -> KeptFrame:
-    why = pictures[0].get("why")
-    title = f"Frame {frame}, {pictures[0]['time_s']:.2f} s" + (f": {why}" if why else "")
-    figures = [_figure(session.folder, picture) for picture in pictures]
-    return KeptFrame(frame, title, _seen_then(session, frame), figures)
-
-
-def _figure(folder: Path, picture: dict[str, Any]) -> Figure:
-    """Decoded and encoded again, so that no other content of a file gets into the page."""
-    caption = f"Camera {picture['camera']}. {picture['caption']}"
-    pixels = read_image(folder / picture["file"], cv2.IMREAD_COLOR)
-    if pixels is None:
-        return Figure(caption=f"{caption} This picture is damaged.", size=(0, 0), data="")
-    webp = cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])[1].tobytes()
-    size = (pixels.shape[1], pixels.shape[0])
-    return Figure(caption=caption, size=size, data=base64.b64encode(webp).decode("ascii"))
-
-
-def _seen_then(session: Session, frame: int) -> str:
-    found = np.flatnonzero(session.joints.frame == frame)
-    if not len(found):
-        return ""
-    states = session.joints.state_code[found[0]]
-    seen, lost = int((states == 0).sum()), int((states == LOST).sum())
-    return f"{seen} of {len(states)} joints seen, {len(states) - seen - lost} inferred, {lost} lost."

@@ -16,6 +16,7 @@ from anchorpose.report.chart import Bins, make_bins
 from anchorpose.report.words import counted
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained
 from anchorpose.results.parquet import TRACK_AGAIN
+from anchorpose.results.ratings import rating_measures
 from anchorpose.results.records import (
     CONTACTS_FILE,
     EPISODES_FILE,
@@ -98,6 +99,8 @@ def read_session(folder: Path, name: str = "") -> Session:
             raise InputError(folder / file, problem, f"run 'anchorpose measure {folder}' and try again")
     require_own(folder, (JOINTS_FILE, CONTACTS_FILE, EXPLAINED_FILE, TRIALS_FILE, *MEASURED), run)
     joints = read_joints(folder / JOINTS_FILE)
+    trials = read_trial_table(folder / TRIALS_FILE) if (folder / TRIALS_FILE).is_file() else None
+    rated = () if trials is None else rating_measures(folder, run, trials)
     angles, posture = read_angles(folder / ANGLES_FILE), read_posture(folder / POSTURE_FILE)
     explained = read_explained(folder / EXPLAINED_FILE) if (folder / EXPLAINED_FILE).is_file() else None
     for file, table in ((ANGLES_FILE, angles), (POSTURE_FILE, posture), (EXPLAINED_FILE, explained)):
@@ -119,8 +122,8 @@ def read_session(folder: Path, name: str = "") -> Session:
         contacts=read_contacts(folder / CONTACTS_FILE) if (folder / CONTACTS_FILE).is_file() else None,
         explained=explained,
         bins=make_bins(joints.frame, joints.time_s, name),
-        trials=read_trial_table(folder / TRIALS_FILE) if (folder / TRIALS_FILE).is_file() else None,
-        trial_measures=read_trial_measures(folder / MEASURES_FILE),
+        trials=trials,
+        trial_measures=(*read_trial_measures(folder / MEASURES_FILE), *rated),
     )
 
 

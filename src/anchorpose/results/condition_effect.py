@@ -69,7 +69,7 @@ def effects(
 ) -> list[Effect]:
     """The effect of every condition but the reference on one measure; rows: of its trials, in the order of the file.
 
-    The reference is the condition that stands first in the file. repeated: the measure's MDC95 where it is known. why:
+    The reference is the first of ``trials.conditions``. repeated: the measure's MDC95 where it is known. why:
     why the measure is not tested at all, None where it is.
     """
     by_number = {row.trial: row for row in rows}

@@ -79,23 +79,23 @@ def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
 
     Also kept are episodes that ended up to settle_s before: the patient may still settle after standing up.
     """
-    joints = _cut(session.joints, rows)
+    joints = cut_rows(session.joints, rows)
     start_s, end_s = float(joints.time_s[0]), float(joints.time_s[-1])
     contacts = session.contacts
     return replace(
         session,
         joints=joints,
-        angles=_cut(session.angles, rows),
-        posture=_cut(session.posture, rows),
-        stance=_cut(session.stance, rows),
+        angles=cut_rows(session.angles, rows),
+        posture=cut_rows(session.posture, rows),
+        stance=cut_rows(session.stance, rows),
         seconds=frame_seconds(joints.time_s),
         episodes=tuple(e for e in session.episodes if e.end_s + settle_s >= start_s and e.start_s <= end_s),
         contacts=None if contacts is None else tuple(c for _, c in _clipped(contacts, joints.frame, joints.time_s)),
     )
 
 
-def _cut(table: Table, rows: slice) -> Table:
-    """The rows of all arrays of a dataclass."""
+def cut_rows(table: Table, rows: slice | np.ndarray) -> Table:
+    """The rows of all arrays of a dataclass, as a slice or (k,) int."""
     values = {each.name: getattr(table, each.name) for each in fields(table)}  # type: ignore[arg-type]
     arrays: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
     return replace(table, **arrays)  # type: ignore[type-var]

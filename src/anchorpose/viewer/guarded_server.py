@@ -42,6 +42,7 @@ KINDS: Final = {
 }
 VIEWER_PAGE: Final = "index.html"
 LIVE_PAGE: Final = "live.html"
+RATING_PAGE: Final = "rate.html"
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,6 +63,8 @@ class Review:
 
 def open_review(results: Path, recording: Path | None) -> Review:
     """Raises InputError where the results cannot be read, or the recording is not the one they were made of."""
+    if not results.is_dir():
+        raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
     joints, run = JOINTS.read(results / JOINTS.file), read_run(results / RUN_FILE)
     require_own(results, (JOINTS.file, POSES.file, ANCHORS.file, ANGLES.file, EXPLAINED_FILE, CONTACTS_FILE), run)
     poses, anchors = (_if_there(table, results) for table in (POSES, ANCHORS))
@@ -92,16 +94,11 @@ def _if_there(table: FrameTable[Any], results: Path) -> Any:
 
 
 def describe(review: Review) -> dict[str, Any]:
-    """What the page must know before it shows a frame, as values for JSON; positions are rows of the results."""
-    depth_frames = review.depth_frames
+    """What the viewer's page must know before it shows a frame, for JSON; positions are rows of the results."""
     return {
+        **describe_scene(review),
         "name": review.name,
         "recording": review.run["recording"],
-        "frames": len(review.joints.frame),
-        "joints": list(JOINT_NAMES),
-        "limbs": [list(limb) for limb in LIMBS],
-        "states": [str(state) for state in JointState],
-        "anchors": list(ANCHOR_NAMES),
         "angles": list(review.angles.names),
         "contacts": [
             {**as_json(contact), "state": contact.state, "toucher": contact.toucher} for contact in review.contacts
@@ -114,6 +111,18 @@ def describe(review: Review) -> dict[str, Any]:
             "named": (review.run.get("corrections") or {}).get("patient"),
         },
         "notes": review.run.get("notes", []),
+    }
+
+
+def describe_scene(review: Review) -> dict[str, Any]:
+    """What any page must know to draw the frames of a review: nothing here tells what was found in them."""
+    depth_frames = review.depth_frames
+    return {
+        "frames": len(review.joints.frame),
+        "joints": list(JOINT_NAMES),
+        "limbs": [list(limb) for limb in LIMBS],
+        "states": [str(state) for state in JointState],
+        "anchors": list(ANCHOR_NAMES),
         "has": {
             "body": review.poses is not None and review.run.get("body") is not None,
             "anchors": review.anchors is not None,

@@ -4,6 +4,7 @@ import { getArrays } from "./api.js";
 import { Chunks } from "./chunks.js";
 import { BodyLayer } from "./body.js";
 import { SurfaceLayer, equipmentLayer } from "./meshes.js";
+import { Pace } from "./playback.js";
 import { PointLayer } from "./points.js";
 import { DotLayer, SkeletonLayer } from "./skeleton.js";
 
@@ -98,4 +99,24 @@ export class Frames {
     this.corrected.set(dots);
     this.view.invalidate();
   }
+}
+
+const LOADING = "Loading … (the very first surface takes a few seconds more)", PATIENCE_MS = 700;
+
+/** Plays and draws from now on; says so where what belongs on the screen does not come. said(): what was said last. */
+export function animate(frames, say, said) {
+  const { playback, view } = frames;
+  const pace = new Pace(playback, (share) => { if (frames.points) { frames.points.detail = share; frames.set(); } });
+  let waiting = null; // since when something has been missing
+  const draw = (now) => {
+    playback.tick(now);
+    pace.tick(now);
+    view.draw();
+    if (!frames.missing) {
+      if (waiting !== null && said() === LOADING) say("");
+      waiting = null;
+    } else if ((waiting ??= now) < now - PATIENCE_MS) say(LOADING);
+    requestAnimationFrame(draw);
+  };
+  requestAnimationFrame(draw);
 }

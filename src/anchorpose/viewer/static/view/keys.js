@@ -48,9 +48,10 @@ export function listKeys(box, groups) {
   }));
 }
 
-// Which key does what.
-const key = (shown, does, run, press = shown, when = undefined) => ({ shown, does, run, press, when });
+/** A row of the table. */
+export const key = (shown, does, run, press = shown, when = undefined) => ({ shown, does, run, press, when });
 
+// Which key does what in the viewer.
 export function keyTable({ playback, layers, layerKeys, presets, view, worst, corrections, mover, namer, hypotheses, showTab, help }) {
   const moving = () => mover.active;
   const nudges = { ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowUp: [0, 1, 0], ArrowDown: [0, -1, 0], PageUp: [0, 0, 1], PageDown: [0, 0, -1] };

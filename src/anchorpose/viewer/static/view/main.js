@@ -4,19 +4,19 @@ import { getArrays, getJson } from "./api.js";
 import { Axis } from "./axis.js";
 import { Corrections, Signing } from "./corrections.js";
 import { Curves } from "./curves.js";
-import { Frames } from "./frames.js";
+import { Frames, animate } from "./frames.js";
 import { keyTable, listKeys, listen } from "./keys.js";
 import { JointMover } from "./moving.js";
 import { PatientNamer } from "./naming.js";
-import { JointCard, WorstList, layerList, presetButtons, tabs } from "./panels.js";
-import { Pace, Playback } from "./playback.js";
+import { JointCard, WorstList, layerList, layersOf, presetButtons, presetsOf, tabs } from "./panels.js";
+import { Playback } from "./playback.js";
 import { Rows } from "./chunks.js";
-import { View } from "./scene.js";
+import { View, middleOf } from "./scene.js";
 import { Hypotheses } from "./spots.js";
 import { Timeline } from "./timeline.js";
+import { transport } from "./transport.js";
 
 const element = (id) => document.getElementById(id);
-const LOADING = "Loading … (the very first surface takes a few seconds more)";
 
 const say = (sentence) => { element("status").textContent = sentence; };
 
@@ -76,7 +76,12 @@ async function start() {
   const keys = keyTable({ playback, layers, layerKeys: layersOf(description), presets, view, worst, corrections, mover, namer, hypotheses, showTab, help });
   listKeys(element("key-list"), keys);
   listen(keys, () => document.querySelector("dialog[open]") !== null);
-  transport({ playback, axis, worst, motion });
+  transport(playback, () => {
+    const time = motion.time_s[playback.position] - motion.time_s[0], total = motion.time_s[playback.last] - motion.time_s[0];
+    return { clock: `${time.toFixed(2)} of ${total.toFixed(2)} s, frame ${motion.frame[playback.position]}`, spoken: `frame ${motion.frame[playback.position]}, ${time.toFixed(2)} seconds` };
+  });
+  element("worst-next").addEventListener("click", () => worst.next(1));
+  element("span").addEventListener("change", (event) => axis.setSpan(Number(event.target.value)));
   canvasClicks(view, frames, rows, mover, namer);
   for (const button of document.querySelectorAll("[data-close]")) button.addEventListener("click", () => button.closest("dialog").close());
   element("help-button").addEventListener("click", help);
@@ -86,69 +91,8 @@ async function start() {
   corrections.addEventListener("changed", redraw);
   await corrections.load();
   window.anchorpose = { playback, view, frames, mover, namer, corrections, hypotheses, motion, rows, curves, timeline, description };
-  const pace = new Pace(playback, (share) => { if (frames.points) { frames.points.detail = share; frames.set(); } });
-  let waiting = null; // since when something that belongs on the screen has been missing
-  const draw = (now) => {
-    playback.tick(now);
-    pace.tick(now);
-    view.draw();
-    if (!frames.missing) {
-      if (waiting !== null && element("status").textContent === LOADING) say("");
-      waiting = null;
-    } else if ((waiting ??= now) < now - 700) say(LOADING);
-    requestAnimationFrame(draw);
-  };
-  requestAnimationFrame(draw);
+  animate(frames, say, () => element("status").textContent);
   document.documentElement.dataset.ready = "yes";
-}
-
-/** The middle of the view, and the height of the floor below it: of the patient's median position and lowest joint. */
-const middleOf = ({ middle_m: middle, lowest_m: lowest }) => [middle ?? [0, 0, 0], lowest === null ? 0 : lowest - 0.04];
-
-function layersOf({ has, equipment }) {
-  const labelled = has.people;
-  return [
-    { name: "skeleton", label: "skeleton", key: "X", tint: "joint", on: true },
-    { name: "body", label: "learnt body", key: "B", tint: "body", on: !has.recording, there: has.body },
-    { name: "anchors", label: "anchors", key: "A", tint: "anchor", on: true, there: has.anchors },
-    { name: "patient", label: "patient's points", key: "P", tint: "patient", on: true, there: labelled },
-    { name: "room", label: "points", key: "R", tint: "room", on: true, there: has.recording && !labelled },
-    { name: "others", label: "other people", key: "T", tint: "other", on: true, there: labelled },
-    { name: "surface", label: "patient's surface", key: "F", tint: "patient", on: false, there: labelled },
-    { name: "equipment", label: equipment ? "equipment" : "equipment's points", key: "Q", tint: "equipment", on: true, there: labelled || equipment },
-    { name: "room", label: "room", key: "R", tint: "room", on: false, there: labelled },
-  ].filter(({ there }) => there ?? true);
-}
-
-function presetsOf({ cameras }, view) {
-  const named = [["Front", "front"], ["Right side", "side"], ["Back", "back"], ["Top", "top"]].map(([label, name]) => ({ label, run: () => view.look(name) }));
-  const own = cameras.filter(({ camera_to_world: pose }) => pose).map((camera) => ({ label: `Camera ${camera.name}`, run: () => view.lookFrom(camera) }));
-  return [...named, ...own].slice(0, 9).map((preset, i) => ({ ...preset, key: String(i + 1) }));
-}
-
-function transport({ playback, axis, worst, motion }) {
-  const scrub = element("scrub"), play = element("play"), total = motion.time_s[playback.last] - motion.time_s[0];
-  scrub.max = playback.last;
-  scrub.addEventListener("input", () => { playback.pause(); playback.seek(Number(scrub.value)); });
-  const buttons = { first: () => playback.seek(0), back: () => playback.step(-1), play: () => playback.toggle(), forward: () => playback.step(1), last: () => playback.seek(playback.last) };
-  for (const [id, run] of Object.entries(buttons)) element(id).addEventListener("click", run);
-  element("worst-next").addEventListener("click", () => worst.next(1));
-  element("speed").addEventListener("change", (event) => playback.setSpeed(Number(event.target.value)));
-  element("span").addEventListener("change", (event) => axis.setSpan(Number(event.target.value)));
-  const show = () => {
-    const time = (motion.time_s[playback.position] - motion.time_s[0]).toFixed(2);
-    element("clock").textContent = `${time} of ${total.toFixed(2)} s, frame ${motion.frame[playback.position]}`;
-    scrub.value = playback.position;
-    scrub.setAttribute("aria-valuetext", `frame ${motion.frame[playback.position]}, ${time} seconds`);
-  };
-  const state = () => {
-    play.classList.toggle("playing", playback.playing);
-    play.setAttribute("aria-label", playback.playing ? "Pause" : "Play");
-    element("speed").value = String(playback.speed);
-  };
-  playback.addEventListener("moved", show);
-  playback.addEventListener("state", state);
-  show();
 }
 
 /** A click that did not turn the view selects the joint under it, puts the joint being moved on the surface, or names the patient. */

@@ -59,6 +59,28 @@ export class WorstList {
   }
 }
 
+/** What can be shown, as the parts that these results and this recording have. */
+export function layersOf({ has, equipment }) {
+  const labelled = has.people;
+  return [
+    { name: "skeleton", label: "skeleton", key: "X", tint: "joint", on: true },
+    { name: "body", label: "learnt body", key: "B", tint: "body", on: !has.recording, there: has.body },
+    { name: "anchors", label: "anchors", key: "A", tint: "anchor", on: true, there: has.anchors },
+    { name: "patient", label: "patient's points", key: "P", tint: "patient", on: true, there: labelled },
+    { name: "room", label: "points", key: "R", tint: "room", on: true, there: has.recording && !labelled },
+    { name: "others", label: "other people", key: "T", tint: "other", on: true, there: labelled },
+    { name: "surface", label: "patient's surface", key: "F", tint: "patient", on: false, there: labelled },
+    { name: "equipment", label: equipment ? "equipment" : "equipment's points", key: "Q", tint: "equipment", on: true, there: labelled || equipment },
+    { name: "room", label: "room", key: "R", tint: "room", on: false, there: labelled },
+  ].filter(({ there }) => there ?? true);
+}
+
+export function presetsOf({ cameras }, view) {
+  const named = [["Front", "front"], ["Right side", "side"], ["Back", "back"], ["Top", "top"]].map(([label, name]) => ({ label, run: () => view.look(name) }));
+  const own = cameras.filter(({ camera_to_world: pose }) => pose).map((camera) => ({ label: `Camera ${camera.name}`, run: () => view.lookFrom(camera) }));
+  return [...named, ...own].slice(0, 9).map((preset, i) => ({ ...preset, key: String(i + 1) }));
+}
+
 /** layers: [{name, label, key, tint, on, missing}]; calls changed() after each change; returns {name: on} kept up to date. */
 export function layerList(box, layers, changed) {
   const state = {}, boxes = {};
@@ -68,17 +90,20 @@ export function layerList(box, layers, changed) {
     check.checked = state[name] = on;
     check.addEventListener("change", () => { state[name] = check.checked; changed(name); });
     if (tint) dot.style.background = `var(--${tint})`; else dot.className = "none";
-    row.append(check, dot, label, Object.assign(document.createElement("kbd"), { textContent: key }));
+    row.append(check, dot, label, ...named(key));
     boxes[name] = check;
     box.append(row);
   }
   return { state, toggle: (name) => boxes[name]?.click() };
 }
 
+/** The name of a key on its button; nothing where there is no key. */
+const named = (key) => (key ? [Object.assign(document.createElement("kbd"), { textContent: key })] : []);
+
 export function presetButtons(box, presets) {
   box.append(...presets.map(({ label, key, run }) => {
     const button = Object.assign(document.createElement("button"), { type: "button" });
-    button.append(`${label} `, Object.assign(document.createElement("kbd"), { textContent: key }));
+    button.append(`${label} `, ...named(key));
     button.addEventListener("click", run);
     return button;
   }));

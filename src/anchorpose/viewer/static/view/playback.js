@@ -4,16 +4,22 @@ export class Playback extends EventTarget {
   constructor(times) {
     super();
     this.times = times;
+    [this.first, this.last] = [0, times.length - 1];
     this.position = 0;
     this.playing = false;
     this.direction = 1;
     this.speed = 1;
   }
 
-  get last() { return this.times.length - 1; }
+  /** Shows nothing before and after these frames from now on, and begins with the first. */
+  limit(first, last) {
+    [this.first, this.last, this.position] = [first, last, first];
+    this.started = null;
+    this.dispatchEvent(new Event("moved"));
+  }
 
   seek(position) {
-    const wanted = Math.min(this.last, Math.max(0, Math.round(position)));
+    const wanted = Math.min(this.last, Math.max(this.first, Math.round(position)));
     this.started = null;
     if (wanted === this.position) return;
     this.position = wanted;
@@ -31,8 +37,8 @@ export class Playback extends EventTarget {
   step(count) { this.pause(); this.seek(this.position + count); }
 
   play(direction = 1) {
-    const end = direction > 0 ? this.last : 0;
-    if (this.position === end) this.seek(direction > 0 ? 0 : this.last);
+    const [start, end] = direction > 0 ? [this.first, this.last] : [this.last, this.first];
+    if (this.position === end) this.seek(start);
     this.playing = true;
     this.direction = direction;
     this.started = null;
@@ -59,12 +65,12 @@ export class Playback extends EventTarget {
       this.position = row;
       this.dispatchEvent(new Event("moved"));
     }
-    if (row === (this.direction > 0 ? this.last : 0)) this.pause();
+    if (row === (this.direction > 0 ? this.last : this.first)) this.pause();
   }
 
   /** The last frame not after a time; backwards the first not before it. */
   rowBefore(time, direction = 1) {
-    let low = 0, high = this.last;
+    let low = this.first, high = this.last;
     while (low < high) {
       const middle = Math.ceil((low + high) / 2);
       if (this.times[middle] <= time + 1e-9) low = middle; else high = middle - 1;

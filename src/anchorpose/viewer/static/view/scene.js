@@ -124,3 +124,6 @@ export class View {
     return true;
   }
 }
+
+/** The middle of the view, and the height of the floor below it: of the patient's median position and lowest joint. */
+export const middleOf = ({ middle_m: middle, lowest_m: lowest }) => [middle ?? [0, 0, 0], lowest === null ? 0 : lowest - 0.04];

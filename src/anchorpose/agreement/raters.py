@@ -1,0 +1,72 @@
+"""State how well raters agree: trials are the subjects, raters the repeats, of the scores that blinded raters gave.
+
+Quadratically weighted kappa of two raters is ICC(2,1) but for terms of one over the number of trials: Fleiss and Cohen
+1973 (doi:10.1177/001316447303300309).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from anchorpose.agreement.reliability import Reliability, reliability_of
+from anchorpose.errors import InputError
+from anchorpose.results.ratings import RATING, RATING_UNIT, Ratings, read_ratings
+
+REMEDY: Final = "give the scores of the same sessions from every rater, each file once"
+
+
+@dataclass(frozen=True, slots=True)
+class RaterAgreement:
+    """reliability: of a single score. raters: their initials. left_out: how many trials lack a score of a rater."""
+
+    reliability: Reliability
+    raters: tuple[str, ...]
+    left_out: int
+
+
+def rater_agreement(paths: Sequence[Path]) -> RaterAgreement:
+    """The agreement of two raters or more; paths: a file per rater and session, of 'anchorpose view --rate'.
+
+    Raises InputError where a file cannot be used, or the raters did not score the same trials.
+    """
+    files = {path: read_ratings(path) for path in paths}
+    if len(files) < len(paths):
+        raise InputError(paths[0], "stands beside a file that is given twice", REMEDY)
+    raters = tuple(dict.fromkeys(each.rater for each in files.values()))
+    sessions = tuple(dict.fromkeys(each.session for each in files.values()))
+    if len(raters) < 2:
+        raise InputError(paths[0], f"has the scores of {raters[0]}, the only rater", "give those of another rater too")
+    held = _by_session_and_rater(files)
+    grids = [_grid(held, session, raters) for session in sessions]
+    values = np.concatenate(grids)
+    left_out = int((~np.isfinite(values).all(axis=1)).sum())
+    return RaterAgreement(reliability_of(RATING, None, RATING_UNIT, values), raters, left_out)
+
+
+def _by_session_and_rater(files: dict[Path, Ratings]) -> dict[tuple[str, str], tuple[Path, Ratings]]:
+    held: dict[tuple[str, str], tuple[Path, Ratings]] = {}
+    for path, ratings in files.items():
+        key = ratings.session, ratings.rater
+        if key in held:
+            raise InputError(path, f"has the scores of {ratings.rater} of the session of {held[key][0]} again", REMEDY)
+        held[key] = path, ratings
+    return held
+
+
+def _grid(held: dict[tuple[str, str], tuple[Path, Ratings]], session: str, raters: Sequence[str]) -> np.ndarray:
+    """(trials, raters) the scores of a session, NaN where there is none."""
+    there = [held[key] for rater in raters if (key := (session, rater)) in held]
+    path, first = there[0]
+    missing = next((rater for rater in raters if (session, rater) not in held), None)
+    if missing is not None:
+        raise InputError(path, f"has scores of a session of which there are none by {missing}", REMEDY)
+    for other, ratings in there:
+        if set(ratings.scores) != set(first.scores):
+            raise InputError(other, f"has other trials than {path}", REMEDY)
+    scores = [[ratings.scores[trial] for _, ratings in there] for trial in sorted(first.scores)]
+    return np.array(scores, dtype=np.float64)

@@ -1,0 +1,139 @@
+"""The hypotheses of a frame, computed on demand: some seconds to a minute of work, in a process of its own."""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from itertools import count
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+import numpy as np
+
+from anchorpose.errors import AnchorposeError
+from anchorpose.joints import ANCHOR_NAMES
+from anchorpose.recording.recording import Recording
+from anchorpose.threads import one_thread
+from anchorpose.viewer.guarded_server import describe_error
+from anchorpose.viewer.payloads import pack
+
+
+class Progress(StrEnum):
+    """How far the work is."""
+
+    IDLE = "idle"
+    WORKING = "working"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+@dataclass(frozen=True, slots=True)
+class WorkStatus:
+    """For the page: the row of the results that is worked on, how many frames were read, and messages."""
+
+    progress: Progress
+    position: int | None = None
+    frames_read: int = 0
+    messages: tuple[str, ...] = ()
+
+
+class HypothesisWorker:
+    """Works on one frame at a time; starting another cancels the one under way."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._work: tuple[BaseProcess, Connection] | None = None
+        self._status, self._data = WorkStatus(Progress.IDLE), b""
+
+    @property
+    def status(self) -> WorkStatus:
+        """As of now: what the process has sent since it was last asked for is read."""
+        with self._lock:
+            while self._work is not None and self._work[1].poll():
+                self._receive(self._work[1])
+            return self._status
+
+    @property
+    def data(self) -> bytes:
+        """The result of ``hypotheses_of``, packed; empty unless the work is done."""
+        with self._lock:
+            return self._data
+
+    def start(self, position: int, recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None) -> None:
+        """Starts on the frame of this number; patient_xz_m: the patient's place in the results, None where lost."""
+        self.cancel()
+        context = multiprocessing.get_context("spawn")  # the server has threads, whose locks must not be copied
+        ours, theirs = context.Pipe(duplex=False)
+        process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
+        with self._lock:  # cancel finds the process started, or none
+            process.start()
+            self._work, self._data = (process, ours), b""
+            self._status = WorkStatus(Progress.WORKING, position)
+        theirs.close()
+
+    def cancel(self) -> None:
+        """Ends the work, if there is any."""
+        with self._lock:
+            work, self._work = self._work, None
+            if work is None:
+                return
+            self._status = replace(self._status, progress=Progress.CANCELLED)
+        work[0].terminate()
+        work[0].join()
+
+    def _receive(self, pipe: Connection) -> None:
+        try:
+            received: int | tuple[bytes, tuple[str, ...]] = pipe.recv()
+        except EOFError:
+            received = b"", ("The work ended without a result.",)
+        if isinstance(received, int):
+            self._status = replace(self._status, frames_read=received)
+            return
+        self._work, (self._data, messages) = None, received
+        progress = Progress.DONE if self._data else Progress.FAILED
+        self._status = replace(self._status, progress=progress, messages=messages)
+
+
+def hypotheses_of(
+    recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None, tick: Any
+) -> tuple[bytes, tuple[str, ...]]:
+    """The nodes of a frame and where each subset of anchors finds them in the next, packed; and messages.
+
+    Arrays: nodes (m, 3) and reached (m, s, 3) float32 world metres, NaN where a subset finds no match; best (m,) int32:
+    the subset on the best branch, -1 where none; asked (m,) uint8: whether the track tree follows the node.
+    meta: subsets [[anchor names]]; frames [this, next].
+    """
+    # the tracker is a second of imports: in the process that needs it
+    from anchorpose.tracker.config import TrackConfig
+    from anchorpose.tracker.inspection import inspect_frame
+
+    found = inspect_frame(recording, frame, replace(TrackConfig(), patient_xz_m=patient_xz_m), False, tick)
+    if found.next is None or found.observation is None:
+        return b"", (*found.account, "There are no hypotheses: the patient was not found here, or no frame follows.")
+    nodes = found.observation.surface.points_m
+    after = found.next.observation.surface.points_m
+    match, tree = found.next.links.match, found.next.hypothesis
+    reached = np.where(match[..., None] >= 0, after[np.maximum(match, 0)], np.float32(np.nan))
+    best, asked = np.full(len(nodes), -1, np.int32), np.zeros(len(nodes), np.uint8)
+    best[tree.node], asked[tree.node] = tree.tree.subset, 1
+    meta = {
+        "subsets": [[ANCHOR_NAMES[anchor] for anchor in subset] for subset in found.next.links.subsets.tolist()],
+        "frames": [found.frame_set.frame, found.next.observation.frame_set.frame],
+    }
+    arrays = {"nodes": nodes, "reached": reached.astype(np.float32), "best": best, "asked": asked}
+    how = "With a first estimate of the body, from this frame on; 'anchorpose inspect --as-tracked' repeats tracking."
+    return pack(meta, arrays), (how,)
+
+
+def _work(pipe: Connection, recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None) -> None:
+    read = count(1)
+    try:
+        with one_thread():
+            found = hypotheses_of(recording, frame, patient_xz_m, lambda: pipe.send(next(read)))
+    except AnchorposeError as error:
+        found = b"", (describe_error(error),)
+    pipe.send(found)

@@ -1,0 +1,197 @@
+"""The page for blinded raters: trials in random order, with nothing that tells their condition or their number.
+
+The page sees one recording that consists of the trials in the order shown: frames are counted anew and time begins
+at 0, so that no request names a trial, a frame of the recording, or a time of the session.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.errors import InputError
+from anchorpose.recording.events import Trial, Trials
+from anchorpose.recording.regular_file import is_there
+from anchorpose.recording.writable import check_place
+from anchorpose.results.corrections import now_utc
+from anchorpose.results.ratings import (
+    BEST_SCORE,
+    Ratings,
+    draw_order,
+    parse_initials,
+    rated_session,
+    ratings_beside,
+    read_ratings,
+    require_session,
+    write_ratings,
+)
+from anchorpose.results.trial_measures import LEAST_FRAMES, cut_rows
+from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table, trial_rows
+from anchorpose.results.verify import require_own
+from anchorpose.viewer.guarded_server import RATING_PAGE, Response, json_response
+from anchorpose.viewer.review import Review, describe_scene, locked, open_review
+from anchorpose.viewer.server import ReviewApi, ReviewServer
+
+APART_S: Final = 1.0
+"""Between two trials on the clock of the page, which must increase; nothing plays across it."""
+
+SEED_BITS: Final = 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blinded:
+    """review: the frames of all trials in the order shown. spans: the first and the last row of each."""
+
+    review: Review
+    spans: tuple[tuple[int, int], ...]
+
+
+def blind(review: Review, trials: Sequence[Trial]) -> Blinded:
+    """The trials in the given order, without names, angles, contacts, notes, frame numbers and times of the session."""
+    parts = [trial_rows(trial, review.joints.time_s) for trial in trials]
+    ends = np.cumsum([part.stop - part.start for part in parts]).tolist()
+    rows = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+    joints, angles = cut_rows(review.joints, rows), cut_rows(review.angles, rows)
+    hidden = replace(
+        review,
+        name="",
+        joints=replace(joints, frame=np.arange(len(rows)), time_s=_page_time_s(review.joints.time_s, parts)),
+        angles=replace(
+            angles,
+            names=(),
+            degrees=angles.degrees[:, :0],
+            state_code=angles.state_code[:, :0],
+            sigma_deg=angles.sigma_deg[:, :0],
+        ),
+        contacts=(),
+        poses=None if review.poses is None else cut_rows(review.poses, rows),
+        anchors=None,
+        explained=None,
+        depth_frames=None if review.depth_frames is None else cut_rows(review.depth_frames, rows),
+    )
+    return Blinded(
+        hidden, tuple((end - (part.stop - part.start), end - 1) for end, part in zip(ends, parts, strict=True))
+    )
+
+
+def _page_time_s(time_s: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
+    """(n,) times of the page: each part of the session's times begins ``APART_S`` after the one before has ended."""
+    found, now_s = list[np.ndarray](), 0.0
+    for part in parts:
+        found.append(now_s + time_s[part] - time_s[part.start])
+        now_s = float(found[-1][-1]) + APART_S
+    return np.concatenate(found)
+
+
+class ScoreFile:
+    """Adds scores to one rater's file, which is locked and read again for each; made with its order where it is absent.
+
+    Raises InputError where the file cannot be used, or is about another session or rater.
+    """
+
+    def __init__(self, path: Path, rater: str, session: str, trials: Sequence[int]) -> None:
+        self.path, self.rater, self.session = path, rater, session
+        with locked(path):
+            if not is_there(path):
+                write_ratings(path, draw_order(rater, secrets.randbits(SEED_BITS), session, trials))
+        if set(self.current().scores) != set(trials):
+            problem = "was begun when other trials could be shown"
+            raise InputError(path, problem, "move that file away to begin again")
+
+    def current(self) -> Ratings:
+        """What the file holds now."""
+        found = read_ratings(self.path)
+        require_session(self.path, found, self.session)
+        if found.rater != self.rater:
+            raise InputError(self.path, f"has the scores of the rater '{found.rater}'", "give their initials")
+        return found
+
+    def give(self, shown: Any, score: Any) -> Ratings:
+        """Write a score for the trial at a place in the order, from 1; raises ValueError for one that cannot be."""
+        if type(score) is not int or not 0 <= score <= BEST_SCORE:
+            raise ValueError(f"a score is a whole number from 0 to {BEST_SCORE}")
+        with locked(self.path):
+            held = self.current()
+            if type(shown) is not int or not 1 <= shown <= len(held.rows):
+                raise ValueError(f"there are {len(held.rows)} trials")
+            after = held.with_score(shown, score, now_utc())
+            write_ratings(self.path, after)
+        return after
+
+
+class RatingApi(ReviewApi):
+    """Answers the requests of the page for raters, none of which has a condition or the number of a trial."""
+
+    def __init__(self, blinded: Blinded, scores: ScoreFile) -> None:
+        super().__init__(blinded.review)
+        self.spans, self.scores = blinded.spans, scores
+        self._get |= {"description": self._describe}
+        self._post |= {"score": lambda body: _scores(self.scores.give(body["shown"], body["score"]))}
+
+    def _describe(self, query: Mapping[str, str]) -> Response:
+        return json_response(
+            {**describe_scene(self.review), "rater": self.scores.rater, "spans": self.spans, "best": BEST_SCORE}
+            | _in_order(self.scores.current())
+        )
+
+
+def _scores(ratings: Ratings) -> Response:
+    return json_response(_in_order(ratings))
+
+
+def _in_order(ratings: Ratings) -> dict[str, Any]:
+    return {"scores": [row.score for row in ratings.rows]}
+
+
+class RatingServer(ReviewServer):
+    """Serves the page for raters."""
+
+    page = RATING_PAGE
+    api: RatingApi
+
+
+def open_rating(results: Path, recording: Path | None, rater: str, host: str, port: int) -> RatingServer:
+    """Return a server that listens; the scores go to ``ratings_beside`` the results.
+
+    Raises InputError where results, recording or scores cannot be used or there are no trials, AnchorposeError where it
+    cannot listen on ``host`` and ``port``.
+    """
+    initials = require_initials(results, rater)
+    review = open_review(results, recording)
+    trials = _trials_of(results, review)
+    path = ratings_beside(results, initials)
+    check_place(path, results, recording)
+    scores = ScoreFile(path, initials, rated_session(review.run, trials), _shown(results, trials, review))
+    by_number = {trial.number: trial for trial in trials.rows}
+    blinded = blind(review, [by_number[row.trial] for row in scores.current().rows])
+    return RatingServer(RatingApi(blinded, scores), host, port)
+
+
+def require_initials(results: Path, rater: str) -> str:
+    """The rater's initials in capitals; raises InputError about the results that are to be rated."""
+    try:
+        return parse_initials(rater)
+    except ValueError as error:
+        raise InputError(results, f"is to be rated by somebody whose initials {error}", "give --rater AB") from None
+
+
+def _trials_of(results: Path, review: Review) -> Trials:
+    if not is_there(results / TRIALS_FILE):
+        remedy = "run 'anchorpose measure' on it with --events first"
+        raise InputError(results, "has no trials that could be rated", remedy)
+    require_own(results, (TRIALS_FILE,), review.run)
+    return read_trial_table(results / TRIALS_FILE)
+
+
+def _shown(results: Path, trials: Trials, review: Review) -> list[int]:
+    """The numbers of the trials that have at least two tracked frames; raises InputError where there is none."""
+    parts = {trial.number: trial_rows(trial, review.joints.time_s) for trial in trials.rows}
+    found = [number for number, part in parts.items() if part.stop - part.start >= LEAST_FRAMES]
+    if not found:
+        raise InputError(results / TRIALS_FILE, "has no trial of which two frames were tracked", "track them as well")
+    return found
