@@ -98,7 +98,7 @@ EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "trial", "part", "per
 
 
 def events_of(folder: Path, start_s: float, trials: Trials | None) -> list[tuple[str, ...]]:
-    """Return the rows in order of onset, in seconds since ``start_s``: trials, contacts and episodes, as far as there are tables.
+    """Return the rows of trials, contacts and episodes, as far as stored, in order of onset, in s since ``start_s``.
 
     A row has ``EVENT_COLUMNS``, then the user's own columns of trials.
     """
@@ -128,7 +128,7 @@ def _trial_row(trial: Trial) -> tuple[float, float, tuple[str, ...]]:
 
 
 def events_sidecar(trials: Trials | None) -> dict[str, Any]:
-    """Return units and meaning of the columns, and of the types of events; conditions have the names that the user gave."""
+    """Return units and meaning of the columns and of the event types; conditions keep the names of the events file."""
     conditions = () if trials is None else trials.conditions
     return {
         "onset": {"Description": "start of the event since the first frame of the motion", "Units": "s"},
