@@ -10,7 +10,6 @@ from session_builder import contact
 
 from anchorpose.body.config import VisibilityConfig
 from anchorpose.body.contact_regions import (
-    HAND_M,
     REGION_BONES,
     REGIONS,
     Nearness,
@@ -18,6 +17,7 @@ from anchorpose.body.contact_regions import (
     find_nearness,
     region_of_points,
 )
+from anchorpose.body.hands_on_patient import HAND_M
 from anchorpose.body.skin_points import pose_points
 from anchorpose.errors import InputError
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
@@ -154,10 +154,13 @@ def test_when_a_contact_begins_and_ends(frames, spans):
 
 
 def test_a_hold_that_goes_out_of_sight_goes_on_as_inferred_as_are_remembered_hands():
-    unseen = held(KNEE, distance_m=0.15, shown=False)
+    unseen = held(KNEE, distance_m=0.09, shown=False)
     (contact,) = contacts_of([held(KNEE)] * 3 + [unseen] * 7 + [nothing()] * 5)
     assert span(contact)[2:] == (0, 9)
     assert (contact.seen_share, contact.state) == (pytest.approx(0.3), "inferred")
+    let_go = held(KNEE, distance_m=0.12, shown=False)
+    (contact,) = contacts_of([held(KNEE)] * 3 + [let_go] * 7)
+    assert span(contact)[2:] == (0, 2)
     (contact,) = contacts_of([held(KNEE, remembered=True)] * 5)
     assert (contact.state, contact.seen_share) == ("inferred", 0.0)
 
