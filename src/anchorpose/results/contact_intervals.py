@@ -19,9 +19,9 @@ from anchorpose.settings import NotNegative, Positive, settings
 FREE_SHARE: Final = 0.5
 """Share of the skin last touched that must be seen without anybody on it for the contact to have ended."""
 
-HIDDEN_M: Final = 0.10
-"""Distance in m of a person's skin from skin that they touched before it went out of sight: half a hand's length, for a
-hand that holds on shows its back or its wrist. With a whole length, those who let go and stay count as holding."""
+HIDDEN_M: Final = 0.08
+"""Distance in m of a person's skin from skin that they touched before it went out of sight, for them to touch it still:
+a palm's length, since a hand that holds on shows its back or its wrist. Who let go and stays is farther away."""
 
 SHOWN_SHARE: Final = 0.2
 """Share of the skin beside a part of the equipment that must be seen for the contact to be seen; as for a joint."""
