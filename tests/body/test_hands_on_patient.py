@@ -19,7 +19,8 @@ POSED = pose_points(adult_body(), POSE)
 ALONE = before_wall(photograph(skin_in(POSE, adult_body()), FRONT), FRONT)
 PERSON = 6
 HAND_THICKNESS_M = 0.025
-LENGTH_PX, HALF_WIDTH_PX, HAND_PX = 60, 5, 14  # an arm 40 cm long and 7 cm wide, of which 10 cm are the hand
+LENGTH_PX, HALF_WIDTH_PX = 60, 5  # an arm that ends 40 cm beside the knee, 7 cm wide
+INWARDS_PX, OUTWARDS_PX = 7, 20  # of its hand, which is 18 cm long: the wrist is out of reach of the knee's skin
 
 
 def knee_pixel(side: str) -> tuple[int, int]:
@@ -34,10 +35,10 @@ def reaching(side: str, gap_m: float, hand_label: int = PixelLabel.PATIENT) -> V
     column, row = knee_pixel(side)
     outwards = 1 if column > knee_pixel("right" if side == "left" else "left")[0] else -1
     depth_m, labels = ALONE.depth_m.copy(), ALONE.labels.copy()
-    for along in range(-HAND_PX // 2, LENGTH_PX):
+    for along in range(-INWARDS_PX, LENGTH_PX):
         place = slice(row - HALF_WIDTH_PX, row + HALF_WIDTH_PX), column + outwards * along
         depth_m[place] = ALONE.depth_m[row, column] - HAND_THICKNESS_M - gap_m
-        labels[place] = hand_label if along < HAND_PX // 2 else PERSON
+        labels[place] = hand_label if along < OUTWARDS_PX else PERSON
     return View(depth_m, labels)
 
 

@@ -19,9 +19,7 @@ from anchorpose.isolation.components import JumpLimit, label_components
 from anchorpose.isolation.view import PixelLabel, View
 
 HAND_M: Final = 0.2  # from the finger tips of a hand to the wrist
-STANDS_OFF_M: Final = (
-    0.015  # m, of a reading from the patient's skin: thickness of fingers, above most errors of the skin
-)
+STANDS_OFF_M: Final = 0.015  # m, of a reading from the patient's skin: fingers; most errors of the skin are smaller
 SKIN_REACH_M: Final = 0.10  # m, half a thigh: readings farther from all skin than this stand off it by any measure
 STEP_PX: Final = 2  # of the pixels' rows and columns: 14 mm at 2.5 m, a finger's width
 STEEPEST: Final = 8.0
