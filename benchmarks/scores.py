@@ -59,19 +59,20 @@ def against_truth(ready: Ready, results: Path) -> Scores:
     """Compare with the simulator's truth after the first second."""
     assert ready.truth is not None
     found = evaluate(results, ready.truth, SKIP_S)
-    contacts = {} if found.contacts is None else _contact_scores(found.contacts.overall)
+    contacts = {} if found.contacts is None else contact_scores(found.contacts.overall)
     return _scores_of(found) | contacts | _bone_scores(ready.truth, results)
 
 
 def contacts_by_part(ready: Ready, results: Path) -> Iterator[tuple[str, Scores]]:
-    """Yield precision and recall of contacts with people and with equipment, by frame and by part that was touched or
-    reported."""
+    """Yield precision and recall of contacts with people and with equipment, by frame: of all, by state, and by part
+    that was touched or reported."""
     assert ready.truth is not None
     evaluation = evaluate(results, ready.truth, SKIP_S)
     for prefix, found in (("", evaluation.contacts), ("equipment: ", evaluation.supports)):
         if found is not None:
-            yield f"{prefix}all parts", _contact_scores(found.overall)
-            yield from ((f"{prefix}{part}", _contact_scores(score)) for part, score in found.per_part)
+            yield f"{prefix}all parts", contact_scores(found.overall)
+            yield from ((f"{prefix}{state} alone", contact_scores(score)) for state, score in found.per_state)
+            yield from ((f"{prefix}{part}", contact_scores(score)) for part, score in found.per_part)
 
 
 def _scores_of(found: Evaluation) -> Scores:
@@ -88,7 +89,7 @@ def _scores_of(found: Evaluation) -> Scores:
     }
 
 
-def _contact_scores(score: ContactScore) -> Scores:
+def contact_scores(score: ContactScore) -> Scores:
     """Counts of parts times frames; their sums over recordings give precision and recall."""
     right = 0.0 if score.precision is None else score.precision * score.reported
     found = 0.0 if score.recall is None else score.recall * score.touched

@@ -194,11 +194,10 @@ def bodies(use: Use, quick: bool) -> Iterator[Case]:
 
 
 def contacts(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield the clinics of the easy and the hard scenes, by body part."""
-    clinics = [case for case in easy(use, quick) if case.row.startswith("clinic")]
-    by_three = [case for case in hard(use, quick) if case.row.endswith("three cameras")]
-    for case in (*clinics, *by_three):
-        yield replace(case, row="contacts", score=scores.contacts_by_part)
+    """Yield the clinics of the easy and the hard scenes, by three cameras and by the front camera alone."""
+    for case in (*(case for case in easy(use, quick) if "clinic" in case.row), *hard(use, quick)):
+        row = "front camera alone" if case.row.endswith("front camera alone") else "three cameras"
+        yield replace(case, row=row, score=scores.contacts_by_part)
 
 
 # kidnapped: the tracker's pose is spoilt in mid-recording

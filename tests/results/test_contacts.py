@@ -10,7 +10,6 @@ from session_builder import contact
 
 from anchorpose.body.config import VisibilityConfig
 from anchorpose.body.contact_regions import (
-    HAND_M,
     REGION_BONES,
     REGIONS,
     Nearness,
@@ -18,6 +17,7 @@ from anchorpose.body.contact_regions import (
     find_nearness,
     region_of_points,
 )
+from anchorpose.body.hands_on_patient import HAND_M
 from anchorpose.body.skin_points import pose_points
 from anchorpose.errors import InputError
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
@@ -154,10 +154,13 @@ def test_when_a_contact_begins_and_ends(frames, spans):
 
 
 def test_a_hold_that_goes_out_of_sight_goes_on_as_inferred_as_are_remembered_hands():
-    unseen = held(KNEE, distance_m=0.15, shown=False)
+    unseen = held(KNEE, distance_m=0.07, shown=False)
     (contact,) = contacts_of([held(KNEE)] * 3 + [unseen] * 7 + [nothing()] * 5)
     assert span(contact)[2:] == (0, 9)
     assert (contact.seen_share, contact.state) == (pytest.approx(0.3), "inferred")
+    let_go = held(KNEE, distance_m=0.12, shown=False)
+    (contact,) = contacts_of([held(KNEE)] * 3 + [let_go] * 7)
+    assert span(contact)[2:] == (0, 2)
     (contact,) = contacts_of([held(KNEE, remembered=True)] * 5)
     assert (contact.state, contact.seen_share) == ("inferred", 0.0)
 
@@ -222,6 +225,17 @@ def test_contacts_are_held_to_the_truth(part, truth, precision, recall):
     reported = [replace(CONTACT, part=part)] if part else []
     found = evaluate_contacts(reported, np.arange(10), truth)
     assert (found.overall.precision, found.overall.recall) == (precision, recall)
+
+
+def test_seen_and_inferred_contacts_are_also_held_to_the_truth_apart():
+    reported = [
+        replace(CONTACT, part="chest"),
+        replace(CONTACT, part="chest", first_frame=6, last_frame=9, seen_share=0.1),
+    ]
+    found = evaluate_contacts(reported, np.arange(10), truth_of("Spine"))
+    apart = {state: (score.reported, score.precision, score.recall) for state, score in found.per_state}
+    assert apart == {"seen": (4, 1.0, 1.0), "inferred": (4, 0.0, 0.0)}
+    assert (found.overall.precision, found.overall.recall) == (0.5, 1.0)
 
 
 def test_a_truth_without_contacts_says_nothing_and_a_mismatch_is_refused(tmp_path):

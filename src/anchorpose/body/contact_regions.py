@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from anchorpose.body.config import VisibilityConfig
 from anchorpose.body.constraints import Constraints, join, no_constraints, place_constraints
+from anchorpose.body.hands_on_patient import HAND_M, find_hands
 from anchorpose.body.skin_points import PosedPoints, SkinPoints
 from anchorpose.body.visibility import seen_skin
 from anchorpose.camera import Camera
@@ -87,9 +88,6 @@ def area_of_point(points: SkinPoints) -> float:
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0 / len(points.vertex))
 
 
-HAND_M: Final = 0.2  # m from the finger tips of a hidden hand to the wrist that is seen
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Nearness:
     """Pairs of a skin point of the patient and another person within ``HAND_M`` of it, sorted by person, then point.
@@ -115,16 +113,19 @@ def find_nearness(
 ) -> Nearness:
     """Return the distances from the posed skin to the seen skin of all other people, and to their remembered skin."""
     others, shown = memory.without_patient, seen_skin(posed, views, cameras, config)
+    hands_m, whose = find_hands(posed, views, cameras)
+    points_m, owner = np.concatenate([others.points_m, hands_m]), np.concatenate([others.owner, whose])
+    hidden = np.concatenate([others.age_s > 0.0, np.zeros(len(whose), bool)])
     person, point, distance, remembered = [], [], [], []
-    for label in np.flatnonzero(np.bincount(others.owner)).tolist():
-        own = np.flatnonzero(_within(others.points_m, posed.points_m) & (others.owner == label))
-        skin = np.flatnonzero(_within(posed.points_m, others.points_m[own]))
-        found, nearest = cKDTree(others.points_m[own]).query(posed.points_m[skin], distance_upper_bound=HAND_M)
+    for label in np.flatnonzero(np.bincount(owner)).tolist():
+        own = np.flatnonzero(_within(points_m, posed.points_m) & (owner == label))
+        skin = np.flatnonzero(_within(posed.points_m, points_m[own]))
+        found, nearest = cKDTree(points_m[own]).query(posed.points_m[skin], distance_upper_bound=HAND_M)
         near = np.isfinite(found)
         person.append(np.full(near.sum(), label, np.uint8))
         point.append(skin[near].astype(np.int32))
         distance.append(found[near].astype(np.float32))
-        remembered.append(others.age_s[own[nearest[near]]] > 0.0)
+        remembered.append(hidden[own[nearest[near]]])
     return Nearness(
         np.concatenate([np.zeros(0, np.uint8), *person]),
         np.concatenate([np.zeros(0, np.int32), *point]),

@@ -19,6 +19,10 @@ from anchorpose.settings import NotNegative, Positive, settings
 FREE_SHARE: Final = 0.5
 """Share of the last touched skin that must be seen without contact for the contact to have ended."""
 
+HIDDEN_M: Final = 0.08
+"""Distance in m of a person's skin from skin that they touched before it went out of sight, for them to touch it still:
+a palm's length, since a hand that holds on shows its back or its wrist. Who let go and stays is farther away."""
+
 SHOWN_SHARE: Final = 0.2
 """Share of the skin beside a part of the equipment that must be seen for the contact to be seen; as for a joint."""
 
@@ -179,7 +183,8 @@ class ContactIntervals:
         if kept.last == now:
             return True
         if not key.is_equipment and kept.begun:
-            reached = np.isin(near.point[near.person == key.number], kept.skin).any()
+            beside = (near.person == key.number) & (near.distance_m < HIDDEN_M)
+            reached = np.isin(near.point[beside], kept.skin).any()
             if reached and np.mean(near.shown[kept.skin]) < FREE_SHARE:
                 kept.last = now
                 kept.hidden += 1

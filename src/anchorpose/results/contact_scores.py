@@ -9,7 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.body.contact_regions import REGION_BONES, REGIONS
-from anchorpose.results.records import Contact, read_contacts, read_equipment_names, with_equipment, with_people
+from anchorpose.results.records import (
+    INFERRED,
+    SEEN,
+    Contact,
+    read_contacts,
+    read_equipment_names,
+    with_equipment,
+    with_people,
+)
 from anchorpose.results.truth import TrueTouch, read_true_support, read_true_touch
 
 
@@ -30,10 +38,11 @@ class ContactScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactEvaluation:
-    """All parts together, and each part that was touched or reported."""
+    """All parts together, each part that was touched or reported, and all parts by the contacts of each state alone."""
 
     overall: ContactScore
     per_part: tuple[tuple[str, ContactScore], ...]
+    per_state: tuple[tuple[str, ContactScore], ...]
 
 
 def score_contacts(
@@ -59,16 +68,28 @@ def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: Tru
     holds = np.array([[name in bones for name in truth.names] for bones in REGION_BONES.values()])  # (regions, bones)
     own = np.array([not name.startswith("knee") for name in REGIONS])  # parts that the truth's bones distinguish
     touched = truth.bones @ holds.T  # of bool: any bone that the part holds
-    reported = np.zeros_like(touched)
-    for contact in contacts:
-        reported[(frame >= contact.first_frame) & (frame <= contact.last_frame), REGIONS.index(contact.part)] = True
-    found = reported @ (holds @ holds.T)
-    due = touched & own
+    due, shared = touched & own, holds @ holds.T
+    reported = reported_parts(contacts, frame)
+    found = reported @ shared
     scores = [(name, _score(reported[:, k], touched[:, k], due[:, k], found[:, k])) for k, name in enumerate(REGIONS)]
+    by_state = {
+        state: reported_parts([contact for contact in contacts if contact.state == state], frame)
+        for state in (SEEN, INFERRED)
+    }
     return ContactEvaluation(
         overall=_score(reported, touched, due, found),
         per_part=tuple((name, score) for name, score in scores if score.reported or score.touched),
+        per_state=tuple((state, _score(some, touched, due, some @ shared)) for state, some in by_state.items()),
     )
+
+
+def reported_parts(contacts: Sequence[Contact], frame: np.ndarray) -> np.ndarray:
+    """(t, regions) bool: parts with any of the contacts at each frame of the truth; frame (t,) as in
+    ``evaluate_contacts``."""
+    reported = np.zeros((len(frame), len(REGIONS)), dtype=bool)
+    for contact in contacts:
+        reported[(frame >= contact.first_frame) & (frame <= contact.last_frame), REGIONS.index(contact.part)] = True
+    return reported
 
 
 def _score(reported: np.ndarray, touched: np.ndarray, due: np.ndarray, found: np.ndarray) -> ContactScore:

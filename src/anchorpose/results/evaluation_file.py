@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from anchorpose.joints import JOINT_COUNT
+from anchorpose.results.contact_scores import ContactEvaluation
 from anchorpose.results.evaluate import CONFIDENT_SIGMAS, FAR_M, Evaluation
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import as_json
@@ -31,10 +32,14 @@ def write_evaluation(path: Path, evaluation: Evaluation) -> None:
         "plain_view_by": "seen_share" if evaluation.view_known else "occluded",
         "angles": dict(evaluation.angles),
         **_named(evaluation, "longest_off", "occluded_frames", "clear_frames"),
-        "contacts": contacts and {**as_json(contacts.overall), "per_part": dict(contacts.per_part)},
-        "contacts_with_equipment": supports and {**as_json(supports.overall), "per_part": dict(supports.per_part)},
+        "contacts": contacts and _contacts_json(contacts),
+        "contacts_with_equipment": supports and _contacts_json(supports),
     }
     write_text_whole(path, json.dumps(as_json(document), indent=1, allow_nan=False) + "\n")
+
+
+def _contacts_json(found: ContactEvaluation) -> dict[str, Any]:
+    return {**as_json(found.overall), "per_part": dict(found.per_part), "per_state": dict(found.per_state)}
 
 
 def _named(evaluation: Evaluation, *names: str) -> dict[str, Any]:

@@ -1,0 +1,86 @@
+"""Find skin of other people that was labelled as the patient's: readings off the posed skin, joined to the person.
+
+A hand that holds the patient shows no step in depth, so that segmentation often continues the patient over it. The
+posed skin tells them apart: it lies a hand's thickness below such readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import cv2
+import numpy as np
+
+from anchorpose.body.nearest_skin import nearest_point
+from anchorpose.body.skin_points import PosedPoints
+from anchorpose.camera import Camera, transform_points
+from anchorpose.isolation.components import JumpLimit, label_components
+from anchorpose.isolation.view import PixelLabel, View
+
+HAND_M: Final = 0.2  # from the finger tips of a hand to the wrist
+STANDS_OFF_M: Final = 0.015  # m, of a reading from the patient's skin: fingers; most errors of the skin are smaller
+SKIN_REACH_M: Final = 0.10  # m, half a thigh: readings farther from all skin than this stand off it by any measure
+STEP_PX: Final = 2  # of the pixels' rows and columns: 14 mm at 2.5 m, a finger's width
+STEEPEST: Final = 8.0
+"""Depth per width between neighbouring pixels of a hand and its arm: 83 degrees, as a forearm that points at the camera
+is seen. With 2, a tenth of the contacts in four clinics for tuning was missed that 8 finds."""
+
+
+def find_hands(
+    posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return points_m (n, 3) float32 world, and the label (n,) uint8 of the person whose skin each shows."""
+    points, owners = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
+    for view, camera in zip(views, cameras, strict=True):
+        if view is not None:
+            depth_m, labels = (_thinned(image) for image in (view.depth_m, view.labels))
+            place_m, row, column = _beside_people(depth_m, labels, camera)
+            if len(place_m):
+                off = _stands_off(posed, place_m)
+                owner = _owners(depth_m, labels, row[off], column[off], camera.intrinsics.fx)
+                points.append(place_m[off][owner > 0])
+                owners.append(owner[owner > 0])
+    return np.concatenate(points), np.concatenate(owners)
+
+
+def _thinned(image: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(image[::STEP_PX, ::STEP_PX])
+
+
+def _beside_people(
+    depth_m: np.ndarray, labels: np.ndarray, camera: Camera
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """World points (n, 3) float32, row and column of the patient's readings within a hand's length of a person's."""
+    person = (labels >= PixelLabel.OTHER_PERSON).astype(np.uint8)
+    if not person.any():
+        none = np.zeros(0, np.int64)
+        return np.zeros((0, 3), np.float32), none, none
+    away_px = STEP_PX * cv2.distanceTransform(1 - person, cv2.DIST_L2, 3)
+    near = (labels == PixelLabel.PATIENT) & (depth_m > 0) & (away_px * depth_m < HAND_M * camera.intrinsics.fx)
+    row, column = np.nonzero(near)
+    depth = depth_m[row, column]
+    rays = camera.pixel_rays()[::STEP_PX, ::STEP_PX][row, column]
+    in_camera = np.column_stack([rays * depth[:, None], depth])
+    return transform_points(camera.require_pose(), in_camera).astype(np.float32), row, column
+
+
+def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
+    """(n,) bool: places (n, 3) outside of the nearest skin by more than a hand's thickness, or far from all skin."""
+    nearest = nearest_point(posed.points_m, place_m.astype(np.float64), SKIN_REACH_M)
+    outwards = np.einsum("ni,ni->n", place_m - posed.points_m[nearest], posed.normals[nearest])
+    return np.asarray((nearest < 0) | (outwards > STANDS_OFF_M))
+
+
+def _owners(
+    depth_m: np.ndarray, labels: np.ndarray, row: np.ndarray, column: np.ndarray, focal_px: float
+) -> np.ndarray:
+    """(n,) uint8: label of the person to whom each pixel is joined without a step in depth, 0 where to none."""
+    person = labels >= PixelLabel.OTHER_PERSON
+    mask = person.copy()
+    mask[row, column] = True
+    piece, count = label_components(depth_m, mask, JumpLimit(0.0, STEEPEST * STEP_PX / focal_px))
+    pixels = np.bincount(piece[person] * 256 + labels[person].astype(np.int64), minlength=256 * (count + 1))
+    by_label = pixels.reshape(count + 1, 256)
+    owner = np.where(by_label.any(axis=1), by_label.argmax(axis=1), 0).astype(np.uint8)
+    return np.asarray(owner[piece[row, column]])
