@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.research.experiment.config import Scene
+from anchorpose.research.experiment.config import Scene, Update
 from anchorpose.research.experiment.method import NEXT, OWN, PROPOSED, Family, Method
 from anchorpose.research.experiment.page.form_tables import FORM_NAMES
 from anchorpose.research.experiment.page.selection import Tracking, compared, frame_means
@@ -228,7 +228,7 @@ class TrackingClaims:
     def _of(self, *families: Family) -> list[Method]:
         """Without those that a filter follows: they are controls."""
         every = self._methods
-        return [method for method in every if method.family in families and not method.filtered]
+        return [method for method in every if method.family in families and method.update is Update.PARTS]
 
 
 def difference(
