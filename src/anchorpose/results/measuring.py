@@ -1,4 +1,4 @@
-"""Compute angles, posture, episodes and measures, assistance among them, from the joints of a results folder."""
+"""Compute angles, axes, posture, episodes and measures, assistance among them, from the joints of a results folder."""
 
 from __future__ import annotations
 

@@ -53,12 +53,12 @@ def test_a_pose_that_the_anchors_confirm_is_left_alone() -> None:
     assert bring_limbs_back(BODY, RAISED, seen_of_raised()) is RAISED
 
 
-@pytest.mark.parametrize(("update", "within_m"), [(Update.KALMAN, 0.012), (Update.PARTICLES, 0.03)])
+@pytest.mark.parametrize(("update", "within_m"), [(Update.KALMAN, 0.012), (Update.PARTICLES, 0.022)])
 @pytest.mark.parametrize("robust", [True, False])
 def test_matches_bring_a_body_back_that_has_drifted_off_the_surface(
     update: Update, within_m: float, robust: bool
 ) -> None:
-    """Every node is matched with itself for some frames: only the drift is left to be undone."""
+    """Every node is matched with itself for some frames: only the drift of 30 mm is left to be undone."""
     surface, pose = seen_body(RAISED, BODY, (FRONT, LEFT)).surface, stepped(RAISED, 0.03, 0.0, 0.0)
     node = np.arange(0, len(surface), 3)
     nodes_m = surface.points_m[node].astype(np.float64)
@@ -68,7 +68,7 @@ def test_matches_bring_a_body_back_that_has_drifted_off_the_surface(
         belief, window = expected(pose), [SimpleNamespace(surface=surface)]
         rows = match_rows(BODY, pose_points(BODY, pose), pairs, window, belief, robust)
         pose = update_by_rows(update, BODY, rows, belief, RegistrationConfig(), 1).pose
-    assert joint_errors_m(BODY, pose, RAISED)[TRUNK].max() < within_m
+    assert joint_errors_m(BODY, pose, RAISED)[TRUNK].mean() < within_m
 
 
 def test_missed_nodes_alone_leave_the_prediction() -> None:
