@@ -36,7 +36,7 @@ def test_every_verb_explains_itself(verb, capsys):
 def test_tracking_writes_the_results_and_says_where(tmp_path, capsys):
     recording = write_recording(tmp_path / "r", frames=3)
     assert main(["track", str(recording), "-o", str(tmp_path / "out")]) == 0
-    measured = {f"{table}.parquet" for table in ("angles", "posture", "episodes", "measures")}
+    measured = {f"{table}.parquet" for table in ("angles", "axes", "posture", "episodes", "measures")}
     written = {"joints.parquet", "contacts.parquet", "run.json", "report.html"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == written | measured
     assert "3 frames" in capsys.readouterr().out

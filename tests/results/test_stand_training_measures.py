@@ -227,7 +227,7 @@ def results(tmp_path):
 
 
 def test_the_verb_writes_all_tables_the_same_twice_and_prints_a_table(results, capsys):
-    names = ("angles.parquet", "posture.parquet", "episodes.parquet", "measures.parquet")
+    names = ("angles.parquet", "axes.parquet", "posture.parquet", "episodes.parquet", "measures.parquet")
     assert main(["measure", str(results)]) == 0
     first = [(results / name).read_bytes() for name in names]
     assert "upright" in capsys.readouterr().out

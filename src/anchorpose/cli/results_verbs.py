@@ -66,8 +66,8 @@ def measure(
 ) -> None:
     """Measure a session again: joint angles, time upright, standing up, extension, sway, symmetry and assistance.
 
-    Reads joints.parquet and contacts.parquet of the folder and replaces angles, posture, episodes and measures. These
-    always come from the joints as they were tracked, so that sessions can be compared. With --smooth or --fill,
+    Reads joints.parquet and contacts.parquet of the folder and replaces angles, axes, posture, episodes and measures.
+    These always come from the joints as they were tracked, so that sessions can be compared. With --smooth or --fill,
     angles_processed.parquet is written as well, with every row marked as measured, smoothed or filled; without them, an
     older one is removed.
 

@@ -16,6 +16,7 @@ from anchorpose.results.contact_scores import ContactEvaluation, score_contacts
 from anchorpose.results.frame_time import runs_of
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE
+from anchorpose.results.revolute_joints import REVOLUTE_JOINTS, revolute_axes
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.truth import WRONG_M, Truth, read_truth, require_same_world
 from anchorpose.results.uncertainty import NORMAL_95
@@ -159,6 +160,17 @@ def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, An
     return tuple((name, _angle_summary(error[:, column], within[:, column])) for column, name in enumerate(ANGLE_NAMES))
 
 
+def axis_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
+    """The angle between the axis of each knee and elbow and the true joints' axis; truth_m as of ``angle_errors``."""
+    found = revolute_axes(joints)
+    true = revolute_axes(replace(joints, position_m=truth_m, sigma_m=np.zeros_like(joints.sigma_m)))
+    error = np.degrees(np.arccos(np.clip((found.axis * true.axis).sum(axis=2), -1.0, 1.0)))
+    within = error <= NORMAL_95 * found.sigma_deg
+    return tuple(
+        (name, _angle_summary(error[:, column], within[:, column])) for column, name in enumerate(REVOLUTE_JOINTS)
+    )
+
+
 def _angle_summary(error_deg: np.ndarray, within: np.ndarray) -> AngleError:
     known, covered = error_deg[np.isfinite(error_deg)], within[np.isfinite(error_deg)]
     return AngleError(
@@ -207,6 +219,7 @@ class Evaluation:
     truly_hidden: ErrorSummary | None
     confident_errors: float | None  # share of overall.joint_frames that are far off and do not show it
     angles: tuple[tuple[str, AngleError], ...]
+    axes: tuple[tuple[str, AngleError], ...]  # of knees and elbows
     wrong_in_view: tuple[tuple[str, WrongInView], ...]  # each limb
     view_known: bool  # by joint and camera; False: a limb counts as in plain view in all frames not called occluded
     longest_off: LongestError  # a joint on another limb, on another person, or nowhere near
@@ -296,6 +309,7 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames:
         truly_hidden=None if seen is None else _summary(errors, ~seen),
         confident_errors=_mean(confident_errors(joints, truth.position_m)[errors.known]),
         angles=angle_errors(joints, truth.position_m),
+        axes=axis_errors(joints, truth.position_m),
         wrong_in_view=wrong_in_view(joints, truth),
         view_known=seen is not None,
         longest_off=longest_off(joints, truth.position_m),

@@ -31,6 +31,7 @@ def write_evaluation(path: Path, evaluation: Evaluation) -> None:
         "longest_wrong_from_s": {name: wrong.start_s for name, wrong in evaluation.wrong_in_view},
         "plain_view_by": "seen_share" if evaluation.view_known else "occluded",
         "angles": dict(evaluation.angles),
+        "axes": dict(evaluation.axes),
         **_named(evaluation, "longest_off", "occluded_frames", "clear_frames"),
         "contacts": contacts and _contacts_json(contacts),
         "contacts_with_equipment": supports and _contacts_json(supports),
@@ -77,10 +78,11 @@ def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Rows of text (angle, mean error, 95 %, degrees, coverage)."""
+    """Rows of text (angle, or axis of a joint, mean error, 95 %, degrees, coverage)."""
+    axes = ((f"axis of {name}", error) for name, error in evaluation.axes)
     return [
         (name.replace("_", " "), *_cells((error.mean_abs_deg, error.p95_deg)), *_cells((error.coverage_95,), 100))
-        for name, error in evaluation.angles
+        for name, error in (*evaluation.angles, *axes)
         if error.frames
     ]
 

@@ -1,4 +1,4 @@
-"""Compute angles, posture, episodes and measures, assistance among them, from the joints of a results folder."""
+"""Compute angles, axes, posture, episodes and measures, assistance among them, from the joints of a results folder."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from anchorpose.results.records import (
     write_episodes,
     write_measures,
 )
+from anchorpose.results.revolute_joints import AXES_FILE, revolute_axes, write_axes
 from anchorpose.results.stand_training.buckles import find_buckles
 from anchorpose.results.stand_training.centre_of_mass import SwayConfig, centre_of_mass, sway_measures
 from anchorpose.results.stand_training.event import Event, EventConfig, beginning_in, event_episodes
@@ -246,7 +247,16 @@ def _measures(
     ]
 
 
-WRITTEN: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE, PROCESSED_FILE, TRIALS_FILE, INTERVALS_FILE)
+WRITTEN: Final = (
+    ANGLES_FILE,
+    AXES_FILE,
+    POSTURE_FILE,
+    EPISODES_FILE,
+    MEASURES_FILE,
+    PROCESSED_FILE,
+    TRIALS_FILE,
+    INTERVALS_FILE,
+)
 """What ``write_measured`` writes, or removes."""
 
 
@@ -263,7 +273,7 @@ class MeasureResult:
 def write_measured(
     results: Path, processing: ProcessingConfig, config: MeasureConfig, trials: Trials | None = None
 ) -> MeasureResult:
-    """Writes angles, posture, episodes and measures of a results folder, and the processed angles if any.
+    """Writes angles, axes, posture, episodes and measures of a results folder, and the processed angles if any.
 
     trials: replace the folder's trials; None keeps them. Angles and measures always come from the joints as
     tracked: ``processing`` makes angles_processed.parquet and nothing else, and without processing that file is
@@ -284,6 +294,7 @@ def write_measured(
         angles = joint_angles(joints)
         session, measures = measure_session(joints, angles, contacts, config, trials, equipment)
         write_angles(work / ANGLES_FILE, angles)
+        write_axes(work / AXES_FILE, revolute_axes(joints))
         write_posture(work / POSTURE_FILE, session.posture)
         write_episodes(work / EPISODES_FILE, session.episodes)
         write_measures(work / MEASURES_FILE, measures, asdict(config))

@@ -29,6 +29,7 @@ from anchorpose.recording.regular_file import is_there, read_whole
 from anchorpose.results.corrections import Utc
 from anchorpose.results.parquet import MEASURE_AGAIN
 from anchorpose.results.records import EPISODES_FILE, MEASURES_FILE
+from anchorpose.results.revolute_joints import AXES_FILE
 from anchorpose.results.run_record import RUN_FILE, hash_files, output_files, read_run
 from anchorpose.results.tables import ANGLES_FILE, POSTURE_FILE, PROCESSED_FILE
 from anchorpose.results.trial_table import INTERVALS_FILE, TRIALS_FILE
@@ -137,7 +138,7 @@ def _chained(previous: str, line: dict[str, Any]) -> str:
 
 
 MEASURED: Final = frozenset(
-    {ANGLES_FILE, POSTURE_FILE, PROCESSED_FILE, EPISODES_FILE, MEASURES_FILE, TRIALS_FILE, INTERVALS_FILE}
+    {ANGLES_FILE, AXES_FILE, POSTURE_FILE, PROCESSED_FILE, EPISODES_FILE, MEASURES_FILE, TRIALS_FILE, INTERVALS_FILE}
 )
 """Tables that 'anchorpose measure' writes again from the joints."""
 

@@ -91,6 +91,18 @@ def test_everything_holds_where_the_data_are_as_the_paper_says() -> None:
     assert all(one.checks and one.rule and one.place for one in claims)
 
 
+def test_the_literal_method_is_judged_where_nothing_is_rejected() -> None:
+    """Its errors are the repaired one's there, and a filter's; with rejection they would deny every claim."""
+    results, keys = make_results(), {"anchors": "paper", "anchors-filter": "paper-kalman"}
+    methods = [replace(one, key=keys[one.key]) for one in results.methods if one.key in keys]
+    runs = [replace(run, method=keys[run.method]) for run in results.tracked if run.method in keys]
+    runs = [run if run.form is Form.REFINED_ALL else replace(run, error_mm=5.0 * run.error_mm) for run in runs]
+    both = replace(results, methods=(*results.methods, *methods), tracked=(*results.tracked, *runs))
+    literal = {one.key: one.verdict for one in judge_claims(both) if one.key.startswith("literal-")}
+    assert len(literal) == 7
+    assert set(literal.values()) == {Verdict.HOLDS}
+
+
 def test_one_recording_decides_nothing_but_the_time_and_none_nothing() -> None:
     verdicts = {one.key: one.verdict for one in judge_claims(make_results(recordings=1))}
     assert verdicts.pop("times") is Verdict.HOLDS

@@ -6,16 +6,18 @@ import numpy as np
 import pytest
 from body_builder import FRONT, LEFT, adult_body, joint_errors_m, seen_body, standing, stepped
 
-from anchorpose.body.belief import vague_belief
+from anchorpose.body.belief import PATIENT_PACE, PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.pose import Pose
 from anchorpose.body.registration import node_parts
 from anchorpose.body.skin_points import pose_points
 from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.research.experiment.config import Form
+from anchorpose.research.experiment.config import Form, Update
 from anchorpose.research.experiment.framework import NEVER_M, paper_config
 from anchorpose.research.experiment.own_surface import SeenGeodesics
-from anchorpose.research.experiment.paper_tracker import bring_limbs_back, filter_matches
+from anchorpose.research.experiment.paper_tracker import bring_limbs_back
+from anchorpose.research.experiment.pose_filters import match_rows, update_by_rows
 from anchorpose.track_tree.tree import TreeConfig
 
 BODY = adult_body()
@@ -23,6 +25,11 @@ RAISED = standing(LeftArm=(30.0, 0.0, 0.0), RightArm=(-15.0, 0.0, 25.0), RightFo
 LEFT_ARM = [JOINT_INDEX[f"{name}Left"] for name in ("Elbow", "Wrist", "Hand")]
 TRUNK = [JOINT_INDEX[name] for name in ("SpineBase", "SpineMid", "SpineShoulder", "HipLeft", "HipRight")]
 REST = [index for index in range(len(JOINT_INDEX)) if index not in LEFT_ARM]
+
+
+def expected(pose: Pose) -> PoseBelief:
+    """As uncertain as a prediction over a fifth of a second."""
+    return PoseBelief(pose, np.diag(variance := PATIENT_PACE.variance(0.2)), np.diag(1.0 / variance))
 
 
 def seen_of_raised() -> SeenGeodesics:
@@ -46,18 +53,22 @@ def test_a_pose_that_the_anchors_confirm_is_left_alone() -> None:
     assert bring_limbs_back(BODY, RAISED, seen_of_raised()) is RAISED
 
 
+@pytest.mark.parametrize(("update", "within_m"), [(Update.KALMAN, 0.012), (Update.PARTICLES, 0.022)])
 @pytest.mark.parametrize("robust", [True, False])
-def test_matches_bring_a_body_back_that_has_drifted_off_the_surface(robust: bool) -> None:
-    """Every node is matched with itself for some frames: only the drift is left to be undone."""
+def test_matches_bring_a_body_back_that_has_drifted_off_the_surface(
+    update: Update, within_m: float, robust: bool
+) -> None:
+    """Every node is matched with itself for some frames: only the drift of 30 mm is left to be undone."""
     surface, pose = seen_body(RAISED, BODY, (FRONT, LEFT)).surface, stepped(RAISED, 0.03, 0.0, 0.0)
     node = np.arange(0, len(surface), 3)
     nodes_m = surface.points_m[node].astype(np.float64)
     for _ in range(4):
         point, part = node_parts(BODY, pose, nodes_m, 0.08)
         pairs = SimpleNamespace(node=node, point=point, part=part, matched_m=nodes_m)
-        belief, window = vague_belief(pose), [SimpleNamespace(surface=surface)]
-        pose = filter_matches(BODY, pose_points(BODY, pose), pairs, window, belief, RegistrationConfig(), robust).pose
-    assert joint_errors_m(BODY, pose, RAISED)[TRUNK].max() < 0.012
+        belief, window = expected(pose), [SimpleNamespace(surface=surface)]
+        rows = match_rows(BODY, pose_points(BODY, pose), pairs, window, belief, robust)
+        pose = update_by_rows(update, BODY, rows, belief, RegistrationConfig(), 1).pose
+    assert joint_errors_m(BODY, pose, RAISED)[TRUNK].mean() < within_m
 
 
 def test_missed_nodes_alone_leave_the_prediction() -> None:
@@ -65,8 +76,8 @@ def test_missed_nodes_alone_leave_the_prediction() -> None:
     node, none = np.arange(40), np.zeros(40, np.int64)
     pairs = SimpleNamespace(node=node, point=none, part=none, matched_m=np.full((40, 3), np.nan))
     belief, window = vague_belief(RAISED), [SimpleNamespace(surface=seen.surface)]
-    now = pose_points(BODY, RAISED)
-    assert filter_matches(BODY, now, pairs, window, belief, RegistrationConfig(), True) is belief
+    rows = match_rows(BODY, pose_points(BODY, RAISED), pairs, window, belief, True)
+    assert all(update_by_rows(update, BODY, rows, belief, RegistrationConfig(), 1) is belief for update in Update)
 
 
 def test_without_rejection_the_tree_gives_no_node_up(tmp_path) -> None:

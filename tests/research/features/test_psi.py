@@ -32,6 +32,15 @@ def test_the_average_of_psi_is_that_of_brute_force() -> None:
             assert np.isclose(away[psi.tolist().index(match[node, s])], away.min(), atol=1e-9)
 
 
+def test_the_inequality_as_printed_is_a_gate_of_the_root_of_its_bound() -> None:
+    places, distance = strip()
+    subsets = subsets_with_pieces(distance, distance, ALL, 3)
+    printed = match_by_psi(distance[:30], distance, places, subsets, GATE, False, squared=True)
+    wide = GateConfig(anchor_bound_m=float(np.sqrt(0.05)), surface_bound_per_m=0.0, search_radius_m=10.0)
+    np.testing.assert_array_equal(printed, match_by_psi(distance[:30], distance, places, subsets, wide, False))
+    assert (printed != match_by_psi(distance[:30], distance, places, subsets, GATE, False)).any()
+
+
 def test_no_node_of_an_outline_is_the_average_but_it_is_the_unclipped_middle() -> None:
     places, distance = strip()
     subsets = subsets_with_pieces(distance, distance, ALL, 3)

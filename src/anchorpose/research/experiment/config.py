@@ -49,6 +49,14 @@ class Form(StrEnum):
         return self in (Form.REFINED, Form.MATCHES)
 
 
+class Update(StrEnum):
+    """How the pose follows from the matches."""
+
+    PARTS = "parts"  # every part by itself, as in the paper
+    KALMAN = "kalman"  # an iterated extended Kalman filter over the pose (paper, Section III)
+    PARTICLES = "particles"  # a particle filter over the pose (paper, Section III)
+
+
 @settings
 class ExperimentConfig:
     """The paper's experiment by default: 20 recordings, six sizes of hole, all methods on the same frames.
@@ -67,7 +75,7 @@ class ExperimentConfig:
     segments: Count = 6  # of each recording, drawn at random, the same for every method: 1,080 frames with the default
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # between the two frames whose matches are compared
     windows: Count = 2  # moments of each recording, size of hole and gap at which matches are compared with the truth
-    forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)  # the first at every size of hole
+    forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)  # those with the surface: at every size
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: Count = 3  # of each scene beyond the paper's
     scene_seconds: Positive = 6.0
@@ -78,6 +86,7 @@ class ExperimentConfig:
     training_samples: Annotated[Count, Field(ge=40)] = 200  # frames of reference movements
     training_windows: Count = 2  # moments of each, with and without a hole, on which settings are tried
     tuned: bool = True  # False: every method with its first setting
+    pictures: bool = True  # of matches, hypotheses and tracked joints; False: tables and figures only
     resamples: Annotated[Count, Field(ge=100)] = 2000  # of the bootstrap over recordings
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.research.experiment.config import Update
 from anchorpose.research.features.nearest import Metric, nearest_descriptor
 from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig
@@ -23,7 +24,10 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
 PROPOSED: Final = "anchors"
-"""Key of the paper's method as a whole."""
+"""Key of the paper's method with the repairs that docs/experiment.md lists."""
+
+LITERAL: Final = "paper"
+"""Key of the paper's method as its text has it."""
 
 OWN: Final = "own"
 """Key of this project's tracker; the other methods of its family are its ablation."""
@@ -56,7 +60,7 @@ class Method:
     a complete tracker. configure: other changes
     to the framework's configuration (for a tracker: to the defaults). frame_ms: approximate time of a frame of 3,000
     nodes on one core, to estimate the duration of an experiment. several: it makes several hypotheses per node, among
-    which only the tree can choose. anchored, filtered, own_surface: see ``paper_tracker.Way``. One that is not anchored
+    which only the tree can choose. anchored, update, own_surface: see ``paper_tracker.Way``. One that is not anchored
     is asked once for frames that differ in nothing but their anchors.
     content: digest of the file that it comes from; empty for those of the package.
     """
@@ -70,7 +74,7 @@ class Method:
     configure: Callable[[TrackConfig, Any], TrackConfig] = lambda config, setting: config
     several: bool = False
     anchored: bool = True
-    filtered: bool = False
+    update: Update = Update.PARTS
     own_surface: bool = False
     content: str = ""
     frame_ms: float = 100.0

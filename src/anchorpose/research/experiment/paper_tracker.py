@@ -10,28 +10,22 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.belief import PoseBelief
-from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import anchor_points, join, place_constraints
-from anchorpose.body.fit import damped_step, hidden_bones, pose_equations, prior_equations, range_information
+from anchorpose.body.fit import damped_step
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.limb_proposals import CHAINS, CONTRADICTED_M, contradicted_by
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, posterior
 from anchorpose.body.skin_map import map_body
-from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_points, build_body, pose_points
+from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.recording.recording import FrameSet
-from anchorpose.research.experiment.config import Form
+from anchorpose.research.experiment.config import Form, Update
 from anchorpose.research.experiment.given import GivenFrames
 from anchorpose.research.experiment.own_surface import SeenGeodesics, match_skin
+from anchorpose.research.experiment.pose_filters import FAR_M, match_rows, update_by_rows
 from anchorpose.surface.surface import BodyMap
-from anchorpose.track_tree.global_hypothesis import (
-    PAIR_SIGMA_M,
-    GlobalHypothesis,
-    joints_by_parts,
-    part_motion,
-    skin_places,
-)
+from anchorpose.track_tree.global_hypothesis import GlobalHypothesis, joints_by_parts
 from anchorpose.track_tree.parts import ITERATIONS
 from anchorpose.tracker.observation import Observation, Start
 from anchorpose.tracker.patient import PatientTracker
@@ -42,14 +36,13 @@ from anchorpose.tracker.room import Run
 class Way:
     """What a method does beside its association, and the form of the framework.
 
-    anchored: it looks at the anchors, which are found only then. filtered: the pose follows the matches by a Kalman
-    filter, not part by part. own_surface: limbs whose ends are seen elsewhere are brought back by matching the body's
-    own surface.
+    anchored: it looks at the anchors, which are found only then. update: how the pose follows the matches. own_surface:
+    limbs whose ends are seen elsewhere are brought back by matching the body's own surface.
     """
 
     form: Form = Form.REFINED
     anchored: bool = True
-    filtered: bool = False
+    update: Update = Update.PARTS
     own_surface: bool = False
 
 
@@ -80,8 +73,10 @@ class PaperTracker(PatientTracker):
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
         config, form, robust = self.config.registration, self.way.form, self.way.form.rejects
         now, window = pose_points(self.body, self.belief.pose), list(self.window.seen)
-        if self.way.filtered:
-            predicted = filter_matches(self.body, now, hypothesis, window, predicted, config, robust)
+        if self.way.update is not Update.PARTS:
+            rows = match_rows(self.body, now, hypothesis, window, predicted, robust)
+            seed = window[1].frame_set.frame
+            predicted = update_by_rows(self.way.update, self.body, rows, predicted, config, seed)
             pose = predicted.pose
             if not form.refined:
                 return Registration(replace(predicted, pose=self._with_limbs(pose)), 1.0, True)
@@ -106,42 +101,6 @@ class PaperTracker(PatientTracker):
 def _body_of(shape: FittedShape) -> tuple[Body, BodyMap]:
     body = build_body(body_points(), shape)
     return body, map_body(body)
-
-
-PAIR_SCALE_M: Final = 3.0 * PAIR_SIGMA_M  # at which a match has a quarter of its weight
-FAR_M: Final = 1000.0  # a scale at which no row loses weight
-FILTER_STEPS: Final = 4  # of Gauss and Newton: an iterated extended Kalman filter; it settles in three
-
-
-def filter_matches(
-    body: Body,
-    now: PosedPoints,
-    hypothesis: GlobalHypothesis,
-    window: Sequence[Observation],
-    predicted: PoseBelief,
-    config: RegistrationConfig,
-    robust: bool,
-) -> PoseBelief:
-    """The belief after the update of an iterated extended Kalman filter, the paper's alternative (Section III).
-
-    The state is the pose; h is where the skin point beside each matched node is, in that pose. Without matches the
-    belief is the prediction. robust: distant matches count less.
-    """
-    T_next_now = part_motion(now.transforms, pose_points(body, predicted.pose).transforms)
-    places = skin_places(now, hypothesis, window, T_next_now)
-    found = np.isfinite(places).all(axis=1)
-    if not found.any():
-        return predicted
-    scale_m = PAIR_SCALE_M if robust else FAR_M
-    rows = place_constraints(hypothesis.point[found], places[found], PAIR_SIGMA_M, scale_m)
-    expected, pose = (predicted.pose, predicted.information), predicted.pose
-    for _ in range(FILTER_STEPS):
-        pose = damped_step(body, pose, rows, expected, config.rows_per_observation)
-    posed = pose_points(body, pose)
-    hidden = hidden_bones(body.points, rows, config.rows_per_observation)
-    prior = prior_equations(body.points, pose, expected, hidden)
-    hessian = pose_equations(body, pose, posed, rows, prior, config.rows_per_observation).hessian
-    return PoseBelief(pose, np.linalg.inv(hessian), hessian - range_information(body.points, pose, hidden))
 
 
 HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])

@@ -163,11 +163,13 @@ class Plan:
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 
     def forms(self, clip: Clip, hole_m: float, method: Method) -> tuple[Form, ...]:
-        """The forms of the framework: all of them in the paper's scene with no hole and the largest, else the first."""
+        """The forms of the framework in the paper's scene: all with no hole and the largest, between those with the
+        surface; elsewhere the first."""
         every = self.config.forms
-        ends = (0.0, max(self.config.holes_m))
-        compared = clip.scene is Scene.PAPER and hole_m in ends and method.family is not Family.TRACKER
-        return every if compared else every[:1]
+        if clip.scene is not Scene.PAPER or method.family is Family.TRACKER:
+            return every[:1]
+        at_end = hole_m in (0.0, max(self.config.holes_m))
+        return tuple(form for form in every if at_end or form.refined)
 
     def methods_on(self, clip: Clip) -> tuple[Method, ...]:
         """All methods; in some scenes also the ablation of this project's tracker."""

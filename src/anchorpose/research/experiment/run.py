@@ -16,14 +16,14 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.errors import InputError
 from anchorpose.motion.database import ReferenceClips, write_motions
 from anchorpose.recording.document import read_json
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.research.experiment.clip_jobs import Part, Progress, do
 from anchorpose.research.experiment.clips import Clip, plan_clips, simulation_of
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
-from anchorpose.research.experiment.costs import Costs, duration, measure_costs, usual_costs
+from anchorpose.research.experiment.costs import duration, usual_costs
 from anchorpose.research.experiment.method import Method, load_methods
 from anchorpose.research.experiment.methods.references import ABLATED
 from anchorpose.research.experiment.page.page import write_results
@@ -113,15 +113,16 @@ def run_experiment(
     _make_own_folder(out)
     trainers = tuple(training_clips(config))
     spec = _untuned_plan(out / CACHE, trainers, config)
-    costs = _costs(spec, clips, trainers, processes, report)
+    costs = usual_costs(methods, config)
     training = Part(replace(spec, training=True), trainers if config.tuned else (), costs)
     testing = Part(replace(spec, chosen=_chosen(_tried(training, methods))), tuple(clips), costs)
     left_s = training.left_s() + testing.left_s()
-    report(f"About {duration(left_s / processes + AROUND_S)} on {processes} cores.")
+    report(f"About {duration(left_s / processes + AROUND_S)} on {processes} idle cores.")
     failed = do(training, processes, progress, testing.left_s())
     tried = _tried(training, methods)
     testing = Part(replace(spec, chosen=_chosen(tried)), tuple(clips), costs)
-    more = do(testing, processes, progress, 0.0, partial(show, out, testing.spec, trainers))
+    beside = partial(show, out, testing.spec, trainers) if config.pictures else None
+    more = do(testing, processes, progress, 0.0, beside)
     report("Writing tables, figures and the page.")
     tracked, matched = _collect(testing.tasks())
     times, not_shown = shown_before(out, testing.spec.plan(), trainers) or (None, ())
@@ -133,23 +134,6 @@ def run_experiment(
 
 
 AROUND_S: Final = 240.0  # kernels that are compiled or loaded by every process, the figures of anchors, and the page
-LONG_S: Final = 600.0  # a longer run is worth some minutes for an estimate of this machine
-
-
-def _costs(
-    spec: PlanSpec, clips: Sequence[Clip], trainers: Sequence[Clip], processes: int, report: Callable[[str], None]
-) -> Costs:
-    """Return the costs of the tasks, measured on this machine where much is left to do."""
-    usual, measured = usual_costs(load_methods(spec.config.methods), spec.config), [*clips, *trainers]
-    left_s = Part(spec, tuple(clips), usual).left_s()
-    if left_s / processes < LONG_S:
-        return usual
-    report("Measuring how long every method takes here.")
-    try:
-        return measure_costs(spec, [clip for clip in measured if clip.scene is Scene.PAPER], processes)
-    except AnchorposeError as error:
-        report(f"Not measured: {error}")
-        return usual
 
 
 def _require_matplotlib() -> None:

@@ -96,7 +96,7 @@ def track_segments(
             later = [trial.given.frame(position) for position in range(start + 1, start + length)]
             for form, run in trial.runs.items():
                 own = replace(run, config=method.configure(run.config, setting), associate=associate)
-                way = Way(form=form, anchored=method.anchored, filtered=method.filtered, own_surface=method.own_surface)
+                way = Way(form=form, anchored=method.anchored, update=method.update, own_surface=method.own_surface)
                 found[form].append(follow_segment(start_at(start, trial.given, own, way), later))
     frames = np.concatenate([np.zeros(0, np.int64), *(np.arange(start + 1, start + length) for start in starts)])
     together = (np.stack([np.concatenate(of_form) for of_form in found.values()]) for found in joints)

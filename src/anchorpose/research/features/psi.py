@@ -35,12 +35,19 @@ def subsets_with_pieces(source: np.ndarray, target: np.ndarray, found: np.ndarra
 
 
 def match_by_psi(
-    source: np.ndarray, target: np.ndarray, places_m: np.ndarray, subsets: np.ndarray, gate: GateConfig, unclipped: bool
+    source: np.ndarray,
+    target: np.ndarray,
+    places_m: np.ndarray,
+    subsets: np.ndarray,
+    gate: GateConfig,
+    unclipped: bool,
+    squared: bool = False,
 ) -> np.ndarray:
     """Return (k, s) int32: the node of psi nearest to its middle under each subset, -1 where psi is empty.
 
     source (k, 5), target (n, 5) metres; places_m (n, 3) of the target nodes; subsets of ``subsets_with_pieces``. A
-    filled-up subset applies only where the node or its match is reached from these anchors alone.
+    filled-up subset applies only where the node or its match is reached from these anchors alone. squared: the paper's
+    inequality as printed, the squared norm in square metres below e_max in metres; else the norm is below it.
     """
     known = subsets != NONE
     distance = np.where(known, source[:, np.where(known, subsets, 0)], 0.0)
@@ -53,7 +60,7 @@ def match_by_psi(
         target.astype(np.float64),
         places_m.astype(np.float64),
         subsets,
-        bound**2,
+        bound if squared else bound**2,
         reached[0],
         reached[1],
         only,

@@ -12,11 +12,12 @@ import numpy as np
 
 from anchorpose.geodesics.anchors import anchor_descriptor
 from anchorpose.joints import ANCHOR_NAMES
+from anchorpose.research.experiment.config import Update
 from anchorpose.research.experiment.framework import ANYWHERE_M, PAPER_GATE
 from anchorpose.research.experiment.method import PROPOSED, Family, Method, cached, whole_content
 from anchorpose.research.features.psi import match_by_psi, subsets_with_pieces
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
-from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig, Matcher
+from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig, Matcher, anchor_subsets
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
@@ -27,10 +28,13 @@ PAPER_SUBSET: Final = 3  # N_S: "three anchor nodes suffice" (Section IV-D)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorSetting:
-    """The gate, which the paper chose by hand; unclipped: see ``features.psi``."""
+    """The gate, which the paper chose by hand; unclipped, squared: see ``features.psi``; pieces: behind a cut the
+    anchors that are left are a subset of their own."""
 
     gate: GateConfig = PAPER_GATE
     unclipped: bool = True
+    squared: bool = False
+    pieces: bool = True
 
 
 GATES: Final = tuple(
@@ -39,12 +43,12 @@ GATES: Final = tuple(
 )
 
 
-def _hypotheses(config: TrackConfig, setting: AnchorSetting) -> TrackConfig:
+def all_hypotheses(config: TrackConfig, setting: AnchorSetting) -> TrackConfig:
     return replace(config, gate=setting.gate, hypotheses=HypothesisConfig(trusted_only=False))
 
 
-def _next_frame_only(config: TrackConfig, setting: AnchorSetting) -> TrackConfig:
-    return replace(_hypotheses(config, setting), follow=replace(config.follow, look_ahead=1))
+def next_frame_only(config: TrackConfig, setting: AnchorSetting) -> TrackConfig:
+    return replace(all_hypotheses(config, setting), follow=replace(config.follow, look_ahead=1))
 
 
 def _as_seen(seen: Observation) -> np.ndarray:
@@ -57,17 +61,21 @@ def _by_edges(seen: Observation) -> np.ndarray:
     return anchor_descriptor(seen.whole, seen.anchors, along_edges)[: len(seen.surface)]
 
 
-def _by_psi(describe: Callable[[Observation], np.ndarray], size: int, setting: AnchorSetting) -> Associate:
-    """A hypothesis for every subset of ``size`` anchors, and for the anchors that are left behind a cut."""
+def by_psi(describe: Callable[[Observation], np.ndarray], size: int, setting: AnchorSetting) -> Associate:
+    """A hypothesis for every subset of ``size`` anchors that both frames measure from.
+
+    describe: (n, 5) distances of a frame's seen nodes to the anchors, NaN in the column of a missed one.
+    """
     distances = cached(describe, whole_content)
 
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
         source, target = distances(now), distances(following)
-        subsets = subsets_with_pieces(source, target, now.anchors.found & following.anchors.found, size)
+        found = np.isfinite(source).any(axis=0) & np.isfinite(target).any(axis=0)
+        subsets = subsets_with_pieces(source, target, found, size) if setting.pieces else anchor_subsets(found, size)
 
         def find(nodes: np.ndarray) -> np.ndarray:
-            places_m = following.surface.points_m
-            return match_by_psi(source[nodes], target, places_m, subsets, setting.gate, setting.unclipped)
+            places_m, how = following.surface.points_m, (setting.gate, setting.unclipped, setting.squared)
+            return match_by_psi(source[nodes], target, places_m, subsets, *how)
 
         return Matcher(find, len(now.surface), subsets)
 
@@ -79,7 +87,7 @@ def _method(
     title: str,
     describe: Callable[[Observation], np.ndarray] = _as_seen,
     size: int = PAPER_SUBSET,
-    configure: Callable[[TrackConfig, AnchorSetting], TrackConfig] = _hypotheses,
+    configure: Callable[[TrackConfig, AnchorSetting], TrackConfig] = all_hypotheses,
 ) -> Method:
     return Method(
         key=key,
@@ -87,21 +95,21 @@ def _method(
         family=Family.PROPOSED,
         source=SOURCE,
         settings=tuple(AnchorSetting(gate=gate) for gate in GATES),
-        associate=partial(_by_psi, describe, size),
+        associate=partial(by_psi, describe, size),
         configure=configure,
         several=True,
         frame_ms=90.0,
     )
 
 
-_PROPOSED = _method(PROPOSED, "anchor geodesics as proposed")
+_PROPOSED = _method(PROPOSED, "anchor geodesics as proposed, repaired")
 
 METHODS = (
     replace(_PROPOSED, settings=(*_PROPOSED.settings, *(replace(one, unclipped=False) for one in _PROPOSED.settings))),
     _method("anchors-dijkstra", "the same, distances by Dijkstra", describe=_by_edges),
-    _method("anchors-no-tree", "the same without the tree", size=len(ANCHOR_NAMES), configure=_next_frame_only),
+    _method("anchors-no-tree", "the same without the tree", size=len(ANCHOR_NAMES), configure=next_frame_only),
     replace(
-        _method("anchors-filter", "the same with a Kalman filter, not the tree", configure=_next_frame_only),
-        filtered=True,
+        _method("anchors-filter", "the same with a Kalman filter, not the tree", configure=next_frame_only),
+        update=Update.KALMAN,
     ),
 )

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from anchorpose.research.experiment.config import Update
 from anchorpose.research.experiment.method import DescriptorSetting, Family, Method, by_descriptor
 from anchorpose.research.features.fpfh import FpfhConfig, fpfh
 from anchorpose.research.features.ld_sift import Beyond, LdSiftConfig, ld_sift
@@ -269,7 +270,7 @@ SPECTRAL = (
 
 _SHOT = next(method for method in LOCAL if method.key == "shot")
 
-FILTERED = (replace(_SHOT, key="shot-filter", title="SHOT with a Kalman filter", filtered=True),)
+FILTERED = (replace(_SHOT, key="shot-filter", title="SHOT with a Kalman filter", update=Update.KALMAN),)
 """Shows what the filter alone is worth, which the next generation has too."""
 
 METHODS = (*LOCAL, *FILTERED, *MESH, *SPECTRAL)

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from anchorpose.joints import ANCHOR_NAMES
+from anchorpose.research.experiment.config import Update
 from anchorpose.research.experiment.framework import NEVER_M
 from anchorpose.research.experiment.method import NEXT, Family, Method, cached, seen_content
 from anchorpose.research.features.shot import ShotConfig, shot
@@ -201,7 +202,7 @@ METHODS = (
         configure=_configure,
         several=True,
         own_surface=True,
-        filtered=True,
+        update=Update.KALMAN,
         frame_ms=170.0,
     ),
 )

@@ -14,9 +14,9 @@ from anchorpose.motion.prediction import MotionConfig, MotionRule
 from anchorpose.research.experiment.method import NO_SUBSET, OWN, Family, Method
 from anchorpose.research.features.gmds import GmdsConfig, match_by_gmds
 from anchorpose.surface.surface import SurfaceConfig
-from anchorpose.track_tree.hypotheses import Feature, HypothesisConfig, Matcher
-from anchorpose.tracker.config import FollowConfig, TrackConfig
+from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.config import Method as Registration
+from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
@@ -95,9 +95,6 @@ GLOBAL = (
 
 
 ABLATION: Final[Mapping[str, tuple[str, TrackConfig]]] = {
-    "own-no-descriptor": ("without the descriptor", TrackConfig(hypotheses=HypothesisConfig(feature=Feature.POSITION))),
-    "own-no-subsets": ("without subsets of anchors", TrackConfig(hypotheses=HypothesisConfig(subset_size=5))),
-    "own-no-tree": ("without the tree", TrackConfig(follow=FollowConfig(look_ahead=1))),
     "own-no-movements": ("without reference movements", TrackConfig(motion=MotionConfig(rule=MotionRule.VELOCITY))),
     "own-best-movement": (
         "with the one best movement, as in the paper",

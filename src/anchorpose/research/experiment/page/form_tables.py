@@ -146,10 +146,13 @@ def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable
 
 
 def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """The sizes of hole that only the first form has."""
-    form = results.config.forms[0]
-    sizes = Tracking(results, form).holes(Scene.PAPER)[1:-1]
-    return [(form, hole, Column(f"{form} {hole:g}", f"{FORM_NAMES[form]}, {hole:.2f} m")) for hole in sizes]
+    """The sizes between none and the largest, which the forms with the surface have."""
+    return [
+        (form, hole, Column(f"{form} {hole:g}", f"{FORM_NAMES[form]}, {hole:.2f} m"))
+        for form in results.config.forms
+        for hole in Tracking(results, form).holes(Scene.PAPER)[1:-1]
+        if form.refined
+    ]
 
 
 def _others(methods: Sequence[Method]) -> list[Method]:

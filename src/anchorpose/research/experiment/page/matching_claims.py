@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.research.experiment.config import Scene
+from anchorpose.research.experiment.config import Scene, Update
 from anchorpose.research.experiment.correspondence import REGIONS
 from anchorpose.research.experiment.method import PROPOSED, Family, Method
 from anchorpose.research.experiment.page.matching_tables import PAPER_FEATURE_S, PAPER_MESH_S, PAPER_NODES
@@ -217,7 +217,7 @@ class MatchingClaims:
     def _of(self, *families: Family) -> list[Method]:
         """Without those that a filter follows: they are controls."""
         every = self._methods.values()
-        return [method for method in every if method.family in families and not method.filtered]
+        return [method for method in every if method.family in families and method.update is Update.PARTS]
 
 
 def _ratio_check(what: str, value: Estimate) -> Check:

@@ -32,7 +32,7 @@ from anchorpose.research.experiment.page.page_text import (
     summary_html,
 )
 from anchorpose.research.experiment.page.tables import Table, csv_text
-from anchorpose.research.experiment.page.tracking_claims import TrackingClaims
+from anchorpose.research.experiment.page.tracking_claims import TrackingClaims, literal_claims
 from anchorpose.research.experiment.page.tracking_tables import OTHER_HOLES, tracking_tables
 from anchorpose.research.experiment.page.verdict import Claim, claims_json
 from anchorpose.research.experiment.results import ExperimentResults
@@ -42,6 +42,7 @@ NO_DATA = "<p class='hint'>No data: nothing of this was run.</p>"
 
 UNFOLDED = (
     "result1",
+    "result1_all",
     "forms",
     "forms_body",
     "next_joints",
@@ -59,7 +60,8 @@ MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
 
 def judge_claims(results: ExperimentResults) -> list[Claim]:
     """All claims, those of the paper's figures first."""
-    return [*TrackingClaims(results).all(), *MatchingClaims(results).all(), paper_times(results)]
+    of_joints = [*TrackingClaims(results).all(), *literal_claims(results)]
+    return [*of_joints, *MatchingClaims(results).all(), paper_times(results)]
 
 
 def compose_page(
@@ -84,6 +86,7 @@ def compose_page(
             ("result1", "sd1", "ratio", "result2", "sd2"),
             (
                 "result1",
+                "result1_all",
                 "median",
                 "body",
                 "sd1",

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any, Final
 
-from anchorpose.research.experiment.config import ExperimentConfig, Scene
+from anchorpose.research.experiment.config import ExperimentConfig, Scene, Update
 from anchorpose.research.experiment.method import NEXT, PROPOSED, Family
 from anchorpose.research.experiment.page.page_parts import best_of, text_table
 from anchorpose.research.experiment.page.selection import left_out
@@ -105,7 +105,9 @@ def _errors(results: ExperimentResults, tables: Sequence[Table]) -> str:
 
 
 def _best(errors: Table, column: str, family: Family) -> str | None:
-    return best_of(errors, column, [one.key for one in errors.methods if one.family is family and not one.filtered])
+    return best_of(
+        errors, column, [one.key for one in errors.methods if one.family is family and one.update is Update.PARTS]
+    )
 
 
 def run_html(results: ExperimentResults) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.research.experiment.config import Scene
-from anchorpose.research.experiment.method import NEXT, OWN, PROPOSED, Family, Method
+from anchorpose.research.experiment.config import Form, Scene, Update
+from anchorpose.research.experiment.method import LITERAL, NEXT, OWN, PROPOSED, Family, Method
 from anchorpose.research.experiment.page.form_tables import FORM_NAMES
 from anchorpose.research.experiment.page.selection import Tracking, compared, frame_means
 from anchorpose.research.experiment.page.tables import Estimate, Unit, mean_over, ratio_of
@@ -22,13 +23,41 @@ SIMILAR: Final = 2.0  # the worst joint against the best
 ADEQUATE_MM: Final = 100.0  # about the width of a forearm: a joint within it is on the right limb
 
 
-class TrackingClaims:
-    """Makes each claim from an results."""
+FILTERS: Final = {PROPOSED: ("anchors-filter",), LITERAL: ("paper-kalman", "paper-particles")}
+"""The rows with a filter in place of the tree, by the row whose matches they use."""
 
-    def __init__(self, results: ExperimentResults) -> None:
-        self._results, self._tracking, self._resamples = results, Tracking(results), results.config.resamples
+
+def literal_claims(results: ExperimentResults) -> list[Claim]:
+    """The paper's claims about its feature, of the literal method with nothing rejected; none where it did not run."""
+    if all(method.key != LITERAL for method in results.methods):
+        return []
+    of_text = TrackingClaims(results, LITERAL, Form.REFINED_ALL)
+    return [
+        replace(claim, key=f"literal-{claim.key}", text=f"{claim.text} The literal method, nothing rejected.")
+        for claim in of_text.of_the_feature()
+    ]
+
+
+class TrackingClaims:
+    """Makes each claim from an results; proposed: the row that stands for the paper's method, form: of all rows."""
+
+    def __init__(self, results: ExperimentResults, proposed: str = PROPOSED, form: Form = Form.REFINED) -> None:
+        self._results, self._tracking, self._resamples = results, Tracking(results, form), results.config.resamples
+        self._proposed = proposed
         self._methods = self._tracking.ran(Scene.PAPER, compared(results.methods))
         self._holes = self._tracking.holes(Scene.PAPER)
+
+    def of_the_feature(self) -> list[Claim]:
+        """Those about the proposed feature itself."""
+        return [
+            self.proposed_constant(),
+            self.proposed_below("local", (Family.LOCAL,)),
+            self.proposed_below("spectral", (Family.SPECTRAL,)),
+            self.proposed_similar(),
+            self.proposed_adequate(),
+            self.helps_at_all(),
+            self.filter_instead(),
+        ]
 
     def all(self) -> list[Claim]:
         """All claims about joints, in the order of the page."""
@@ -54,7 +83,7 @@ class TrackingClaims:
             "Fig. “result1” and its caption",
             "The proposed feature with the tree has almost the same error whatever the size of the hole.",
             f"Error at the largest hole at most {CONSTANT} times that without, in the same frames.",
-            tuple(self._constancy([m for m in self._methods if m.key == PROPOSED], at_most)),
+            tuple(self._constancy([m for m in self._methods if m.key == self._proposed], at_most)),
         )
 
     def local_constant(self) -> Claim:
@@ -86,7 +115,7 @@ class TrackingClaims:
             "Fig. “result1”, Section V-B",
             f"At every size of hole the proposed feature with the tree is more accurate than every {name} feature.",
             "The proposed method’s error minus the other’s, in the same frames, is below 0.",
-            tuple(self._below(PROPOSED, others)),
+            tuple(self._below(self._proposed, others)),
         )
 
     def helps_at_all(self) -> Claim:
@@ -96,18 +125,18 @@ class TrackingClaims:
             "this project’s own question",
             "The proposed feature tracks better than the framework without any feature.",
             "The proposed method’s error minus the other’s, in the same frames, is below 0.",
-            tuple(self._below(PROPOSED, self._of(Family.NONE))),
+            tuple(self._below(self._proposed, self._of(Family.NONE))),
         )
 
     def filter_instead(self) -> Claim:
         """Section III: "an EKF, UKF, or particle tracking filter"."""
-        others = [method for method in self._methods if method.key == "anchors-filter"]
+        others = [method for method in self._methods if method.key in FILTERS[self._proposed]]
         return Claim(
             "tree-below-filter",
             "Section III (commented out)",
-            "The track tree is more accurate than a Kalman filter on the same matches.",
+            "The track tree is more accurate than a filter over the pose on the same matches.",
             "The proposed method’s error minus that with the filter, in the same frames, is below 0.",
-            tuple(self._below(PROPOSED, others)),
+            tuple(self._below(self._proposed, others)),
         )
 
     def next_below_all(self) -> Claim:
@@ -156,7 +185,7 @@ class TrackingClaims:
             "Hypotheses from subsets of anchors, chosen by a tree over several frames, make tracking better under "
             "occlusion.",
             "In frames with a hole, the error with the tree less that without is below 0.",
-            tuple(self._below(PROPOSED, others, occluded=True)),
+            tuple(self._below(self._proposed, others, occluded=True)),
         )
 
     def proposed_similar(self) -> Claim:
@@ -164,7 +193,7 @@ class TrackingClaims:
         checks = [
             Check(what, value, Unit.RATIO, at_most(value, SIMILAR))
             for method in self._methods
-            if method.key == PROPOSED
+            if method.key == self._proposed
             for what, value in [self._spread(method)]
         ]
         return Claim(
@@ -192,7 +221,7 @@ class TrackingClaims:
         """Fig. mhtjoints."""
         checks = []
         for hole in self._holes:
-            value = mean_over(list(self._tracking.errors(Scene.PAPER, PROPOSED, hole).values()), self._resamples)
+            value = mean_over(list(self._tracking.errors(Scene.PAPER, self._proposed, hole).values()), self._resamples)
             what = f"mean joint error, {_hole_text(hole)}"
             checks.append(Check(what, value, Unit.MM, at_most(value, ADEQUATE_MM)))
         return Claim(
@@ -228,7 +257,7 @@ class TrackingClaims:
     def _of(self, *families: Family) -> list[Method]:
         """Without those that a filter follows: they are controls."""
         every = self._methods
-        return [method for method in every if method.family in families and not method.filtered]
+        return [method for method in every if method.family in families and method.update is Update.PARTS]
 
 
 def difference(

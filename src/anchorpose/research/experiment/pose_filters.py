@@ -1,0 +1,137 @@
+"""Filters over the pose in place of parts: the paper's "EKF, UKF, or particle tracking filter" (Section III).
+
+The state is the pose; the measurement is where the skin point beside each matched node lies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from anchorpose.body.belief import PoseBelief
+from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.constraints import Constraints, place_constraints, thin
+from anchorpose.body.fit import damped_step, hidden_bones, pose_equations, prior_equations, range_information
+from anchorpose.body.kinematics import skin
+from anchorpose.body.pose import POSE_SIZE
+from anchorpose.body.skin_points import Body, PosedPoints, pose_points
+from anchorpose.research.experiment.config import Update
+from anchorpose.track_tree.global_hypothesis import PAIR_SIGMA_M, GlobalHypothesis, part_motion, skin_places
+from anchorpose.tracker.observation import Observation
+
+PAIR_SCALE_M: Final = 3.0 * PAIR_SIGMA_M  # at which a match has a quarter of its weight
+FAR_M: Final = 1000.0  # a scale at which no row loses weight
+KALMAN_STEPS: Final = 4  # of Gauss and Newton: an iterated extended Kalman filter; it settles in three
+PARTICLES: Final = 200  # three for each parameter of the pose, so that their covariance has full rank
+COMPARED: Final = 120  # matches that a particle is compared with, in place of all: a particle then costs 0.1 ms
+EFFECTIVE: Final = 0.5  # least effective share of the particles after a step of tempering
+SPREAD: Final = 0.3  # of the kernel that particles are drawn from again, in their own standard deviations
+
+
+def match_rows(
+    body: Body,
+    now: PosedPoints,
+    hypothesis: GlobalHypothesis,
+    window: Sequence[Observation],
+    predicted: PoseBelief,
+    robust: bool,
+) -> Constraints:
+    """Where the matches put the skin points beside their nodes; robust: distant matches count less."""
+    T_next_now = part_motion(now.transforms, body.transforms(predicted.pose))
+    places = skin_places(now, hypothesis, window, T_next_now)
+    found = np.isfinite(places).all(axis=1)
+    scale_m = PAIR_SCALE_M if robust else FAR_M
+    return place_constraints(hypothesis.point[found], places[found], PAIR_SIGMA_M, scale_m)
+
+
+def update_by_rows(
+    update: Update, body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
+) -> PoseBelief:
+    """The belief after the measurement; without matches the prediction. seed: of the particles."""
+    if not len(rows):
+        return predicted
+    if update is Update.KALMAN:
+        return kalman_update(body, rows, predicted, config)
+    return particle_update(body, rows, predicted, config, seed)
+
+
+def kalman_update(body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig) -> PoseBelief:
+    """The belief after the update of an iterated extended Kalman filter."""
+    expected, pose = (predicted.pose, predicted.information), predicted.pose
+    for _ in range(KALMAN_STEPS):
+        pose = damped_step(body, pose, rows, expected, config.rows_per_observation)
+    posed = pose_points(body, pose)
+    hidden = hidden_bones(body.points, rows, config.rows_per_observation)
+    prior = prior_equations(body.points, pose, expected, hidden)
+    hessian = pose_equations(body, pose, posed, rows, prior, config.rows_per_observation).hessian
+    return PoseBelief(pose, np.linalg.inv(hessian), hessian - range_information(body.points, pose, hidden))
+
+
+def particle_update(
+    body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
+) -> PoseBelief:
+    """The belief as the mean and covariance of particles, drawn from the prediction and weighed by the matches.
+
+    Sixty-six parameters leave one particle with all the weight, so the likelihood is tempered (Neal 2001,
+    doi:10.1023/A:1008923215028): in each step as much of it as leaves half of the particles effective, which are then
+    drawn again with a kernel that keeps their mean and covariance (Liu and West 2001).
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(19,)))
+    states = rng.standard_normal((PARTICLES, POSE_SIZE)) @ np.linalg.cholesky(predicted.covariance).T
+    compared, left = _some_matches(rows), 1.0
+    per_row = len(rows) / (len(compared) * config.rows_per_observation)
+    while left > 0.0:
+        log_weight = -0.5 * per_row * np.array([_cost(body, predicted, state, compared) for state in states])
+        share = _tempered(log_weight, left)
+        states, left = _drawn_again(states, _weights(share * log_weight), rng), left - share
+    covariance = np.cov(states.T)
+    mean = predicted.pose.moved(states.mean(axis=0), body.points.moving)
+    return PoseBelief(mean, covariance, np.linalg.inv(covariance))
+
+
+def _some_matches(rows: Constraints) -> Constraints:
+    """The rows of ``COMPARED`` matches, three each."""
+    match = 3 * thin(len(rows) // 3, COMPARED)[:, None] + np.arange(3)
+    chosen = np.zeros(len(rows), bool)
+    chosen[match.ravel()] = True
+    return rows.where(chosen)
+
+
+def _cost(body: Body, predicted: PoseBelief, change: np.ndarray, rows: Constraints) -> float:
+    """Squared deviations of the rows under Geman and McClure's kernel, after a change of the predicted pose."""
+    points, of = body.points, rows.point[::3]
+    transforms = body.transforms(predicted.pose.moved(change, points.moving))
+    placed = skin(points.bones[of], points.influence[of], transforms, body.rest_m[of], body.rest_normals[of])[0]
+    scaled = ((placed - rows.target_m[::3]).ravel() / rows.scale_m) ** 2
+    return float(((rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)).sum())
+
+
+def _weights(log_weight: np.ndarray) -> np.ndarray:
+    weight: np.ndarray = np.exp(log_weight - log_weight.max())
+    return weight / weight.sum()
+
+
+def _tempered(log_weight: np.ndarray, left: float) -> float:
+    """The largest share of the likelihood, ``left`` at most, that keeps ``EFFECTIVE`` of the particles."""
+
+    def effective(share: float) -> float:
+        return 1.0 / float((_weights(share * log_weight) ** 2).sum())
+
+    least, low, high = EFFECTIVE * len(log_weight), 0.0, left
+    if effective(left) >= least:
+        return left
+    for _ in range(30):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if effective(middle) >= least else (low, middle)
+    return high
+
+
+def _drawn_again(states: np.ndarray, weight: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Equally weighted particles with the mean and covariance of the weighted ones."""
+    mean, covariance = weight @ states, np.cov(states.T, aweights=weight)
+    place = (rng.random() + np.arange(len(states))) / len(states)
+    kept = states[np.minimum(np.searchsorted(np.cumsum(weight), place), len(states) - 1)]
+    jitter = rng.multivariate_normal(np.zeros(len(mean)), covariance, len(states), method="eigh")
+    return np.asarray(mean + np.sqrt(1.0 - SPREAD**2) * (kept - mean) + SPREAD * jitter)
