@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.contact_regions import REGIONS, region_of_skin
 from anchorpose.simulate.clinic import Clinic, Performance
 from anchorpose.simulate.render import Figure
 
@@ -20,10 +21,12 @@ EQUIPMENT_TOUCH_M: Final = (
 @dataclass(frozen=True, slots=True, eq=False)
 class Touch:
     """bones (b,) bool: the patient's body parts that anybody touches; joints (n, 21) bool: by each therapist;
-    on_equipment (parts, b) bool: bones whose skin is on each part of the equipment."""
+    regions (n, k) bool: the regions of the body that each therapist touches; on_equipment (parts, b) bool: bones whose
+    skin is on each part of the equipment."""
 
     bones: np.ndarray
     joints: np.ndarray
+    regions: np.ndarray
     on_equipment: np.ndarray
 
 
@@ -36,6 +39,8 @@ def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...
     joints_m = body.joints(performance.bones[0][frame])
     bones = np.zeros(len(body.bone_heads), dtype=bool)
     joints = np.zeros((len(figures) - 1, len(joints_m)), dtype=bool)
+    regions = np.zeros((len(figures) - 1, len(REGIONS)), dtype=bool)
+    region = region_of_skin(body.asset, part, body.vertices, body.bone_heads)
     for index, figure in enumerate(figures[1:]):
         low, high = figure.skin_m.min(axis=0) - TOUCH_M, figure.skin_m.max(axis=0) + TOUCH_M
         near = np.flatnonzero(((patient_m > low) & (patient_m < high)).all(axis=1))
@@ -44,10 +49,11 @@ def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...
         distance, _ = cKDTree(figure.skin_m).query(patient_m[near], distance_upper_bound=TOUCH_M)
         touched = near[np.isfinite(distance)]
         bones[part[touched]] = True
+        regions[index, region[touched]] = True
         if len(touched):
             gap_m = np.linalg.norm(joints_m[:, None] - patient_m[touched], axis=2)
             joints[index] = (gap_m < JOINT_REGION_M).any(axis=1)
-    return Touch(bones, joints, bones_on_equipment(clinic, patient_m, part, float(performance.times_s[frame])))
+    return Touch(bones, joints, regions, bones_on_equipment(clinic, patient_m, part, float(performance.times_s[frame])))
 
 
 def bones_on_equipment(clinic: Clinic, patient_m: np.ndarray, bone: np.ndarray, time_s: float) -> np.ndarray:
