@@ -11,6 +11,7 @@ import scores
 from captured import CapturedBody
 from recordings import DATA, MOVEMENTS, FrontAlone, Real, Simulated
 from room_suites import START_SEED, rooms, start_of, starts
+from session_suite import sessions
 from stage_suites import calibration, clocks, descriptor, equipment, given_poses, isolation, laboratory, live
 from suite import Case, Probe, Suite, Use
 from tasks import tasks
@@ -302,6 +303,7 @@ SUITES: Final[dict[str, Suite]] = {
     "kidnapped": Suite("wrong poses in mid-recording that the tracker must leave", kidnapped),
     "facings": Suite("the right body and the same turned round, followed side by side", facings),
     "tasks": Suite("clinical measures, angles and centre of mass against those of the true joints", tasks),
+    "sessions": Suite("trials with stimulation: events, times of independence, what changes", sessions),
     "descriptor": Suite("people and places on the body by the learnt descriptor", descriptor),
     "isolation": Suite("person labels, pixel by pixel", isolation),
     "calibration": Suite("poses of cameras, found from the equipment or from people", calibration),

@@ -27,7 +27,7 @@ class KneeBend:
 
 
 def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeBend | None:
-    """How far the knees bend, each (t, 2) as in ``KneeBend``; None where no leg carries. lift: 1 as high as in a step."""
+    """How far the knees bend, (t, 2) as in ``KneeBend``; None where no leg carries. lift: 1 is as high as in a step."""
     if not carry.any():
         return None
     return KneeBend(flexion, carry.clip(0.0, 1.0).max(axis=1), np.maximum(1.0 - lift, LEAST_LOAD))
