@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -13,13 +13,12 @@ from anchorpose.body.contact_regions import REGION_BONES, REGIONS
 from anchorpose.errors import InputError
 from anchorpose.recording.regular_file import read_arrays
 from anchorpose.results.frame_time import runs_of
-from anchorpose.results.records import Contact
+from anchorpose.results.records import PERSON, Contact
 from anchorpose.results.truth import FOOT_BONES
 
 _EVENTS: Final = ("event_kind", "event_start_s", "event_end_s", "event_depth")
 _TOUCH: Final = ("touched_regions", "region_names", "on_equipment", "equipment_names", "part_names", "time")
 REMEDY: Final = "give the truth.npz of a simulated session as it was written"
-SOMEBODY: Final = "person"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,26 +72,13 @@ def read_true_contacts(path: Path, rows: np.ndarray, frame: np.ndarray, time_s: 
         raise InputError(path, "lacks touched_regions and on_equipment of a session", REMEDY)
     if touched.shape[::2] != (frames, len(regions)) or on_equipment.shape != (frames, len(parts), len(bones)):
         raise InputError(path, "its touched_regions and on_equipment do not fit", REMEDY)
-    found = list[Contact]()
+    numbered, found = (frame, time_s), list[Contact]()
     for column, region in enumerate(regions):
-        flags = touched[rows][:, :, column].any(axis=1)
-        found += _contacts(flags, frame, time_s, Contact(part=region, person=SOMEBODY, **_EMPTY))
+        found += _contacts(touched[rows][:, :, column].any(axis=1), numbered, region, PERSON)
     for column, part in enumerate(parts):
         for region, own in _judged_regions(bones):
-            flags = on_equipment[rows][:, column, own].any(axis=1)
-            found += _contacts(flags, frame, time_s, Contact(part=region, person=None, with_=part, **_EMPTY))
+            found += _contacts(on_equipment[rows][:, column, own].any(axis=1), numbered, region, part)
     return TrueContacts(tuple(found), parts)
-
-
-_EMPTY: Final = {
-    "first_frame": 0,
-    "last_frame": 0,
-    "start_s": 0.0,
-    "end_s": 0.0,
-    "seen_share": 1.0,
-    "area_cm2": 0.0,
-    "gap_mm": 0.0,
-}
 
 
 def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
@@ -102,8 +88,20 @@ def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
             yield region, np.flatnonzero([bone in names for bone in bones])
 
 
-def _contacts(flags: np.ndarray, frame: np.ndarray, time_s: np.ndarray, like: Contact) -> Iterator[Contact]:
+def _contacts(flags: np.ndarray, numbered: tuple[np.ndarray, np.ndarray], part: str, with_: str) -> Iterator[Contact]:
+    """The contacts of a region in the frames (t,) of ``flags``, all seen; numbered: frame numbers and times (t,)."""
+    frame, time_s = numbered
     for run in runs_of(flags):
-        ends = {"first_frame": int(frame[run.start]), "last_frame": int(frame[run.stop - 1])}
-        times = {"start_s": float(time_s[run.start]), "end_s": float(time_s[run.stop - 1])}
-        yield replace(like, **ends, **times)
+        first, last = run.start, run.stop - 1
+        yield Contact(
+            part=part,
+            person="somebody" if with_ == PERSON else None,
+            with_=with_,
+            first_frame=int(frame[first]),
+            last_frame=int(frame[last]),
+            start_s=float(time_s[first]),
+            end_s=float(time_s[last]),
+            seen_share=1.0,
+            area_cm2=0.0,
+            gap_mm=0.0,
+        )
