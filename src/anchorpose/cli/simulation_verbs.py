@@ -172,7 +172,7 @@ class SimulateOptions:
             if self.preset == "stimulation":
                 settings = stimulation(self.seed, SessionConfig(**self.session.given), self.fps)
             elif self.session.given:
-                raise ValueError(f"{next(iter(self.session.given))} belongs to the preset stimulation")
+                raise ValueError("trials belong to the preset stimulation; add --preset stimulation")
             elif self.preset == "holes":
                 settings = presets.holes(self.seed, self.hole_radius, self.seconds, self.fps)
             elif self.preset == "rehabilitation":

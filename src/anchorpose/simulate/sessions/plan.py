@@ -46,7 +46,7 @@ class SessionConfig:
     def __post_init__(self) -> None:
         if len(INCIDENTS) * self.incidents > self.trials:
             most = self.trials // len(INCIDENTS)
-            raise ValueError(f"{self.trials} trials have room for {most} of each incident at most")
+            raise ValueError(f"{self.trials} trials have room for {most} of each incident at most; ask for fewer")
 
     @property
     def seconds(self) -> float:
