@@ -170,14 +170,16 @@ def _session(config: SimulationConfig, session: SessionConfig) -> Clinic:
     person, scenery = draw_patient_person(random_stream(config, "patient"), config), random_stream(config, "room")
     plan, held = draw_plan(random_stream(config, "session"), session), fit_held(scenery, config, person)
     patient = draw_session_patient(random_stream(config, "programme"), person, held, plan)
-    parts = fit_around(scenery, config, patient, held)
+    parts, cameras = fit_around(scenery, config, patient, held), place_cameras(random_stream(config, "cameras"), config)
+    helping = draw_session_therapists(random_stream(config, "therapists"), config, patient, plan)
+    walkers = random_stream(config, "passers")
     return Clinic(
         config=config,
-        cameras=place_cameras(random_stream(config, "cameras"), config),
+        cameras=cameras,
         room=room_triangles(random_stream(config, "room", 1), config.cameras == 4),
         equipment=EquipmentModel(parts) if parts else None,
         patient=patient,
-        therapists=draw_session_therapists(random_stream(config, "therapists"), config, patient, plan),
+        therapists=(*helping, *(draw_passer_by(walkers, config, cameras) for _ in range(config.passers_by))),
         plan=plan,
     )
 

@@ -172,6 +172,7 @@ def _check_scene(config: SimulationConfig) -> None:
     otherwise = config.movement_file or config.room or config.motions != ("mixed",) or times or config.chest_pad
     fits = config.equipment in ("parallel-bars", "none") and not otherwise
     _require(config.session is None or fits, "a session needs parallel bars or no equipment, and no other movements")
+    _require(config.session is None or config.therapists < 3, "a session has room for two therapists")
     _require(span[0] < span[1], f"curtain_s must end after it begins, got {config.curtain_s}")
 
 
