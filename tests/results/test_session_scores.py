@@ -37,14 +37,14 @@ def test_one_event_is_not_found_twice():
     assert dict(score_events(session, truth))["knee_buckle_left"].found == 1
 
 
-def row(
-    value: float | None, sigma: float | None = 1.0, name: str = "knee_extended_alone_time", **more: object
-) -> Measure:
-    why = None if value is not None else "unknown"
-    return Measure(
-        **{"measure": "knee_extended_alone_time", "value": value, "unit": "s", "sigma": sigma, "frames": 9, "why": why}
-        | more
-    )
+def row(value: float | None, sigma: float | None = 1.0, **more: object) -> Measure:
+    like = {"measure": "knee_extended_alone_time", "unit": "s", "frames": 9}
+    return Measure(**like | {"value": value, "sigma": sigma, "why": "unknown" if value is None else None} | more)
+
+
+def test_frames_too_far_apart_have_no_events_to_compare():
+    sparse = tracked(buckling(12.0, [5.0], 35.0, 0.3), 0.001, 1).frames(slice(None, None, 4))
+    assert score_events(measured(sparse)[0], [TrueEvent("knee_buckle_left", 5.0, 5.3, 35.0)]) == ()
 
 
 def test_times_are_within_outside_refused_or_not_compared():

@@ -13,6 +13,7 @@ from anchorpose.joints import STATE_CODE, JointState
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.measuring import MeasureConfig, measure_session
 from anchorpose.results.records import CONTACTS_FILE, EVENT_KINDS, Episode, Measure, read_contacts, read_equipment_names
+from anchorpose.results.stand_training.event import fast_enough
 from anchorpose.results.stand_training.stance import Session
 from anchorpose.results.tables import JointTable
 from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
@@ -58,7 +59,8 @@ class TimeScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionEvaluation:
-    """events: of each kind that is in the truth or in the result, false ones in ``seconds``."""
+    """events: of each kind that is in the truth or in the result, in so many recorded seconds; none where the frames
+    are too far apart for events."""
 
     seconds: float
     events: tuple[tuple[str, EventScore], ...]
@@ -97,7 +99,12 @@ def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
 
 
 def score_events(session: Session, true_events: Sequence[TrueEvent]) -> tuple[tuple[str, EventScore], ...]:
-    """Each kind of event that is in the truth, in the recorded time, or in the session."""
+    """Each kind of event that is in the truth, in the recorded time, or in the session.
+
+    None where the frames are too far apart for events, which are then not looked for.
+    """
+    if not fast_enough(session.joints.time_s):
+        return ()
     first_s, last_s = session.joints.time_s[[0, -1]]
     inside = [event for event in true_events if first_s <= event.start_s and event.end_s <= last_s]
     scores = [(kind, _of_kind(session.episodes, inside, kind)) for kind in EVENT_KINDS]
