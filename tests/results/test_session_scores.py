@@ -56,7 +56,7 @@ def test_times_are_within_outside_refused_or_not_compared():
         (row(None, None, **trials[3]), row(3.0, **trials[3])),  # refused
         (row(5.0, None, **trials[4]), row(5.0, **trials[4])),  # exact without a sigma
         (row(9.0, condition="on"), row(1.0, condition="on")),  # a mean of trials that are compared already
-        (row(9.0, measure="upright_time"), row(1.0, name="upright_time")),  # no time of independence
+        (row(9.0, measure="upright_time"), row(1.0, measure="upright_time")),  # no time of independence
         (row(9.0, unit="count", sigma=None), row(1.0, unit="count", sigma=None)),
     ]
     found, true = zip(*pairs, strict=True)
