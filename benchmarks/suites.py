@@ -12,6 +12,7 @@ from captured import CapturedBody
 from real_suites import real, sync
 from recordings import MOVEMENTS, FrontAlone, Real, Simulated
 from room_suites import START_SEED, rooms, start_of, starts
+from session_suite import sessions
 from stage_suites import calibration, clocks, descriptor, equipment, given_poses, isolation, laboratory, live
 from suite import Case, Probe, Suite, Use
 from tasks import tasks
@@ -275,6 +276,7 @@ SUITES: Final[dict[str, Suite]] = {
     "kidnapped": Suite("wrong poses in mid-recording that the tracker must leave", kidnapped, minutes=110),
     "facings": Suite("the right body and the same turned round, followed side by side", facings, minutes=12),
     "tasks": Suite("clinical measures, angles and centre of mass against those of the true joints", tasks, minutes=25),
+    "sessions": Suite("trials with stimulation: events, times of independence, what changes", sessions, minutes=60),
     "descriptor": Suite("people and places on the body by the learnt descriptor", descriptor, minutes=15),
     "isolation": Suite("person labels, pixel by pixel", isolation, minutes=10),
     "calibration": Suite("poses of cameras, found from the equipment or from people", calibration, minutes=25),

@@ -6,6 +6,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.results.tables import JointTable
+from anchorpose.simulate.movements import GivingWay
+from anchorpose.simulate.timeline import ease
 
 HZ = 30.0
 BONE_M = 0.42
@@ -13,12 +15,6 @@ BONE_M = 0.42
 
 SLOW_S, FAST_M = 1.5, 0.001
 """Errors of a joint: most is constant or changes within seconds; a millimetre differs from frame to frame."""
-
-
-def ease(x: np.ndarray) -> np.ndarray:
-    """Minimum-jerk course from 0 to 1."""
-    x = np.clip(x, 0.0, 1.0)
-    return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
 
 
 def legs(left_deg: np.ndarray, right_deg: np.ndarray) -> np.ndarray:
@@ -39,16 +35,14 @@ def legs(left_deg: np.ndarray, right_deg: np.ndarray) -> np.ndarray:
 
 
 def buckling(seconds: float, onsets_s: list[float], depth_deg: float, fall_s: float, share: float = 0.4) -> np.ndarray:
-    """The left knee gives way with constant acceleration, is caught in the last third, and straightens in a second.
+    """The left knee gives way as in simulated sessions, is caught, and straightens in a second.
 
     share: of the depth by which the other knee bends too, since the pelvis comes down.
     """
     time_s = np.arange(0.0, seconds, 1.0 / HZ)
     left = np.full(len(time_s), 6.0)
     for onset_s in onsets_s:
-        x = np.clip((time_s - onset_s) / fall_s, 0.0, 1.0)
-        falling = np.where(x < 2 / 3, 1.5 * x**2, 1.0 - 3.0 * (1.0 - x) ** 2)
-        left += depth_deg * falling * (1.0 - ease((time_s - onset_s - fall_s - 0.3) / 1.0))
+        left += depth_deg * GivingWay((), onset_s, fall_s, 0.3, 1.0).strength(time_s)
     return legs(left, 6.0 + share * (left - 6.0))
 
 

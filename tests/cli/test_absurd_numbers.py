@@ -14,7 +14,7 @@ from anchorpose.tracker.config import TrackConfig
 ABSURD = ("inf", "-inf", "nan", "1e308", "-1", "9" * 400, "0x", "1_0", "")
 ZERO_IS_FINE = {"--seed", "--therapists", "--skip-s", "--frame", "--start", "--stop", "--index", "--port"}
 ZERO_IS_FINE |= {"--empty-room", "--longest-gap"}
-ZERO_IS_FINE |= {"--near"}
+ZERO_IS_FINE |= {"--near", "--effect-deg", "--effect-seconds", "--incidents"}
 NEGATIVE_IS_FINE = {"--near"}
 NEED_OUTPUT = {"batch", "live", "record", "sync", "track"}
 

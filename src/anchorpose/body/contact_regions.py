@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from anchorpose.body.asset import BodyAsset
 from anchorpose.body.config import VisibilityConfig
 from anchorpose.body.constraints import Constraints, join, no_constraints, place_constraints
 from anchorpose.body.hands_on_patient import HAND_M, find_hands
@@ -63,15 +64,21 @@ KNEE_RADIUS_M: Final = 0.10  # m from the joint's centre: the kneecap and a hand
 
 @cache
 def region_of_points(points: SkinPoints) -> np.ndarray:
-    """(p,) index into ``REGIONS`` of every skin point; the knee is the skin of thigh and shank around its joint."""
+    """(p,) index into ``REGIONS`` of every skin point."""
     asset = points.asset
+    return region_of_skin(asset, points.part, asset.vertices[points.vertex], asset.bone_heads)
+
+
+def region_of_skin(asset: BodyAsset, part: np.ndarray, place_m: np.ndarray, heads_m: np.ndarray) -> np.ndarray:
+    """(p,) index into ``REGIONS``; the knee is the skin of thigh and shank around its joint.
+
+    part (p,): bone that moves the skin most; place_m (p, 3) and heads_m (b, 3) of the bones: in the rest pose.
+    """
     whole = {bone: k for k, (name, bones) in enumerate(REGION_BONES.items()) if not _is_knee(name) for bone in bones}
-    of_bone = np.array([whole[name] for name in asset.bone_names])
-    region = of_bone[points.part]
-    place = asset.vertices[points.vertex]
+    region = np.array([whole[name] for name in asset.bone_names])[part]
     for side in ("Left", "Right"):
-        leg = np.isin(points.part, [asset.bone(f"{side}UpLeg"), asset.bone(f"{side}Leg")])
-        near = np.linalg.norm(place - asset.bone_heads[asset.bone(f"{side}Leg")], axis=1) < KNEE_RADIUS_M
+        leg = np.isin(part, [asset.bone(f"{side}UpLeg"), asset.bone(f"{side}Leg")])
+        near = np.linalg.norm(place_m - heads_m[asset.bone(f"{side}Leg")], axis=1) < KNEE_RADIUS_M
         region[leg & near] = REGIONS.index(f"knee_{side.lower()}")
     return region
 

@@ -167,6 +167,8 @@ def print_evaluation(evaluation: Evaluation) -> None:
         confidence_sentences,
         contact_rows,
         evaluation_rows,
+        event_rows,
+        independence_sentence,
         longest_error_sentence,
     )
 
@@ -185,6 +187,11 @@ def print_evaluation(evaluation: Evaluation) -> None:
     contacts = contact_rows(evaluation)
     if contacts:
         show_table(("contacts with", "part", "frames touched", "rightly reported %", "found %"), contacts)
+    events, independence = event_rows(evaluation), independence_sentence(evaluation)
+    if events:
+        show_table(("event", "true", "found", "onset within 0.1 s", "false", "onset late, s"), events, numbers=True)
+    if independence:
+        say(independence)
 
 
 def reliability(sessions: Path, /, *others: Path, out: Annotated[Path | None, OUTPUT] = None) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,8 +11,8 @@ from cyclopts import Parameter
 from anchorpose.cli.console import say
 from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.options import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, positive, whole
-from anchorpose.simulate.choices import BraceName, Build, Equipment, LensName, Scene, Sensor, Speed
+from anchorpose.options import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, between, positive, whole
+from anchorpose.simulate.choices import BraceName, Build, Equipment, LensName, Scene, Sensor, Speed, When
 
 if TYPE_CHECKING:
     from anchorpose.results.evaluate import Evaluation
@@ -22,14 +22,47 @@ if TYPE_CHECKING:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
+class SessionOptions:
+    """The options of ``anchorpose simulate`` for the preset 'stimulation'."""
+
+    trials: Annotated[int | None, whole(2, 200)] = None
+    """How many trials, half of them with stimulation; 12 where not given."""
+
+    trial_s: Annotated[float | None, Parameter(name="--trial-seconds"), positive(3600.0)] = None
+    """How long each of them is, 10 or more; 20 where not given. Before each is a pause of 4 seconds."""
+
+    effect_deg: Annotated[float | None, between(0.0, 10.0)] = None
+    """By how many degrees knees hold straighter with stimulation; 5 where not given, 0 for none."""
+
+    effect_s: Annotated[float | None, Parameter(name="--effect-seconds"), between(0.0, 3600.0)] = None
+    """By how many seconds knees hold longer with stimulation; 0 where not given."""
+
+    helped: When | None = None
+    """The trials in which therapists hold knees and hips; those without stimulation where not given."""
+
+    hands_off: When | None = None
+    """The trials in which the hands are off the rails; those with stimulation where not given."""
+
+    incidents: Annotated[int | None, whole(0, 50)] = None
+    """How many knees buckle, stands fail, recovery steps and bouts of clonus there are, of each; 1 where not given."""
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """What differs from the defaults of a session, by the names of ``SessionConfig``."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
 class SimulateOptions:
     """The options of ``anchorpose simulate``."""
 
-    preset: Literal["clinic", "holes", "single", "rehabilitation", "room"] = "clinic"
+    preset: Literal["clinic", "holes", "single", "rehabilitation", "room", "stimulation"] = "clinic"
     """clinic: three cameras, standing frame, two therapists. holes: one camera, one person, a hole in the depth image
     in about half of the frames. single: one camera, one person, nothing in the way. rehabilitation: three cameras, two
     therapists, and a patient who does a captured movement; it needs --movements. room: one camera at an unknown place
-    in a cluttered room, with other people, a mirror or moved furniture, whatever its seed draws."""
+    in a cluttered room, with other people, a mirror or moved furniture, whatever its seed draws. stimulation: a session
+    of trials with stimulation and without, with the true events and conditions; as long as its trials take."""
 
     seed: Annotated[int, whole(0, LARGEST_SEED)] = 1
     """Another number makes another patient and other movements; the same number makes the same files."""
@@ -108,6 +141,8 @@ class SimulateOptions:
     """Record as imperfectly as real recorders do: the cameras' clocks are up to 2 s apart and drift, time stamps vary
     by 4 ms, and 3 of 100 depth images are missing or stored twice."""
 
+    session: SessionOptions = field(default_factory=SessionOptions)
+
     def _body(self) -> OtherBody | None:
         """How the patient's body differs from those of the asset, None where it does not."""
         from anchorpose.settings import sentence_of
@@ -124,6 +159,8 @@ class SimulateOptions:
         """The preset with the options on top; raises AnchorposeError where they do not fit together."""
         from anchorpose.settings import sentence_of
         from anchorpose.simulate import config as presets
+        from anchorpose.simulate.sessions.plan import SessionConfig
+        from anchorpose.simulate.sessions.preset import stimulation
 
         names = ("cameras", "lens", "therapists", "motions", "speed")
         given: dict[str, Any] = {name: getattr(self, name) for name in names}
@@ -132,7 +169,11 @@ class SimulateOptions:
         given |= {"equipment": self.equipment, "passers_by": 1 if self.passer_by else None}
         given |= {"body": self._body(), "height_m": self.height, "pose_known": False if self.pose_unknown else None}
         try:
-            if self.preset == "holes":
+            if self.preset == "stimulation":
+                settings = stimulation(self.seed, SessionConfig(**self.session.given), self.fps)
+            elif self.session.given:
+                raise ValueError("trials belong to the preset stimulation; add --preset stimulation")
+            elif self.preset == "holes":
                 settings = presets.holes(self.seed, self.hole_radius, self.seconds, self.fps)
             elif self.preset == "rehabilitation":
                 settings = presets.clinic(self.seed, self.seconds, self.fps)

@@ -17,7 +17,9 @@ from anchorpose.results.frame_time import runs_of
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE
 from anchorpose.results.revolute_joints import REVOLUTE_JOINTS, revolute_axes
+from anchorpose.results.session_scores import SessionEvaluation, score_session
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.trial_table import TRIALS_FILE
 from anchorpose.results.truth import WRONG_M, Truth, read_truth, require_same_world
 from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
@@ -228,6 +230,7 @@ class Evaluation:
     drift_ratio: float | None  # mean error of the second half of the frames over that of the first
     contacts: ContactEvaluation | None = None  # with people; None where the truth or the result has none
     supports: ContactEvaluation | None = None  # with equipment; None also where no contacts with it were looked for
+    session: SessionEvaluation | None = None  # None where the truth is not that of a simulated session
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
@@ -236,7 +239,7 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     The first ``skip_s`` seconds of the truth are left out. Raises InputError where a file cannot be used or the two
     share no time.
     """
-    require_own(results, (JOINTS_FILE, CONTACTS_FILE))
+    require_own(results, (JOINTS_FILE, CONTACTS_FILE, TRIALS_FILE))
     joints, known = read_joints(results / JOINTS_FILE), read_truth(truth)
     kept = known.time_s >= known.time_s[0] + skip_s
     if not kept.any():
@@ -249,10 +252,11 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     joints = joints.frames(match[match >= 0])
     known = known.frames(match >= 0)
     require_same_world(truth, joints.position_m, known.position_m)
-    evaluation = compare(joints, known, truth_frames=len(match), results_frames=frames)
+    evaluation, rows = compare(joints, known, len(match), frames), np.flatnonzero(kept)[match >= 0]
+    evaluation = replace(evaluation, session=score_session(results, truth, joints, known.position_m, rows))
     if not (results / CONTACTS_FILE).exists():
         return evaluation
-    contacts, supports = score_contacts(results / CONTACTS_FILE, truth, joints.frame, np.flatnonzero(kept)[match >= 0])
+    contacts, supports = score_contacts(results / CONTACTS_FILE, truth, joints.frame, rows)
     return replace(evaluation, contacts=contacts, supports=supports)
 
 

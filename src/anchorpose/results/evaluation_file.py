@@ -20,7 +20,7 @@ MARK: Final = '"matched_frames"'
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:
     """Writes the evaluation: the overall figures at the top, then per joint, per state and the rest."""
-    contacts, supports = evaluation.contacts, evaluation.supports
+    contacts, supports, session = evaluation.contacts, evaluation.supports, evaluation.session
     document = {
         **as_json(evaluation.overall),
         **_named(evaluation, "matched_frames", "truth_frames", "missing_frames", "results_frames", "drift_ratio"),
@@ -35,6 +35,7 @@ def write_evaluation(path: Path, evaluation: Evaluation) -> None:
         **_named(evaluation, "longest_off", "occluded_frames", "clear_frames"),
         "contacts": contacts and _contacts_json(contacts),
         "contacts_with_equipment": supports and _contacts_json(supports),
+        "session": session and {**as_json(session), "events": dict(session.events)},
     }
     write_text_whole(path, json.dumps(as_json(document), indent=1, allow_nan=False) + "\n")
 
@@ -87,6 +88,30 @@ def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
     ]
 
 
+def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
+    """Rows of text (event, true, found, with the onset in time, false, onset late s); none without a true session."""
+    return [
+        (
+            kind.replace("_", " "),
+            *(str(n) for n in (s.true, s.found, s.in_time, s.false)),
+            *_cells((s.late_s,), digits=3),
+        )
+        for kind, s in (() if evaluation.session is None else evaluation.session.events)
+    ]
+
+
+def independence_sentence(evaluation: Evaluation) -> str | None:
+    """How many times of independence agree with the truth; None where they cannot be compared."""
+    times = evaluation.session and evaluation.session.times
+    if not times:
+        return None
+    return (
+        "Times of independence within 1.96 sigma of the truth's, of the recording and of each trial: "
+        f"{times.within} of {times.compared} ({_percent(times.within, times.compared)}); "
+        f"{times.refused} have a value in only one of them."
+    )
+
+
 def longest_error_sentence(evaluation: Evaluation) -> str:
     """For how long a joint was far off, and which, if any."""
     off = evaluation.longest_off
@@ -114,7 +139,7 @@ def compared_sentence(evaluation: Evaluation) -> str:
 
 
 def _percent(part: int, whole: int) -> str:
-    return f"{100 * part / whole:.3g} %"
+    return f"{100 * part / whole:.3g} %" if whole else "no"
 
 
 def confidence_sentences(evaluation: Evaluation) -> list[str]:

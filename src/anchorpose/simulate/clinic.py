@@ -20,6 +20,9 @@ from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.rooms.plan import RoomConfig
 from anchorpose.simulate.rooms.scene import RoomScene, draw_scene
 from anchorpose.simulate.sensor import SENSORS, intrinsics_of
+from anchorpose.simulate.sessions.patient import draw_session_patient
+from anchorpose.simulate.sessions.plan import PlannedTrial, SessionConfig, draw_plan
+from anchorpose.simulate.sessions.therapists import draw_session_therapists
 from anchorpose.simulate.therapist import Therapist, draw_passer_by, draw_therapists
 
 STREAMS = (
@@ -35,6 +38,7 @@ STREAMS = (
     "stamps",
     "movement",
     "passers",
+    "session",
 )
 CAMERA_NAMES = ("front", "left", "right", "behind")
 AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # left of the patient is positive
@@ -56,6 +60,7 @@ class Clinic:
     patient: Actor | CapturedActor
     therapists: tuple[Therapist, ...]  # and after them people who pass by
     scene: RoomScene | None = None  # of a real room: what is in it beside the people
+    plan: tuple[PlannedTrial, ...] = ()  # of a session
 
     @property
     def parts(self) -> tuple[EquipmentPart, ...]:
@@ -135,6 +140,8 @@ def draw_clinic(config: SimulationConfig, programme: Programme | None = None) ->
     """People, room and cameras from ``config.seed``; programme: of a patient who does not follow ``config.motions``."""
     if config.room is not None:
         return _in_room(config, config.room)
+    if config.session is not None:
+        return _session(config, config.session)
     person = draw_patient_person(random_stream(config, "patient"), config)
     scenery = random_stream(config, "room")
     cameras = place_cameras(random_stream(config, "cameras"), config)
@@ -155,6 +162,25 @@ def draw_clinic(config: SimulationConfig, programme: Programme | None = None) ->
         equipment=EquipmentModel(parts) if parts else None,
         patient=patient,
         therapists=(*others, *(draw_passer_by(walkers, config, cameras) for _ in range(config.passers_by))),
+    )
+
+
+def _session(config: SimulationConfig, session: SessionConfig) -> Clinic:
+    """A patient who does the trials of a session, between therapists who help in some of them."""
+    person, scenery = draw_patient_person(random_stream(config, "patient"), config), random_stream(config, "room")
+    plan, held = draw_plan(random_stream(config, "session"), session), fit_held(scenery, config, person)
+    patient = draw_session_patient(random_stream(config, "programme"), person, held, plan)
+    parts, cameras = fit_around(scenery, config, patient, held), place_cameras(random_stream(config, "cameras"), config)
+    helping = draw_session_therapists(random_stream(config, "therapists"), config, patient, plan)
+    walkers = random_stream(config, "passers")
+    return Clinic(
+        config=config,
+        cameras=cameras,
+        room=room_triangles(random_stream(config, "room", 1), config.cameras == 4),
+        equipment=EquipmentModel(parts) if parts else None,
+        patient=patient,
+        therapists=(*helping, *(draw_passer_by(walkers, config, cameras) for _ in range(config.passers_by))),
+        plan=plan,
     )
 
 

@@ -14,6 +14,7 @@ from anchorpose.simulate.bodies import OtherBody
 from anchorpose.simulate.choices import Equipment, LensName, Scene, Sensor, Speed
 from anchorpose.simulate.movement_file import MOVEMENTS, STEPPING, SUBJECTS, movement_of
 from anchorpose.simulate.rooms.plan import Posture, RoomConfig, draw_room_config, draw_sensor
+from anchorpose.simulate.sessions.plan import SessionConfig
 
 TaskName = Literal[
     "both knees from the front",
@@ -100,6 +101,7 @@ class SimulationConfig:
     # one per camera, the first 1: a camera records every n-th of its images, which lowers its rate
     every: tuple[Count, ...] = ()
     room: RoomConfig | None = None  # a real room seen by one camera instead of a place of training
+    session: SessionConfig | None = None  # trials with and without stimulation instead of motions
 
     def __post_init__(self) -> None:
         _check_equipment(self)
@@ -168,6 +170,10 @@ def _check_scene(config: SimulationConfig) -> None:
     late_only = config.curtain_s is None and all(span[0] <= 0.0 for span in config.away_s)
     _require(config.room is None or late_only, "in a room the patient can come late, but not leave or hide")
     span = config.curtain_s or (0.0, 1.0)
+    otherwise = config.movement_file or config.room or config.motions != ("mixed",) or times or config.chest_pad
+    fits = config.equipment in ("parallel-bars", "none") and not otherwise
+    _require(config.session is None or fits, "a session needs parallel bars or no equipment, and no other movements")
+    _require(config.session is None or config.therapists < 3, "a session has room for two therapists")
     _require(span[0] < span[1], f"curtain_s must end after it begins, got {config.curtain_s}")
 
 

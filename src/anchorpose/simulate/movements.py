@@ -133,6 +133,29 @@ def timed(rng: np.random.Generator, offsets: Offsets, start_s: float, pace: floa
     return Movement(offsets, start_s, rise_s, rng.uniform(0.1, 0.9) * pace, fall_s)
 
 
+class GivingWay(Movement):
+    """A movement that comes like a fall: evenly accelerated, and caught in the last third of its time."""
+
+    __slots__ = ()
+
+    def coming(self, x: np.ndarray) -> np.ndarray:
+        """Twice as fast as on the average when it is caught."""
+        x = np.clip(x, 0.0, 1.0)
+        return np.asarray(np.where(x < 2.0 / 3.0, 1.5 * x**2, 1.0 - 3.0 * (1.0 - x) ** 2))
+
+
+@dataclass(frozen=True, slots=True)
+class Beating(Movement):
+    """A movement to and fro, ``frequency_hz`` times a second, by its offsets to either side."""
+
+    frequency_hz: float
+
+    def strength(self, times_s: np.ndarray) -> np.ndarray:
+        """(t,) -1 to 1."""
+        beat = np.sin(2.0 * np.pi * self.frequency_hz * (times_s - self.start_s))
+        return np.asarray(beat * Movement.strength(self, times_s))
+
+
 def buckle(rng: np.random.Generator, start_s: float) -> Movement:
     """One knee gives way within 0.2 to 0.45 s, and the pelvis sinks on that side; the leg straightens in a second."""
     way, drop_m = float(rng.choice([-1.0, 1.0])), float(rng.uniform(0.07, 0.10))  # 1: the right knee

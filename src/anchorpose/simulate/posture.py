@@ -14,10 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.body.kinematics import BodyMesh
 from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, rotate, turns, turns_about, unit
+from anchorpose.simulate.carried_pelvis import KneeBend, Legs, carried_pelvis
 
 SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # along Z
 FULL_REACH = 0.985  # of a limb's length: a straight limb has no defined plane
+STRAIGHT_REACH = 1.0 - 1e-6  # of a leg whose knee is bent as given: by 0.2 degrees at least
 HEIGHT_SOFTNESS_M = 0.004  # how gently a straightening leg stops the pelvis
 SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))
 NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))
@@ -59,6 +61,7 @@ class Posture:
     hand_turn: np.ndarray  # (t, 2, 3, 3) turn of the hand bone from rest, likewise
     pull: np.ndarray  # (t, 2) 0: the arm follows its angles, 1: the hand is at its target
     captured: Captured | None = None
+    knees: KneeBend | None = None  # how far the knees bend instead of how high the pelvis is
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,9 +170,18 @@ class _Poser:
         lowest = np.min(highest, axis=0)
         excess = sum(np.exp((lowest - height) / HEIGHT_SOFTNESS_M) for height in highest)
         place[:, 1] = lowest - HEIGHT_SOFTNESS_M * np.log(excess)
+        if posture.knees is not None:
+            legs = self._legs_from(hips)
+            place, self.turn[:, hips] = carried_pelvis(posture.knees, legs, ankles_m, place, posture.pelvis_turn)
         self.place[:, hips] = place
         for name in ("LHipJoint", "RHipJoint"):
             self._follow(name)
+
+    def _legs_from(self, hips: int) -> Legs:
+        heads = self.body.bone_heads
+        limbs = [rest_limb(self.body, (f"{name}UpLeg", f"{name}Leg", f"{name}Foot")) for name in SIDES]
+        offsets = [heads[self._bone(f"{name}UpLeg")] - heads[hips] for name in SIDES]
+        return Legs(np.array(offsets), np.array([limb.lengths for limb in limbs]))
 
     def _leg(self, posture: Posture, side: int, ankle_m: np.ndarray, foot: np.ndarray) -> None:
         name = SIDES[side]
@@ -178,7 +190,8 @@ class _Poser:
         hip_m = self.place[:, self._bone(f"{name}UpLeg")]
         ahead = posture.foot_yaw[:, side] - OUTWARD[side] * posture.knee_out[:, side]
         pole = rotate(turns_about(UP, ahead), FORWARD) if posture.captured is None else posture.captured.knees[:, side]
-        thigh, shank = _reach(limb, hip_m, ankle_m, pole, full_reach(posture))
+        reach = full_reach(posture) if posture.knees is None else STRAIGHT_REACH
+        thigh, shank = _reach(limb, hip_m, ankle_m, pole, reach)
         self._set(f"{name}UpLeg", thigh)
         self._set(f"{name}Leg", shank)
         self._set(f"{name}Foot", foot)

@@ -125,20 +125,20 @@ def _draw_holder(
         at_s = nearest_s(patient, task, outward, np.arange(min(at_s, config.seconds - 1.0), config.seconds, 0.2))
     hold = choose_hold(patient, task, -outward, at_s)
     base = resting_channels(person, in_frame=False)
-    crouch, spot = _choose_spot(person, base, hold)
+    crouch, spot = choose_spot(person, base, hold)
     stays_s = hold_until_s - arrive_s
     movements = [
-        Movement(_crouch_offsets(crouch), arrive_s - 0.2, crouch_s, stays_s, 1.0),
-        Movement(
-            (("pull_left", 1.0), ("pull_right", 1.0), ("fingers_left", FLATTENING), ("fingers_right", FLATTENING)),
-            arrive_s + crouch_s,
-            grasp_s,
-            hold_until_s - hold_from_s,
-            rng.uniform(0.4, 0.7),
-        ),
+        Movement(crouch_offsets(crouch), arrive_s - 0.2, crouch_s, stays_s, 1.0),
+        grasp(arrive_s + crouch_s, grasp_s, hold_until_s - hold_from_s, rng.uniform(0.4, 0.7)),
     ]
     footwork = _visit(rng, spot, azimuth + np.pi, arrive_s, hold_until_s + 1.2 if leaves else None)
     return Therapist(Actor(person, base, movements, footwork, draw_waves(rng)), hold)
+
+
+def grasp(start_s: float, comes_s: float, holds_s: float, goes_s: float) -> Movement:
+    """Both hands come to the patient, stay there with flat fingers, and go."""
+    hands = (("pull_left", 1.0), ("pull_right", 1.0), ("fingers_left", FLATTENING), ("fingers_right", FLATTENING))
+    return Movement(hands, start_s, comes_s, holds_s, goes_s)
 
 
 def _draw_passer(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Therapist:
@@ -209,7 +209,7 @@ def _sideways(rng: np.random.Generator, spot: np.ndarray) -> np.ndarray:
     return direction / np.linalg.norm(direction)
 
 
-def _crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
+def crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
     """From standing (0) to deep crouching on raised heels (1)."""
     both = [("knee_out", 0.5 * crouch), ("heel", 0.9 * max(0.0, crouch - 0.3))]
     return (
@@ -222,7 +222,7 @@ def _crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
     )
 
 
-def _choose_spot(person: Person, base: np.ndarray, hold: Hold) -> tuple[float, np.ndarray]:
+def choose_spot(person: Person, base: np.ndarray, hold: Hold) -> tuple[float, np.ndarray]:
     """How deep to crouch and where to stand (x, z) so that the farther hand reaches in comfort."""
     shoulders, arm_m = _crouched_shoulders(person, base)
     across = np.cross(hold.facing, UP)
@@ -241,7 +241,7 @@ def _choose_spot(person: Person, base: np.ndarray, hold: Hold) -> tuple[float, n
 def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, float]:
     """Shoulders (c, 2, 3) of the therapist at the origin, facing +X, at each depth of crouching; length of the arm."""
     asset, body = person.body.asset, person.body
-    crouching = [Movement(_crouch_offsets(crouch), LONG_AGO_S, 1.0, 1e3, 1.0) for crouch in CROUCHES]
+    crouching = [Movement(crouch_offsets(crouch), LONG_AGO_S, 1.0, 1e3, 1.0) for crouch in CROUCHES]
     channels = np.concatenate([channel_values(base, [movement], np.zeros(1)) for movement in crouching], axis=1)
     times_s = np.zeros(len(CROUCHES))
     footwork = stand(np.zeros(2), 0.0, STANCE_M)

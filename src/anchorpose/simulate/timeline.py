@@ -8,6 +8,7 @@ import numpy as np
 
 from anchorpose.body.kinematics import BodyMesh
 from anchorpose.rotations import UP, turns, turns_about
+from anchorpose.simulate.carried_pelvis import knee_bend
 from anchorpose.simulate.posture import OUTWARD, Posture
 
 TRUNK_CHANNELS = (
@@ -35,6 +36,8 @@ SIDE_CHANNELS = (
     "knee_out",
     "heel",
     "pull",
+    "knee",
+    "carry",
 )
 CHANNELS = (*TRUNK_CHANNELS, *(f"{name}_{side}" for side in ("left", "right") for name in SIDE_CHANNELS))
 CHANNEL_INDEX = {name: index for index, name in enumerate(CHANNELS)}
@@ -68,8 +71,12 @@ class Movement:
 
     def strength(self, times_s: np.ndarray) -> np.ndarray:
         """(t,) 0 to 1."""
-        coming = ease((times_s - self.start_s) / self.rise_s)
+        coming = self.coming((times_s - self.start_s) / self.rise_s)
         return coming - ease((times_s - self.start_s - self.rise_s - self.hold_s) / self.fall_s)
+
+    def coming(self, x: np.ndarray) -> np.ndarray:
+        """The course from 0 at the start to 1; x (t,) in shares of ``rise_s``."""
+        return ease(x)
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,6 +268,7 @@ def posture_from(
         hand_m=goals.wrist_m,
         hand_turn=goals.turn,
         pull=_both(channels, "pull").clip(0.0, 1.0),
+        knees=knee_bend(_both(channels, "knee"), _both(channels, "carry"), feet.ball_m[:, :, 1] / STEP_HEIGHT_M),
     )
 
 

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.contact_regions import REGIONS, region_of_skin
 from anchorpose.simulate.clinic import Clinic, Performance
 from anchorpose.simulate.render import Figure
 
@@ -22,11 +23,13 @@ EQUIPMENT_TOUCH_M: Final = (
 @dataclass(frozen=True, slots=True, eq=False)
 class Touch:
     """Contacts in one frame. bones (b,) bool: the patient's body parts that anybody touches; joints (n, 21) bool:
-    joints touched by each therapist; on_equipment (parts, b) bool: bones whose skin is on each part of the equipment.
+    joints touched by each therapist; regions (n, k) bool: regions of the body touched by each therapist; on_equipment
+    (parts, b) bool: bones whose skin is on each part of the equipment.
     """
 
     bones: np.ndarray
     joints: np.ndarray
+    regions: np.ndarray
     on_equipment: np.ndarray
 
 
@@ -39,6 +42,8 @@ def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...
     joints_m = body.joints(performance.bones[0][frame])
     bones = np.zeros(len(body.bone_heads), dtype=bool)
     joints = np.zeros((len(figures) - 1, len(joints_m)), dtype=bool)
+    regions = np.zeros((len(figures) - 1, len(REGIONS)), dtype=bool)
+    region = region_of_skin(body.asset, part, body.vertices, body.bone_heads)
     for index, figure in enumerate(figures[1:]):
         low, high = figure.skin_m.min(axis=0) - TOUCH_M, figure.skin_m.max(axis=0) + TOUCH_M
         near = np.flatnonzero(((patient_m > low) & (patient_m < high)).all(axis=1))
@@ -47,10 +52,11 @@ def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...
         distance, _ = cKDTree(figure.skin_m).query(patient_m[near], distance_upper_bound=TOUCH_M)
         touched = near[np.isfinite(distance)]
         bones[part[touched]] = True
+        regions[index, region[touched]] = True
         if len(touched):
             gap_m = np.linalg.norm(joints_m[:, None] - patient_m[touched], axis=2)
             joints[index] = (gap_m < JOINT_REGION_M).any(axis=1)
-    return Touch(bones, joints, bones_on_equipment(clinic, patient_m, part, float(performance.times_s[frame])))
+    return Touch(bones, joints, regions, bones_on_equipment(clinic, patient_m, part, float(performance.times_s[frame])))
 
 
 def bones_on_equipment(clinic: Clinic, patient_m: np.ndarray, bone: np.ndarray, time_s: float) -> np.ndarray:

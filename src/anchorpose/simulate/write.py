@@ -12,14 +12,18 @@ from typing import Any, Final
 
 import numpy as np
 
+from anchorpose.body.contact_regions import REGIONS
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.equipment import write_equipment
+from anchorpose.recording.events import EVENTS_FILE, sidecar_of
 from anchorpose.recording.recording_file import camera_document
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.simulate.clinic import Clinic, Programme, draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import PATIENT
+from anchorpose.simulate.sessions.patient import SessionPatient
+from anchorpose.simulate.sessions.truth import events_table, truth_arrays, units_of_events
 from anchorpose.simulate.shoot import Studio, set_up
 from anchorpose.simulate.touches import Touch, touches
 
@@ -91,7 +95,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
 
 
 def _write_documents(recording: Path, clinic: Clinic) -> None:
-    """recording.json and, where there is equipment, equipment.json."""
+    """recording.json; equipment.json where there is equipment; events.tsv and events.json of a session."""
     equipment, cameras, missing = clinic.equipment, clinic.cameras, clinic.config.body.missing
     if not clinic.config.pose_known:
         cameras = tuple(replace(camera, T_world_camera=None) for camera in cameras)
@@ -106,6 +110,10 @@ def _write_documents(recording: Path, clinic: Clinic) -> None:
     (recording / "recording.json").write_text(text, encoding="utf-8")
     if equipment is not None:
         write_equipment(recording / EQUIPMENT_FILE, equipment)
+    if clinic.plan:
+        table = recording / EVENTS_FILE
+        table.write_text(events_table(clinic.plan), encoding="utf-8")
+        sidecar_of(table).write_text(units_of_events(), encoding="utf-8")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,12 +136,18 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
     held_joints (t, n, 2) the joint in each hand of each therapist, -1 none; clock_late, clock_drift, clock_epoch by
     camera: stamp s was taken at (s - epoch) + late + drift (s - epoch); taken_s (cameras, t), when the image of that
     number on the disk was taken, NaN where there is none; doubled (cameras, t), it is an earlier one repeated.
-    camera_to_world (cameras, 4, 4) of real rooms, as recording.json would have it: the same as T_world_camera.
+    camera_to_world (cameras, 4, 4) of real rooms, as recording.json would have it: the same as T_world_camera. Of
+    sessions what ``truth_arrays`` names, and touched_regions (t, n, regions), named by region_names: where each person
+    touches the patient, with knees distinguished from thighs and shanks.
     """
     clinic, config, performance = studio.clinic, studio.clinic.config, studio.performances[0]
     person = clinic.patient.person
     poses = np.array([camera.require_pose() for camera in clinic.cameras])
     extra: dict[str, Any] = {} if clinic.scene is None else {"camera_to_world": poses}
+    if isinstance(clinic.patient, SessionPatient):
+        regions = np.array([contact.regions for contact in contacts])
+        extra |= {"touched_regions": regions, "region_names": np.array(REGIONS)}
+        extra |= truth_arrays(clinic.plan, clinic.patient)
     np.savez_compressed(
         path,
         joints=performance.joints_m(),

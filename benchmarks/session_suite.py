@@ -1,0 +1,77 @@
+"""Rendered sessions of trials with stimulation and without, and how their tracked results are scored."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from measure_scores import joint_pair
+from recordings import Ready, Simulated
+from suite import Case, Scores, Use
+
+from anchorpose.results.condition_effect import effects
+from anchorpose.results.evaluate import evaluate
+from anchorpose.results.joint_angles import joint_angles
+from anchorpose.results.measuring import MeasureConfig, measure_session
+from anchorpose.results.records import MEASURES_FILE, Measure, read_trial_measures
+from anchorpose.results.session_scores import SessionEvaluation
+from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
+from anchorpose.simulate.sessions.plan import SessionConfig
+from anchorpose.simulate.sessions.preset import stimulation
+
+SESSION_SEED: Final[dict[Use, int]] = {"tuning": 81_000, "held-out": 91_000}
+SHORT: Final = SessionConfig(trial_s=10.0)
+CAMERAS: Final = (1, 3)
+HZ: Final = 10.0  # the least with which events are looked for
+KNEE: Final = "knee_flexion_upright_mean"
+
+
+def sessions(use: Use, quick: bool) -> Iterator[Case]:
+    """Yield a session of twelve short trials before one camera, and another one before three."""
+    for number, cameras in enumerate(CAMERAS[: 1 if quick else None]):
+        session = replace(SHORT, trials=4) if quick else SHORT
+        config = replace(stimulation(SESSION_SEED[use] + number, session, HZ), cameras=cameras)
+        title = f"{cameras} camera{'s' * (cameras > 1)}"
+        yield Case(title, Simulated(f"session-{config.seed}-{config.seconds:g}", config), against_session)
+
+
+def against_session(ready: Ready, results: Path) -> Iterator[tuple[str, Scores]]:
+    """Yield the scores of each kind of event, of the times of independence, and of what stimulation changes."""
+    assert ready.truth is not None
+    found = evaluate(results, ready.truth).session
+    assert found is not None
+    yield from event_scores(found)
+    if found.times is not None:
+        compared, within = found.times.compared, found.times.within
+        yield (
+            "times of independence",
+            {"times": compared, "in_band": within / compared, "one_refuses": found.times.refused},
+        )
+    trials = read_trial_table(results / TRIALS_FILE)
+    exact = joint_pair(results, ready.truth)[1]
+    true = measure_session(exact, joint_angles(exact), None, MeasureConfig(), trials)[1]
+    for side in ("left", "right"):
+        ours, theirs = (
+            effects(_of_knee(rows, side), trials)[0] for rows in (read_trial_measures(results / MEASURES_FILE), true)
+        )
+        known = ours.difference is not None and theirs.difference is not None
+        error = float(ours.difference - theirs.difference) if known else float("nan")  # type: ignore[operator]
+        p = float("nan") if ours.p is None else ours.p
+        yield (
+            f"knee, {side}",
+            {"true_deg": theirs.difference or 0.0, "error_deg": error, "p": p, "shown": float(ours.shown)},
+        )
+
+
+def event_scores(found: SessionEvaluation) -> Iterator[tuple[str, Scores]]:
+    """Yield the counts of each kind of event."""
+    for kind, score in found.events:
+        late_s = float("nan") if score.late_s is None else score.late_s
+        counts = {"true": score.true, "found": score.found, "in_time": score.in_time, "false": score.false}
+        yield kind, {name: float(count) for name, count in counts.items()} | {"late_s": late_s}
+
+
+def _of_knee(rows: Iterable[Measure], side: str) -> list[Measure]:
+    return [row for row in rows if (row.measure, row.side) == (KNEE, side) and row.trial is not None]

@@ -1,0 +1,152 @@
+"""Compare what a result says of a session with the truth: events, and times of independence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from anchorpose.joints import STATE_CODE, JointState
+from anchorpose.results.joint_angles import joint_angles
+from anchorpose.results.measuring import MeasureConfig, measure_session
+from anchorpose.results.records import CONTACTS_FILE, EVENT_KINDS, Episode, Measure, read_contacts, read_equipment_names
+from anchorpose.results.stand_training.event import fast_enough
+from anchorpose.results.stand_training.stance import Session
+from anchorpose.results.tables import JointTable
+from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
+from anchorpose.results.true_session import TrueEvent, read_true_contacts, read_true_events
+from anchorpose.results.uncertainty import NORMAL_95
+
+NEAR_S: Final = 0.5
+"""Between the onsets of a found and a true event that are the same; a knee needs longer to give way twice."""
+
+IN_TIME_S: Final = 0.1
+"""Of an onset that counts as found in time: three frames of a camera."""
+
+EXACT_M: Final = 1e-6
+"""Sigma of true joints: next to none."""
+
+INDEPENDENCE: Final = ("_extended_", "hands_free_upright_", "_hands_time", "_hand_time")
+"""Parts of the names of the measures of independence."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EventScore:
+    """Events of one kind. found: of the true ones, with an onset within ``NEAR_S``; in_time: within ``IN_TIME_S``.
+    false: found where none is. late_s: mean of the found onsets less the true ones; None where none is found."""
+
+    true: int
+    found: int
+    in_time: int
+    false: int
+    late_s: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimeScore:
+    """Times of independence of the whole recording and of every trial that are not 0 in both.
+
+    within: that lie within 1.96 sigma of the truth; refused: that have a value in only one of the two.
+    """
+
+    compared: int
+    within: int
+    refused: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionEvaluation:
+    """events: of each kind that is in the truth or in the result, in so many recorded seconds; none where the frames
+    are too far apart for events."""
+
+    seconds: float
+    events: tuple[tuple[str, EventScore], ...]
+    times: TimeScore | None  # None where the result has no contacts
+
+
+def score_session(
+    results: Path, truth: Path, joints: JointTable, position_m: np.ndarray, rows: np.ndarray
+) -> SessionEvaluation | None:
+    """Measure found and true joints of the same frames alike, and compare; None without the truth of a session.
+
+    joints: found, (t) frames; position_m (t, 21, 3): true, at the frames ``rows`` (t,) of the truth.
+    """
+    true_events = read_true_events(truth)
+    if true_events is None:
+        return None
+    trials = read_trial_table(results / TRIALS_FILE) if (results / TRIALS_FILE).exists() else None
+    known, path = read_true_contacts(truth, rows, joints.frame, joints.time_s), results / CONTACTS_FILE
+    contacts, names = (read_contacts(path), read_equipment_names(path)) if path.exists() else (None, ())
+    config, exact = MeasureConfig(), true_joints(joints, position_m)
+    session, measures = measure_session(joints, joint_angles(joints), contacts, config, trials, names)
+    _, ideal = measure_session(exact, joint_angles(exact), known.contacts, config, trials, known.equipment)
+    return SessionEvaluation(
+        seconds=float(session.seconds.sum()),
+        events=score_events(session, true_events),
+        times=None if contacts is None else score_times(measures, ideal),
+    )
+
+
+def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
+    """Joints (t, 21, 3) without an error, at the frames of others; lost where they are not known."""
+    unknown = ~np.isfinite(position_m).all(axis=2)
+    codes = np.where(unknown, STATE_CODE[JointState.LOST], STATE_CODE[JointState.OBSERVED]).astype(np.int8)
+    sigma_m = np.where(unknown, np.nan, EXACT_M)
+    return replace(like, position_m=position_m, sigma_m=sigma_m, state_code=codes)
+
+
+def score_events(session: Session, true_events: Sequence[TrueEvent]) -> tuple[tuple[str, EventScore], ...]:
+    """Each kind of event that is in the truth, in the recorded time, or in the session.
+
+    None where the frames are too far apart for events, which are then not looked for.
+    """
+    if not fast_enough(session.joints.time_s):
+        return ()
+    first_s, last_s = session.joints.time_s[[0, -1]]
+    inside = [event for event in true_events if first_s <= event.start_s and event.end_s <= last_s]
+    scores = [(kind, _of_kind(session.episodes, inside, kind)) for kind in EVENT_KINDS]
+    return tuple((kind, score) for kind, score in scores if score.true or score.false)
+
+
+def _of_kind(episodes: Sequence[Episode], true_events: Sequence[TrueEvent], kind: str) -> EventScore:
+    left = [episode for episode in episodes if episode.kind == kind]
+    due, late_s = [event for event in true_events if event.kind == kind], list[float]()
+    for event in due:
+        near = [episode for episode in left if abs(episode.start_s - event.start_s) <= NEAR_S]
+        late = [episode.start_s - event.start_s for episode in near]
+        if near:
+            nearest = int(np.argmin(np.abs(late)))
+            left.remove(near[nearest])
+            late_s.append(late[nearest])
+    return EventScore(
+        true=len(due),
+        found=len(late_s),
+        in_time=sum(abs(each) <= IN_TIME_S for each in late_s),
+        false=len(left),
+        late_s=float(np.mean(late_s)) if late_s else None,
+    )
+
+
+def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
+    """Times of independence against those of the truth; rows of persons and parts are no times of independence."""
+    pairs = [(one, other) for one, other in _paired(found, true) if one.value or other.value]
+    known = [(one, other) for one, other in pairs if one.value is not None and other.value is not None]
+    within = sum(is_within(one, other) for one, other in known)
+    return TimeScore(compared=len(known), within=within, refused=len(pairs) - len(known))
+
+
+def _paired(found: Sequence[Measure], true: Sequence[Measure]) -> list[tuple[Measure, Measure]]:
+    of_truth = {(row.key, row.condition, row.trial): row for row in true}
+    asked = [row for row in found if row.unit == "s" and any(part in row.measure for part in INDEPENDENCE)]
+    whole = [row for row in asked if (row.condition is None) == (row.trial is None)]  # means of conditions are no more
+    return [(row, of_truth[row.key, row.condition, row.trial]) for row in whole]
+
+
+def is_within(found: Measure, true: Measure) -> bool:
+    """Whether two known values differ by at most 1.96 sigma of the first; by nothing where it has none."""
+    assert found.value is not None
+    assert true.value is not None
+    return abs(found.value - true.value) <= NORMAL_95 * (found.sigma or 0.0) + 1e-9

@@ -1,0 +1,107 @@
+"""What truth.npz says of a simulated session: what went wrong, and who and what touched the patient where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from anchorpose.body.contact_regions import REGION_BONES, REGIONS
+from anchorpose.errors import InputError
+from anchorpose.recording.regular_file import read_arrays
+from anchorpose.results.frame_time import runs_of
+from anchorpose.results.records import PERSON, Contact
+from anchorpose.results.truth import FOOT_BONES
+
+_EVENTS: Final = ("event_kind", "event_start_s", "event_end_s", "event_depth")
+_TOUCH: Final = ("touched_regions", "region_names", "on_equipment", "equipment_names", "part_names", "time")
+REMEDY: Final = "give the truth.npz of a simulated session as it was written"
+
+
+@dataclass(frozen=True, slots=True)
+class TrueEvent:
+    """kind: as in episodes.parquet, or clonus_left, clonus_right. start_s, end_s: on the truth's clock. depth: in the
+    unit of such an event."""
+
+    kind: str
+    start_s: float
+    end_s: float
+    depth: float
+
+
+def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
+    """The events in the order of the file; None where it is not the truth of a session.
+
+    Raises InputError where its arrays do not fit each other.
+    """
+    arrays = read_arrays(path, _EVENTS, REMEDY)
+    if not arrays:
+        return None
+    columns = [arrays.get(name, np.zeros(0)) for name in _EVENTS]
+    alike = all(column.ndim == 1 and len(column) == len(columns[0]) for column in columns)
+    if not alike or any(column.dtype.kind not in "fiu" or not np.isfinite(column).all() for column in columns[1:]):
+        raise InputError(path, "its arrays event_kind, _start_s, _end_s and _depth do not fit", REMEDY)
+    rows = zip(columns[0].tolist(), *(column.tolist() for column in columns[1:]), strict=True)
+    return tuple(TrueEvent(str(kind), *numbers) for kind, *numbers in rows)
+
+
+@dataclass(frozen=True, slots=True)
+class TrueContacts:
+    """contacts: with people by region, and with parts of the equipment; equipment: the names of all its parts."""
+
+    contacts: tuple[Contact, ...]
+    equipment: tuple[str, ...]
+
+
+def read_true_contacts(path: Path, rows: np.ndarray, frame: np.ndarray, time_s: np.ndarray) -> TrueContacts:
+    """The contacts in the frames ``rows`` (t,) of the truth, with the numbers (t,) and times (t,) of the result's.
+
+    Raises InputError where the arrays do not fit each other.
+    """
+    arrays = read_arrays(path, _TOUCH, REMEDY)
+    touched, on_equipment = arrays.get("touched_regions"), arrays.get("on_equipment")
+    regions, bones, parts = (
+        tuple(map(str, arrays.get(name, np.zeros(0)).ravel()))
+        for name in ("region_names", "part_names", "equipment_names")
+    )
+    frames = len(arrays["time"])
+    if touched is None or on_equipment is None or set(regions) - set(REGIONS):
+        raise InputError(path, "lacks touched_regions and on_equipment of a session", REMEDY)
+    if touched.shape[::2] != (frames, len(regions)) or on_equipment.shape != (frames, len(parts), len(bones)):
+        raise InputError(path, "its touched_regions and on_equipment do not fit", REMEDY)
+    numbered, found = (frame, time_s), list[Contact]()
+    for column, region in enumerate(regions):
+        found += _contacts(touched[rows][:, :, column].any(axis=1), numbered, region, PERSON)
+    for column, part in enumerate(parts):
+        for region, own in _judged_regions(bones):
+            found += _contacts(on_equipment[rows][:, column, own].any(axis=1), numbered, region, part)
+    return TrueContacts(tuple(found), parts)
+
+
+def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
+    """Regions that bones distinguish, with their bones (k,); without the feet, which always stand on something."""
+    for region, names in REGION_BONES.items():
+        if not region.startswith("knee") and not set(names) & FOOT_BONES:
+            yield region, np.flatnonzero([bone in names for bone in bones])
+
+
+def _contacts(flags: np.ndarray, numbered: tuple[np.ndarray, np.ndarray], part: str, with_: str) -> Iterator[Contact]:
+    """The contacts of a region in the frames (t,) of ``flags``, all seen; numbered: frame numbers and times (t,)."""
+    frame, time_s = numbered
+    for run in runs_of(flags):
+        first, last = run.start, run.stop - 1
+        yield Contact(
+            part=part,
+            person="somebody" if with_ == PERSON else None,
+            with_=with_,
+            first_frame=int(frame[first]),
+            last_frame=int(frame[last]),
+            start_s=float(time_s[first]),
+            end_s=float(time_s[last]),
+            seen_share=1.0,
+            area_cm2=0.0,
+            gap_mm=0.0,
+        )

@@ -1,0 +1,1 @@
+"""Sessions of trials under two conditions: with and without stimulation."""

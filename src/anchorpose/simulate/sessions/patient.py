@@ -1,0 +1,186 @@
+"""What the patient of a session does: knees that hold, hands on rails and off, and what goes wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from anchorpose.simulate.aids import HeldEquipment
+from anchorpose.simulate.movements import SIDES, Beating, GivingWay
+from anchorpose.simulate.patient import LONG_AGO_S, STANCE_M, Actor, draw_waves, resting_channels, seated_offsets
+from anchorpose.simulate.person import Person
+from anchorpose.simulate.sessions.plan import EXTENDING_S, PAUSE_S, RESTING_DEG, STANDING_UP_S, PlannedTrial
+from anchorpose.simulate.timeline import Footwork, Movement, Step, ball_ahead_m, stand
+
+HANDS_S: Final = 0.5  # in which a hand leaves a rail or comes back to it
+CARRY_S: Final = 0.6  # in which the legs take over the pelvis after standing up
+ALWAYS_S: Final = 1e5  # longer than any session
+
+BUCKLE_DEG: Final = (25.0, 50.0)  # how far a knee gives way, from just beyond what counts as a buckle
+BUCKLE_S: Final = (0.2, 0.45)  # in which it gives way, as ``movements.buckle``
+CAUGHT_S: Final = (0.2, 0.5)
+OTHER_KNEE: Final = 0.4  # of the depth, by which the other knee bends, for the pelvis comes down
+
+FAILS_AT_S: Final = 1.5  # after the onset of the trial
+FAILED_SHARE: Final = (0.42, 0.62)  # of the way to standing; from about 0.7 on the patient is upright for a moment
+FAILED_UP_S, FAILED_DOWN_S = 0.8, 0.6
+SEATED_FROM_S: Final = PAUSE_S - 0.3  # before the onset: the patient begins to sit down
+
+FALL_M: Final = (0.32, 0.42)  # how far the body is carried: its extrapolated centre of mass clearly leaves the soles
+FALL_S: Final = 0.8
+STEP_AFTER_S, STEP_S = 0.45, 0.35  # from the loss of balance until a foot leaves the floor; until it strikes
+STRIDE_M: Final = 0.35
+BACK_AFTER_S, BACK_S = 2.5, 1.0  # until body and foot go back
+RECOVERY_S: Final = BACK_AFTER_S + BACK_S + HANDS_S
+
+CLONUS_HZ: Final = (3.5, 7.0)
+CLONUS_DEG: Final = (2.0, 5.0)  # amplitude at the knee; the ankle has half of it
+CLONUS_S: Final = 4.0  # two windows of the measure at least
+SWELLS_S: Final = 0.3  # in which it comes and goes
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """An incident as it was drawn. kind: as of ``TrueEvent``; start_s, end_s: from its onset to its greatest depth, to
+    foot strike, or to its end; side: None for a failed stand."""
+
+    kind: str
+    start_s: float
+    end_s: float
+    side: str | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionPatient(Actor):
+    """A patient in a session, and what goes wrong in the order of time."""
+
+    happenings: tuple[Happening, ...] = ()
+
+    def sits(self) -> bool:
+        """Whether a stand fails, for which there must be a seat."""
+        return any(happening.kind == "failed_stand" for happening in self.happenings)
+
+
+def draw_session_patient(
+    rng: np.random.Generator, person: Person, rails: HeldEquipment | None, plan: Sequence[PlannedTrial]
+) -> SessionPatient:
+    """The patient's programme; rails: None where there is nothing to hold."""
+    base = resting_channels(person, rails is not None)
+    feet = stand(np.array([ball_ahead_m(person.body), 0.0]), 0.0, STANCE_M)
+    carried = Movement((*_both("carry", 1.0), *_both("knee", np.radians(RESTING_DEG))), LONG_AGO_S, 1.0, ALWAYS_S, 1.0)
+    waves, movements, steps, happenings = draw_waves(rng), [carried], list[Step](), list[Happening]()
+    for trial, seed in zip(plan, rng.integers(2**63, size=len(plan)).tolist(), strict=True):
+        movements += [_holding(trial), *_hands(trial)]
+        if trial.incident is not None:
+            draw = _INCIDENTS[trial.incident]
+            drawn = draw(np.random.default_rng(seed), person, trial, feet)
+            movements += drawn.movements
+            steps += drawn.steps
+            happenings.append(drawn.happening)
+    footwork = Footwork(feet.places_m, feet.yaws, tuple(steps))
+    grip_m = None if rails is None else rails.grip_m
+    return SessionPatient(person, base, movements, footwork, waves, grip_m, tuple(happenings))
+
+
+def _both(channel: str, amount: float) -> tuple[tuple[str, float], ...]:
+    return tuple((f"{channel}_{side}", float(amount)) for side in SIDES)
+
+
+def _holding(trial: PlannedTrial) -> Movement:
+    """Both knees extend, hold and rest again."""
+    offsets = zip(SIDES, trial.held_deg, strict=True)
+    knees = tuple((f"knee_{side}", float(np.radians(held_deg - RESTING_DEG))) for side, held_deg in offsets)
+    from_s, to_s = trial.holds_s
+    return Movement(knees, trial.extends_s, EXTENDING_S, to_s - from_s, EXTENDING_S)
+
+
+def _hands(trial: PlannedTrial) -> list[Movement]:
+    """Off the rails from the onset to the end of the trial; of one that begins seated, from before sitting down."""
+    if trial.hands_off:
+        return [_let_go(trial.onset_s - (SEATED_FROM_S + HANDS_S if trial.stands_s is not None else 0.0), trial.end_s)]
+    if trial.stands_s is not None:
+        return [_let_go(trial.onset_s - SEATED_FROM_S - HANDS_S, trial.stands_s + STANDING_UP_S)]
+    return [_let_go(*_falls(trial))] if trial.incident == "recovery-step" else []
+
+
+def _let_go(from_s: float, to_s: float) -> Movement:
+    return Movement(_both("pull", -1.0), from_s, HANDS_S, to_s - from_s - HANDS_S, HANDS_S)
+
+
+def _falls(trial: PlannedTrial) -> tuple[float, float]:
+    """From when to when the hands are off the rails for a recovery step, in the middle of the time that knees hold."""
+    middle_s = sum(trial.holds_s) / 2.0
+    return middle_s - RECOVERY_S / 2.0 - HANDS_S, middle_s + RECOVERY_S / 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """What an incident adds to the programme."""
+
+    happening: Happening
+    movements: tuple[Movement, ...]
+    steps: tuple[Step, ...] = ()
+
+
+def _buckle(rng: np.random.Generator, person: Person, trial: PlannedTrial, feet: Footwork) -> Drawn:
+    side, other = rng.permutation(SIDES).tolist()
+    depth, fall_s, caught_s = np.radians(rng.uniform(*BUCKLE_DEG)), rng.uniform(*BUCKLE_S), rng.uniform(*CAUGHT_S)
+    from_s, to_s = trial.holds_s
+    start_s = float(rng.uniform(from_s + 0.5, to_s - fall_s - caught_s - EXTENDING_S))
+    knees = ((f"knee_{side}", float(depth)), (f"knee_{other}", float(OTHER_KNEE * depth)))
+    gives_way = GivingWay(knees, start_s, float(fall_s), float(caught_s), EXTENDING_S)
+    return Drawn(Happening(f"knee_buckle_{side}", start_s, start_s + float(fall_s), side), (gives_way,))
+
+
+def _clonus(rng: np.random.Generator, person: Person, trial: PlannedTrial, feet: Footwork) -> Drawn:
+    side = str(rng.choice(SIDES))
+    from_s, to_s = trial.holds_s
+    start_s = float(rng.uniform(from_s, to_s - CLONUS_S))
+    knee = ((f"knee_{side}", float(np.radians(rng.uniform(*CLONUS_DEG)))),)
+    shaking = Beating(knee, start_s, SWELLS_S, CLONUS_S - 2.0 * SWELLS_S, SWELLS_S, float(rng.uniform(*CLONUS_HZ)))
+    return Drawn(Happening(f"clonus_{side}", start_s, start_s + CLONUS_S, side), (shaking,))
+
+
+def _recovery(rng: np.random.Generator, person: Person, trial: PlannedTrial, feet: Footwork) -> Drawn:
+    """The body is carried forward, a foot follows and catches it; then both go back."""
+    foot, start_s, to_s = int(rng.integers(2)), _falls(trial)[0] + HANDS_S, _falls(trial)[1]
+    fall = Movement(
+        (("pelvis_forward", float(rng.uniform(*FALL_M)) - STRIDE_M / 2.0),),
+        start_s,
+        FALL_S,
+        BACK_AFTER_S - FALL_S,
+        to_s - start_s - BACK_AFTER_S,
+    )
+    x, z = feet.places_m[foot].tolist()
+    yaw, lifts_s = float(feet.yaws[foot]), start_s + STEP_AFTER_S
+    steps = (
+        Step(foot, lifts_s, STEP_S, (x + STRIDE_M, z), yaw),
+        Step(foot, start_s + BACK_AFTER_S, BACK_S, (x, z), yaw),
+    )
+    return Drawn(Happening(f"recovery_step_{SIDES[foot]}", start_s, lifts_s + STEP_S, SIDES[foot]), (fall,), steps)
+
+
+def _failed_stand(rng: np.random.Generator, person: Person, trial: PlannedTrial, feet: Footwork) -> Drawn:
+    """The patient sits down before the trial, rises by a share of the way and sinks back, and then stands up."""
+    assert trial.stands_s is not None
+    seated, lean = seated_offsets(person), (("trunk_flex", float(rng.uniform(0.3, 0.6))), ("pelvis_flex", 0.25))
+    sits_s, fails_s = trial.onset_s - SEATED_FROM_S, trial.onset_s + FAILS_AT_S
+    share = float(rng.uniform(*FAILED_SHARE))
+    up = tuple((channel, -share * amount) for channel, amount in seated)
+    stays_s = trial.stands_s - sits_s - STANDING_UP_S
+    return Drawn(
+        Happening("failed_stand", fails_s, fails_s + FAILED_UP_S, None),
+        (
+            Movement(_both("carry", -1.0), sits_s - CARRY_S, CARRY_S, stays_s + 2.0 * STANDING_UP_S, CARRY_S),
+            Movement(seated, sits_s, STANDING_UP_S, stays_s, STANDING_UP_S),
+            Movement(up, fails_s, FAILED_UP_S, 0.0, FAILED_DOWN_S),
+            Movement(lean, fails_s - 0.3, 0.8, 0.05, 0.7),
+            Movement(lean, trial.stands_s - 0.5, 0.9, 0.1, 1.2),
+        ),
+    )
+
+
+_INCIDENTS: Final = {"buckle": _buckle, "clonus": _clonus, "recovery-step": _recovery, "failed-stand": _failed_stand}

@@ -1,0 +1,149 @@
+"""What happens when in a session of trials with and without stimulation, as its settings and its seed give it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from pydantic import Field
+
+from anchorpose.settings import NotNegative, Positive, settings
+from anchorpose.simulate.choices import When
+
+OFF, ON = "off", "on"
+Incident = Literal["buckle", "failed-stand", "recovery-step", "clonus"]
+INCIDENTS: Final[tuple[Incident, ...]] = ("buckle", "failed-stand", "recovery-step", "clonus")
+
+SHORTEST_TRIAL_S: Final = 10.0  # a failed stand, standing up and holding for two seconds take so long
+PAUSE_S: Final = 4.0  # before every trial, and after the last: time to sit down, or to bend the knees again
+BLOCK: Final = 2  # trials of each condition in a block within which their order is drawn
+
+RESTING_DEG: Final = 30.0  # of knees that nothing extends: beyond the 25 degrees that end an extension, still upright
+HELD_DEG: Final = (9.0, 15.0)  # of knees that hold without stimulation: a patient's own
+SIDES_DEG: Final = 2.0  # by which a patient's left and right knee differ, to either side
+SCATTER_DEG: Final = 1.5  # standard deviation from trial to trial, as of knees that repeat: an assumption
+LEAST_DEG: Final = 1.0  # of a straight knee
+LATENCY_S: Final = (0.8, 1.6)  # from the onset until knees begin to extend
+EXTENDING_S: Final = 1.0  # until they are extended, and until they rest again
+LETS_GO: Final = 0.15  # of the trial before its end: then the knees give back, unless the stimulation holds them longer
+
+
+@settings
+class SessionConfig:
+    """Trials with stimulation and without, half of them each, in blocks of four whose order is drawn."""
+
+    trials: Annotated[int, Field(ge=2, le=200, multiple_of=2)] = 12
+    trial_s: Annotated[float, Field(ge=SHORTEST_TRIAL_S, le=3600)] = 20.0
+    amplitude_v: Positive = 4.0  # with stimulation; 0 V without
+    effect_deg: Annotated[float, Field(ge=0, le=10)] = 5.0  # by which stimulated knees hold straighter
+    effect_s: NotNegative = 0.0  # by which stimulated knees hold longer, at most until the end of the trial
+    helped: When = "off"  # the trials in which therapists hold knees and hips, from beginning to end
+    hands_off: When = "on"  # the trials in which the hands are off the rails, from beginning to end
+    incidents: Annotated[int, Field(ge=0)] = 1  # of each of ``INCIDENTS``, in trials drawn by lot, one in a trial
+
+    def __post_init__(self) -> None:
+        if len(INCIDENTS) * self.incidents > self.trials:
+            most = self.trials // len(INCIDENTS)
+            raise ValueError(f"{self.trials} trials have room for {most} of each incident at most; ask for fewer")
+
+    @property
+    def seconds(self) -> float:
+        """Length of the recording."""
+        return PAUSE_S + self.trials * (self.trial_s + PAUSE_S)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedTrial:
+    """One trial; times in seconds since the first frame.
+
+    held_deg: flexion of the left and the right knee while they hold. extends_s, lets_go_s: when they begin to extend
+    and to rest again; seated until ``stands_s`` where a stand fails, else None.
+    """
+
+    onset_s: float
+    duration_s: float
+    amplitude_v: float
+    block: int
+    helped: bool
+    hands_off: bool
+    held_deg: tuple[float, float]
+    extends_s: float
+    lets_go_s: float
+    stands_s: float | None = None
+    incident: Incident | None = None
+
+    @property
+    def condition(self) -> str:
+        """Its trial_type."""
+        return ON if self.amplitude_v > 0 else OFF
+
+    @property
+    def end_s(self) -> float:
+        """When it has ended."""
+        return self.onset_s + self.duration_s
+
+    @property
+    def holds_s(self) -> tuple[float, float]:
+        """From when to when the knees hold."""
+        return self.extends_s + EXTENDING_S, self.lets_go_s
+
+
+STANDS_AT_S: Final = 5.0  # after the onset of a trial that begins with a stand that fails
+STANDING_UP_S: Final = 1.8
+UP_S: Final = STANDS_AT_S + STANDING_UP_S
+
+
+def draw_plan(rng: np.random.Generator, config: SessionConfig) -> tuple[PlannedTrial, ...]:
+    """The trials in the order of time. What is drawn does not depend on how large the effects are."""
+    stimulated, blocks = _draw_order(rng, config.trials)
+    base_deg = rng.uniform(*HELD_DEG) + rng.uniform(-0.5, 0.5) * SIDES_DEG * np.array([1.0, -1.0])
+    scatter_deg = rng.normal(0.0, SCATTER_DEG, config.trials)
+    latencies_s = rng.uniform(*LATENCY_S, config.trials)
+    incidents = _draw_incidents(rng, config)
+    found = []
+    for k, (on, block, incident) in enumerate(zip(stimulated, blocks, incidents, strict=True)):
+        onset_s, fails = PAUSE_S + k * (config.trial_s + PAUSE_S), incident == "failed-stand"
+        held_deg = np.maximum(base_deg + scatter_deg[k] - config.effect_deg * on, LEAST_DEG)
+        lets_go_s = config.trial_s * (1.0 - LETS_GO) + config.effect_s * on
+        found.append(
+            PlannedTrial(
+                onset_s=onset_s,
+                duration_s=config.trial_s,
+                amplitude_v=config.amplitude_v * on,
+                block=block,
+                helped=_during(config.helped, on),
+                hands_off=_during(config.hands_off, on),
+                held_deg=(float(held_deg[0]), float(held_deg[1])),
+                extends_s=onset_s + (UP_S if fails else float(latencies_s[k])),
+                lets_go_s=onset_s + min(lets_go_s, config.trial_s),
+                stands_s=onset_s + STANDS_AT_S if fails else None,
+                incident=incident,
+            )
+        )
+    return tuple(found)
+
+
+def _draw_order(rng: np.random.Generator, trials: int) -> tuple[list[bool], list[int]]:
+    """Which trials are stimulated, and their blocks from 1; the very first is not: it names the reference."""
+    order, blocks = list[bool](), list[int]()
+    edges = [*range(0, trials, 2 * BLOCK), trials]
+    for number, (first, end) in enumerate(pairwise(edges), 1):
+        drawn = rng.permutation([False, True] * ((end - first) // 2)).tolist()
+        order += [not each for each in drawn] if not order and drawn[0] else drawn
+        blocks += [number] * (end - first)
+    return order, blocks
+
+
+def _draw_incidents(rng: np.random.Generator, config: SessionConfig) -> list[Incident | None]:
+    """What goes wrong in each trial, if anything."""
+    found: list[Incident | None] = [None] * config.trials
+    places = rng.permutation(config.trials)[: len(INCIDENTS) * config.incidents]
+    for number, place in enumerate(places.tolist()):
+        found[place] = INCIDENTS[number % len(INCIDENTS)]
+    return found
+
+
+def _during(when: When, stimulated: bool) -> bool:
+    return when == "both" or when == (ON if stimulated else OFF)

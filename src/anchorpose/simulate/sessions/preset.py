@@ -1,0 +1,18 @@
+"""The preset ``stimulation``: a patient between parallel bars, a therapist on either side, a session of trials."""
+
+from __future__ import annotations
+
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.sessions.plan import SessionConfig
+
+
+def stimulation(seed: int, session: SessionConfig, fps: float = 15.0) -> SimulationConfig:
+    """Three cameras; as long as the session takes."""
+    return SimulationConfig(
+        seed=seed,
+        seconds=session.seconds,
+        fps=fps,
+        equipment="parallel-bars",
+        therapist_tasks=("left knee and hip", "right knee and hip"),
+        session=session,
+    )

@@ -1,0 +1,52 @@
+"""Therapists of a session: each crouches beside the patient and holds a knee and the hip in the trials with help."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.holds import TASKS, Task, choose_hold
+from anchorpose.simulate.patient import LONG_AGO_S, Actor, draw_waves, resting_channels
+from anchorpose.simulate.person import draw_person
+from anchorpose.simulate.sessions.patient import ALWAYS_S
+from anchorpose.simulate.sessions.plan import PlannedTrial
+from anchorpose.simulate.therapist import STANCE_M, Therapist, choose_spot, crouch_offsets, grasp
+from anchorpose.simulate.timeline import Movement, stand
+
+GRASP_S: Final = 0.4  # in which hands come to the patient before the onset of a trial, and go after its end
+AWAY: Final = (("pelvis_forward", -0.30), ("trunk_flex", -0.35))  # of who does not help, so that nothing touches
+COMES_S: Final = 0.8  # in which a therapist comes nearer before that, and goes back
+
+
+def draw_session_therapists(
+    rng: np.random.Generator, config: SimulationConfig, patient: Actor, plan: Sequence[PlannedTrial]
+) -> tuple[Therapist, ...]:
+    """One at each side of the patient, as many as the configuration asks for; they stay where they are."""
+    tasks = [next(task for task in TASKS if task.name == name) for name in config.therapist_tasks]
+    return tuple(_draw(rng, config, patient, plan, task) for task in tasks[: config.therapists])
+
+
+def _draw(
+    rng: np.random.Generator, config: SimulationConfig, patient: Actor, plan: Sequence[PlannedTrial], task: Task
+) -> Therapist:
+    person, azimuth = draw_person(rng, config.clothing_m), rng.uniform(*task.azimuth)
+    inward = np.array([-np.cos(azimuth), 0.0, np.sin(azimuth)])
+    hold = choose_hold(patient, task, inward, plan[0].holds_s[0])
+    base = resting_channels(person, in_frame=False)
+    crouch, spot = choose_spot(person, base, hold)
+    crouching = Movement(crouch_offsets(crouch), LONG_AGO_S, 1.0, ALWAYS_S, 1.0)
+    away = Movement(AWAY, LONG_AGO_S, 1.0, ALWAYS_S, 1.0)
+    helping = [movement for trial in plan if trial.helped for movement in _help(trial)]
+    actor = Actor(person, base, [crouching, away, *helping], stand(spot, azimuth + np.pi, STANCE_M), draw_waves(rng))
+    return Therapist(actor, hold)
+
+
+def _help(trial: PlannedTrial) -> tuple[Movement, Movement]:
+    """Hands hold through the whole trial; in one that begins seated, from when the patient stands."""
+    from_s = trial.onset_s if trial.stands_s is None else trial.extends_s
+    lasts_s, near = trial.end_s - from_s, tuple((channel, -amount) for channel, amount in AWAY)
+    comes = Movement(near, from_s - GRASP_S - COMES_S, COMES_S, lasts_s + 2.0 * GRASP_S, COMES_S)
+    return comes, grasp(from_s - GRASP_S, GRASP_S, lasts_s, GRASP_S)
