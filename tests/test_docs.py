@@ -88,3 +88,14 @@ def test_the_code_on_the_page_is_the_way_of_a_frame():
         r"^```python\n(.+?)^```$", (ROOT / "docs/architecture.md").read_text(), re.MULTILINE | re.DOTALL
     )
     assert textwrap.indent(shown, 8 * " ") in (ROOT / "src/anchorpose/tracker/patient.py").read_text()
+
+
+def test_every_requirement_names_tests_that_exist():
+    text = (ROOT / "docs" / "quality.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| .* \|$", text.split("## Requirements and their tests")[1].split("\n## ")[0], re.MULTILINE)[
+        2:
+    ]
+    named = [re.findall(r"`((?:tests|benchmarks)/[^`]*)`", row) for row in rows]
+    assert len(rows) > 15
+    assert all(named)
+    assert [path for paths in named for path in paths if not (ROOT / path.split()[0]).exists()] == []
