@@ -27,7 +27,7 @@ from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
 
 FRAMES, FPS, DAMAGED = 9, 8.0, 5
-NAMES = "anchors angles contacts episodes explained joints measures people poses posture"
+NAMES = "axes anchors angles contacts episodes explained joints measures people poses posture"
 TABLES = [f"{name}.parquet" for name in NAMES.split()]
 AGAIN = (
     "import sys; from pathlib import Path; from anchorpose.pipeline import TrackConfig, track_recording; "
