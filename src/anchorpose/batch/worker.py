@@ -31,7 +31,7 @@ ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
 
 STOP_S: Final = 15.0  # time allowed for a child to end by itself; longer than ``ABANDONED_STOP_S``
 ABANDONED_STOP_S: Final = 10.0  # time allowed to remove half-written files, and for a kernel to return
-ABANDONED: Final = 143  # exit code, as of SIGTERM
+ABANDONED: Final = 143  # exit code of an abandoned worker, the same as after SIGTERM
 TAIL_BYTES: Final = 4096
 
 

@@ -79,7 +79,7 @@ def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
 def _owners(
     depth_m: np.ndarray, labels: np.ndarray, row: np.ndarray, column: np.ndarray, focal_px: float
 ) -> np.ndarray:
-    """Return (n,) uint8: label of the person to whom each pixel is joined without a step in depth, 0 where to none."""
+    """Return (n,) uint8: label of the person that each pixel joins without a step in depth, 0 where it joins nobody."""
     person = labels >= PixelLabel.OTHER_PERSON
     mask = person.copy()
     mask[row, column] = True

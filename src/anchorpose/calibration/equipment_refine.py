@@ -196,7 +196,7 @@ COARSE, FINE = Gate(0.04, 7), Gate(0.015, 3)
 GATES: Final = (COARSE,) * 3 + (Gate(0.03, 6),) * 2 + (Gate(0.02, 5), Gate(0.02, 4)) + (FINE,) * 2  # one per step
 LEAST_ROWS: Final = 60
 SHIFT_STEPS: Final = 8  # reweighting steps: the shift is then converged to a tenth of a millimetre
-MOST_SHIFT_SIGMA_M: Final = 0.003  # a shift of a part that is less accurate is no evidence
+MOST_SHIFT_SIGMA_M: Final = 0.003  # largest error of a part's shift; a less accurate shift is not used as evidence
 STANDING_SIGMA_M: Final = 0.01  # distance of chi_0's lowest point from the floor: a prior only
 STANDING_SIGMA_RAD: Final = 0.0087  # half a degree between chi_0's up and the floor's
 

@@ -125,7 +125,7 @@ REFITS: Final = 6  # refits; the gate converges in three or four
 FLATNESS_M: Final = 0.003  # flatness of a hard floor; keeps near pixels from dominating
 TOLERANCES_M: Final = (0.02, 0.08)  # floors are flat to 2 cm; cameras that smooth make waves of 8
 NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise, added to each tolerance
-WORST_TILT_RAD: Final = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down, and hardly roll
+WORST_TILT_RAD: Final = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down and roll little
 IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # up of a camera whose pose is unknown
 # m and share: people stand on a floor if this share of the moving points, a shoe and a shin, is within this height
 STANDS_M, LEAST_STANDING = 0.2, 0.02

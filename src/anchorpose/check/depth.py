@@ -99,7 +99,7 @@ def _missing(depth_m: np.ndarray, camera: Camera) -> float:
 def _steady(
     camera: Camera, frames_m: Sequence[np.ndarray], successive_m: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> OfCamera:
-    """Return findings on frames that are noisier or emptier than the others, and on readings that come and go between
+    """Return findings on frames that are noisier or emptier than the rest, and on readings that come and go between
     frames.
 
     Light of an unsynchronised camera comes and goes in the whole image at once.

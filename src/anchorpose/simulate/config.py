@@ -68,7 +68,7 @@ class SimulationConfig:
     cameras: Annotated[int, Field(ge=1, le=4)] = 3  # front, left, right, then behind
     sensor: Sensor = "kinect-v2"  # the paper's
     sensors: tuple[Sensor, ...] = ()  # one sensor per camera, where the cameras are of different models
-    lens: LensName | None = None  # what the sensor looks through; None: its own
+    lens: LensName | None = None  # lens of the sensor; None: the lens of its model
     equipment: Equipment = "standing-frame"
     chest_pad: bool = False  # on the parallel bars, with straps beside the hips
     equipment_moves_at_s: float | None = None  # when the equipment is pushed; None: never

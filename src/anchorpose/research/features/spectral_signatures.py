@@ -189,7 +189,8 @@ def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
 class SiHksConfig:
     """Settings of the scale-invariant heat kernel signature."""
 
-    first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0  # of 1 m²: 0.5 mm², hardly any wave has decayed
+    # relative to 1 m²: at 0.5 mm², no wave has decayed much
+    first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0
     octaves: Positive = 24.0  # value of Bronstein and Kokkinos; up to 4 m², when a body's longest wave has decayed
     steps_per_octave: Count = 16  # as Bronstein and Kokkinos
     frequencies: Count = 6  # the lowest, as Bronstein and Kokkinos

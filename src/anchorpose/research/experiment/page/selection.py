@@ -176,7 +176,7 @@ class Matching:
     def values(
         self, method: str, take: Callable[[Matched], np.ndarray], hole_m: float | None = None
     ) -> dict[str, np.ndarray]:
-        """Return, by recording, the concatenated values of ``take`` for all windows; hole_m: only windows of this size."""
+        """Return, by recording, the values of ``take`` for all windows; hole_m: only windows with this hole."""
         parts: dict[str, list[np.ndarray]] = defaultdict(list)
         for window in self.windows:
             if hole_m in (None, window[1]):
